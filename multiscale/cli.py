@@ -57,6 +57,7 @@ def run_command(
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, requirements, run, run_sweep
+    from multiscale.pipeline.stages import stages_of
     from multiscale.report import draw_figures, open_finished, write_report, write_reports
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
@@ -67,6 +68,8 @@ def run_command(
     if quick:
         if any(point.accuracy for point in sweep.points):
             typer.echo("--quick leaves out the target of [accuracy]", err=True)
+        for kept in dict.fromkeys(one.kept for one in stages_of(sweep.points[0].tables)):
+            _warn([kept] if kept else [])
         sweep = sweep.quick()
     if explain:
         if sweep.parameters:

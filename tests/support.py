@@ -7,10 +7,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from textwrap import dedent
 
+import meshio
 import numba
 import numpy as np
 import pytest
 
+from multiscale.fe.boxes import HEX_ORDER
+from multiscale.fe.facets import surface_of
 from multiscale.io import save_law
 from multiscale.micro import Surface, self_affine
 from multiscale.nonsmooth.projections import project_ball
@@ -145,3 +148,22 @@ def write_law(path, pressure=(1e6, 200e6)):
 def keep_ignoring_broken_pipes():
     """Undo what gmsh.initialize does: afterwards a pool whose worker dies would end all tests."""
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+
+
+def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
+    """Write a mesh of hexahedra with its named faces as a text file of gmsh; mm if not told."""
+    corners = np.empty_like(mesh.t)
+    corners[HEX_ORDER] = mesh.t
+    blocks, tags, groups = [("hexahedron", corners.T)], [[1] * corners.shape[1]], {volume: [1, 3]}
+    for tag, name in enumerate(sorted(mesh.boundaries) if names is None else names, start=2):
+        face = surface_of(mesh, name)
+        blocks.append(("quad", face.nodes[face.facets]))
+        tags.append([tag] * len(face.facets))
+        groups[name] = [tag, 2]
+    data = [np.array(one) for one in tags]
+    meshio.Mesh(
+        scale * mesh.p.T,
+        blocks,
+        cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
+        field_data={name: np.array(one) for name, one in groups.items()},
+    ).write(path, file_format="gmsh22", binary=False)

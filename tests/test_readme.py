@@ -108,8 +108,11 @@ def test_a_piece_of_a_case_fits_into_the_whole_one(name, folder):
 
 
 def _joined(whole, piece):
-    """A table with the keys of another put in, or replaced by a table of another kind."""
-    if "file" in piece or "kind" in piece:
+    """A table with the keys of another put in, or replaced by a table of another kind.
+
+    Loads of bodies take the place of preloads.
+    """
+    if {"file", "kind", "substeps", "load"} & set(piece):
         return piece
     return whole | {
         key: _joined(whole.get(key, {}), value) if isinstance(value, dict) else value

@@ -8,7 +8,17 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["ContactFace", "facet_normals", "nodal_areas", "nodal_normals", "surface_of"]
+__all__ = [
+    "ContactFace",
+    "facet_normals",
+    "nodal_areas",
+    "nodal_normals",
+    "plane_axes",
+    "surface_of",
+]
+
+STRAIGHT = 1e-6
+"""Cosine below one up to which a plane is normal to an axis of the coordinates."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,23 @@ def facet_normals(x: np.ndarray) -> np.ndarray:
     if x.shape[1] == 3:
         return 0.5 * np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+
+
+def plane_axes(place: np.ndarray) -> np.ndarray:
+    """Find the normal of the plane of points, shape (n, 3), and two axes in it, as rows (3, 3).
+
+    They are the axes of the coordinates, unless the plane is oblique to all of them.
+    """
+    away = place - place.mean(axis=0)
+    normal = np.linalg.eigh(away.T @ away)[1][:, 0]
+    across = int(np.argmax(np.abs(normal)))
+    first, second = (axis for axis in range(3) if axis != across)
+    if np.abs(normal[across]) > 1.0 - STRAIGHT:
+        return np.eye(3)[[across, first, second]]
+    normal = normal * np.sign(normal[across])
+    along = np.eye(3)[first] - normal[first] * normal
+    along /= np.linalg.norm(along)
+    return np.stack([normal, along, np.cross(normal, along)])
 
 
 def nodal_normals(surface: ContactFace, x: np.ndarray, free: np.ndarray) -> np.ndarray:

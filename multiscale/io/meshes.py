@@ -65,7 +65,7 @@ def open_mesh(path: Path) -> "Mesh":
         raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
 
 
-def read_mesh(path: Path) -> MeshArrays:
+def read_mesh(path: Path, volume: str = "") -> MeshArrays:
     """Read a mesh of one kind of element with its named boundaries.
 
     In gmsh a physical group of lines or surfaces names a boundary, and the solid needs its own
@@ -75,6 +75,8 @@ def read_mesh(path: Path) -> MeshArrays:
     ----------
     path : Path
         A ``.msh`` file of gmsh or any other file that meshio reads.
+    volume : str
+        Named group of solid elements that is read; all of them if not given.
 
     Returns
     -------
@@ -85,7 +87,8 @@ def read_mesh(path: Path) -> MeshArrays:
     Raises
     ------
     CaseError
-        If the file cannot be read, has no solid elements, or has two kinds of them.
+        If the file cannot be read, has no solid elements, or has two kinds of them, or no such
+        volume.
     """
     mesh = open_mesh(path)
     found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
@@ -93,11 +96,19 @@ def read_mesh(path: Path) -> MeshArrays:
     solids = [name for name in kinds if name not in {FACETS[kind] for kind in kinds}]
     if len(solids) != 1:
         raise CaseError(
-            f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} (first order), "
-            f"got {sorted(found)}"
+            f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} (first order, "
+            f"without nodes on edges), got {sorted(found)}"
         )
     kind = solids[0]
     cells = found[kind]
+    if volume:
+        volumes = _named_elements(mesh, kind)
+        if volume not in volumes:
+            raise CaseError(
+                f"{path}: no volume {volume!r} of {kind} elements is named; its volumes are "
+                f"{sorted(volumes)}"
+            )
+        cells = volumes[volume]
     used, renumbered = np.unique(cells, return_inverse=True)
     points = mesh.points[used].T
     if kind in ("triangle", "quad"):
@@ -108,7 +119,7 @@ def read_mesh(path: Path) -> MeshArrays:
     number[used] = np.arange(len(used))
     boundaries = {
         name: number[facets]
-        for name, facets in _named_facets(mesh, FACETS[kind]).items()
+        for name, facets in _named_elements(mesh, FACETS[kind]).items()
         if len(facets) and np.all(number[facets] >= 0)
     }
     return MeshArrays(
@@ -116,8 +127,8 @@ def read_mesh(path: Path) -> MeshArrays:
     )
 
 
-def _named_facets(mesh: Any, facet: str) -> dict[str, np.ndarray]:
-    """Facets of one kind, shape (facets, corners), by the name of their group."""
+def _named_elements(mesh: Any, kind: str) -> dict[str, np.ndarray]:
+    """Elements of one kind, shape (elements, corners), by the name of their group."""
     members = {name: sets for name, sets in mesh.cell_sets.items() if ":" not in name}
     groups = mesh.cell_data.get("gmsh:physical")
     if groups is not None:  # older gmsh formats store numbers, and the names elsewhere
@@ -126,6 +137,6 @@ def _named_facets(mesh: Any, facet: str) -> dict[str, np.ndarray]:
     named: dict[str, list[np.ndarray]] = {}
     for name, sets in members.items():
         for block, chosen in zip(mesh.cells, sets, strict=True):
-            if block.type == facet and chosen is not None and len(chosen):
+            if block.type == kind and chosen is not None and len(chosen):
                 named.setdefault(name, []).append(block.data[np.asarray(chosen, dtype=int)])
     return {name: np.concatenate(parts) for name, parts in named.items()}

@@ -1,6 +1,6 @@
 """Shares of a load outside the data of its laws, and answers that are then unknown."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +30,8 @@ INPUT_VARIABLES = frozenset(
         "preload",
         "shear",
         "load_factor",
+        "factor",
+        "path_step",
         "cycles",
         "damage",
         "sliding_speed",
@@ -82,6 +84,7 @@ def with_load_shares(
     data: np.ndarray,
     *,
     extrapolate: bool = False,
+    loads: Sequence[str] = (),
 ) -> "xr.Dataset":
     """Return a result with the shares of its load outside the data of the laws.
 
@@ -92,6 +95,7 @@ def with_load_shares(
     data : ndarray, shape (interfaces, 2)
         Lowest and highest pressure of the data of every interface, Pa.
     extrapolate : bool, whether extrapolated answers are kept
+    loads : sequence of str, what loads each step, in words; its preload if not given
 
     Returns
     -------
@@ -113,10 +117,15 @@ def with_load_shares(
         ]
         kept = result["known"] == 1
         result = result.assign({name: result[name].where(kept) for name in answers})
-    return with_cautions(result, *_cautions(result, data, extrapolate))
+    if not loads:
+        preloads = result["preload"].to_numpy()
+        loads = [f"the preload {readable(f'{preload:.4g} Pa')}" for preload in preloads]
+    return with_cautions(result, *_cautions(result, data, extrapolate, loads))
 
 
-def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iterator[str]:
+def _cautions(
+    result: "xr.Dataset", data: np.ndarray, extrapolate: bool, loads: Sequence[str]
+) -> Iterator[str]:
     """Yield a sentence for each interface with load outside the data of its law."""
     below, above, far = (result[f"load_{name}"].values for name in ("below", "above", "far"))
     for number, (low, high) in enumerate(data):
@@ -129,8 +138,8 @@ def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iter
             yield (
                 f"up to {100.0 * far[lost, number].max():.3g} % of the load lies more than a "
                 f"factor of {FAR_FACTOR:g} outside {range_}, at {lost.size} of {len(far)} steps, "
-                f"first {_place(result, lost[0])}: the answer there is {then}; press the cells at "
-                f"these pressures"
+                f"first at step {lost[0]} with {loads[lost[0]]}: the answer there is {then}; press "
+                f"the cells at these pressures"
                 + ("" if extrapolate else ", or set extrapolate = true beside the law")
             )
         near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
@@ -138,12 +147,6 @@ def _cautions(result: "xr.Dataset", data: np.ndarray, extrapolate: bool) -> Iter
             step = near[np.argmax((below + above)[near, number])]
             yield (
                 f"up to {100.0 * below[step, number]:.3g} % of the load lies below and "
-                f"{100.0 * above[step, number]:.3g} % above {range_}, {_place(result, step)}: "
-                f"there the law extrapolates"
+                f"{100.0 * above[step, number]:.3g} % above {range_}, at step {step} with "
+                f"{loads[step]}: there the law extrapolates"
             )
-
-
-def _place(result: "xr.Dataset", step: int) -> str:
-    """Return the number and preload of a step in words."""
-    preload = float(result["preload"].values[step])
-    return f"at step {step} with the preload {readable(f'{preload:.4g} Pa')}"

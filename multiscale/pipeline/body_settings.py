@@ -26,6 +26,7 @@ from multiscale.macro.substructures import CutProblem, cut_assembly
 from multiscale.pipeline.joint_settings import (
     FEW_SLABS,
     SLABS,
+    Cycles,
     Damage,
     LawSource,
     Preloads,
@@ -57,6 +58,7 @@ __all__ = [
     "Plate",
     "RoughBodies",
     "StackedBlocks",
+    "elasticity",
 ]
 
 QUICK_ELEMENTS = 4
@@ -104,6 +106,16 @@ class Blocks(StructureKind):
             )
 
 
+def elasticity(
+    youngs_modulus: float, poissons_ratio: float, stiffness: Path | None, damage: float
+) -> Elastic | AnisotropicElastic:
+    """Make the elasticity of a body of moduli or of a file, 1 - D as stiff."""
+    if stiffness is None:
+        return Elastic((1.0 - damage) * youngs_modulus, poissons_ratio)
+    sound = open_dataset(stiffness, RVE_STIFFNESS)["stiffness"].values
+    return AnisotropicElastic((1.0 - damage) * sound)
+
+
 class RoughBodies(StructureKind):
     """Elastic bodies with rough joints."""
 
@@ -115,6 +127,7 @@ class RoughBodies(StructureKind):
     models: ClassVar[Mapping[str, type[Settings]]] = {
         "interface": RoughInterface,
         "statics": Preloads,
+        "cycles": Cycles,
     }
     may_be_cut: ClassVar[bool] = True
     mesher: ClassVar[tuple[str, ...]] = ()
@@ -195,12 +208,10 @@ class RoughBodies(StructureKind):
     @property
     def materials(self) -> list[Elastic | AnisotropicElastic]:
         """Elasticity of every body, less its damage."""
-        if self.stiffness is None:
-            return [
-                Elastic((1.0 - D) * self.youngs_modulus, self.poissons_ratio) for D in self.damages
-            ]
-        sound = open_dataset(self.stiffness, RVE_STIFFNESS)["stiffness"].values
-        return [AnisotropicElastic((1.0 - D) * sound) for D in self.damages]
+        return [
+            elasticity(self.youngs_modulus, self.poissons_ratio, self.stiffness, D)
+            for D in self.damages
+        ]
 
     def check(self, case: "Case") -> None:
         """Refuse damages that are not one for each joint, and friction that nothing tells."""

@@ -13,6 +13,7 @@ from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.toml_model import Settings, list_tables, read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
+from multiscale.schema import INTERFACE_LAW
 
 __all__ = [
     "AnyCase",
@@ -37,9 +38,14 @@ FILES = (
     ("body_1", "surface", "file"),
     ("body_2", "surface", "file"),
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
+    *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness")),
+    ("structure", "interfaces", "law"),
     *(("interface", key) for key in ("law", "damage_file")),
 )
-"""Keys that name files."""
+"""Keys that name files, of tables and of lists of tables."""
+
+LAWS = ("interfaces", "interface")
+"""Tables whose law may also be the folder of a run, or a shipped case."""
 
 RENAMINGS: dict[tuple[str, str], tuple[str, str]] = {
     ("joint", "height"): ("structure", "height"),
@@ -134,10 +140,27 @@ def read_case(path: Path) -> dict[str, Any]:
         if key in _table(content, (table,)):
             raise CaseError(f"{path}: [{table}] has no key {key!r} any more: {instead}")
     for *tables, key in FILES:
-        named = _table(content, tables)
-        if isinstance(named.get(key), str):
-            named[key] = str(path.parent.resolve() / named[key])
+        for named in _tables(content, tables):
+            if isinstance(named.get(key), str):
+                of_law = tables[-1] in LAWS
+                named[key] = str(_find_file(path.parent.resolve() / named[key], of_law))
     return content
+
+
+def _tables(content: dict[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return all tables under some names, of which the last may be a list of tables."""
+    outer = _table(content, names[:-1])
+    found = outer.get(names[-1])
+    return [one for one in (found if isinstance(found, list) else [found]) if isinstance(one, dict)]
+
+
+def _find_file(file: Path, of_law: bool) -> Path:
+    """Return the file itself; of laws, the law in the folder of a run, or a shipped case."""
+    if of_law and file.is_dir():
+        return file / f"{INTERFACE_LAW.name}.nc"
+    if of_law and not file.exists():
+        return shipped_cases().get(file.name, file)
+    return file
 
 
 def _renamed(content: dict[str, Any], path: Path) -> dict[str, Any]:

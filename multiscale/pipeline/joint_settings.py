@@ -41,11 +41,13 @@ if TYPE_CHECKING:
 __all__ = [
     "Cycles",
     "Damage",
+    "JointLaw",
     "LawSource",
     "Preloads",
     "RisingPreloads",
     "RoughInterface",
     "Substructures",
+    "alike_bodies",
 ]
 
 QUICK_STEPS = 2
@@ -126,8 +128,8 @@ class LawSource(Settings):
         return open_law(self.law)
 
 
-class RoughInterface(LawSource):
-    """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
+class JointLaw(LawSource):
+    """The law of the interfaces between bodies of the user: a normal law with friction."""
 
     friction: Factor | None = Field(
         None,
@@ -139,36 +141,30 @@ class RoughInterface(LawSource):
         description="Tangential over normal stiffness, of springs slipping in turn; if not given, "
         "the law tells it, or it is 2 (1 - nu)/(2 - nu), which a caution says.",
     )
-    damage: tuple[Damage, ...] = Field(
-        (),
-        description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
-        "given.",
-    )
-    damage_file: Path | None = Field(
-        None,
-        description="Dataset `damage_sections` of the material near the surface, instead of "
-        "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
-        "whose normal is z.",
-    )
 
-    def tell_missing(self, known: Collection[str], strict: bool) -> str:
+    def tell_missing(self, known: Collection[str], strict: bool, where: str = "[interface]") -> str:
         """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
         if self.friction is None and "friction" not in known:
             return (
-                "[interface] has no friction and the law of the joints has none either: shear the "
-                "cells by [micro.shear], slide them over their length or more by [slide], or give "
-                "friction"
+                f"{where} has no friction and the law of the joints has none either: shear the "
+                f"cells by [micro.shear], slide them over their length or more by [slide], or give "
+                f"friction"
             )
         if strict and self.stiffness_ratio is None and "stiffness_ratio" not in known:
             return (
-                "[interface] has no stiffness_ratio and the law of the joints has none either, and "
-                "strict = true assumes nothing: shear the cells by [micro.shear], or give "
-                "stiffness_ratio"
+                f"{where} has no stiffness_ratio and the law of the joints has none either, and "
+                f"strict = true assumes nothing: shear the cells by [micro.shear], or give "
+                f"stiffness_ratio"
             )
         return ""
 
     def complete(
-        self, law: "xr.Dataset", poissons_ratio: float, pressure: float, strict: bool
+        self,
+        law: "xr.Dataset",
+        poissons_ratio: float,
+        pressure: float,
+        strict: bool,
+        where: str = "[interface]",
     ) -> "xr.Dataset":
         """Return the law with a tangential branch: given, else as measured, else by theory.
 
@@ -181,6 +177,8 @@ class RoughInterface(LawSource):
             Of the joint, Pa: there the friction of a slide stands for one that is missing.
         strict : bool
             Whether to refuse assumed values.
+        where : str
+            What has these keys, in words.
 
         Raises
         ------
@@ -193,15 +191,42 @@ class RoughInterface(LawSource):
         if self.friction is None and "friction" not in known and "sliding_friction" in law:
             law = take_sliding_friction(law, pressure)
             known = tangential_values(law)
-        if missing := self.tell_missing(known, strict):
+        if missing := self.tell_missing(known, strict, where):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:
-            theory = 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
-            law = assume_shear(law, stiffness_ratio=theory)
-        if self.damage_file is not None:
-            law = with_damage(law, open_dataset(self.damage_file, DAMAGE_SECTIONS))
+            law = assume_shear(law, stiffness_ratio=alike_bodies(poissons_ratio))
         law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
         return with_cautions(law, *_say_lay(law))
+
+
+class RoughInterface(JointLaw):
+    """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
+
+    damage: tuple[Damage, ...] = Field(
+        (),
+        description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
+        "given.",
+    )
+    damage_file: Path | None = Field(
+        None,
+        description="Dataset `damage_sections` of the material near the surface, instead of "
+        "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
+        "whose normal is z.",
+    )
+
+    def complete(
+        self,
+        law: "xr.Dataset",
+        poissons_ratio: float,
+        pressure: float,
+        strict: bool,
+        where: str = "[interface]",
+    ) -> "xr.Dataset":
+        """Return the law with a tangential branch and the damage near the surface."""
+        law = super().complete(law, poissons_ratio, pressure, strict, where)
+        if self.damage_file is None:
+            return law
+        return with_damage(law, open_dataset(self.damage_file, DAMAGE_SECTIONS))
 
     def build(
         self,
@@ -248,6 +273,11 @@ def _say_lay(law: "xr.Dataset") -> list[str]:
         f"the tangential stiffness ratio is {x:.3g} along x and {y:.3g} along y, and the joints "
         f"take the mean of both, {0.5 * (x + y):.3g}, in all directions"
     ]
+
+
+def alike_bodies(poissons_ratio: float) -> float:
+    """Tangential over normal stiffness of interfaces between alike bodies, by theory."""
+    return 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
 
 
 class Preloads(Settings):

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "list_bolts",
     "list_cycles",
     "list_facts",
     "round_by",
+    "say_answer",
     "say_error",
     "say_intervals",
     "tabulate",
@@ -26,6 +28,7 @@ __all__ = [
     "tabulate_grains",
     "tabulate_links",
     "tabulate_loads",
+    "tabulate_path",
     "tabulate_preloads",
     "tabulate_sweep",
 ]
@@ -175,6 +178,12 @@ def say_error(total: float) -> str:
     return f"{100.0 * total:.2g}" if total > ROUNDING else "0"
 
 
+def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
+    """Say an answer with its unit and, in brackets, its intervals."""
+    intervals = say_intervals(_intervals(step, name, scale))
+    return f"{_value(step, name, scale)}{unit}{intervals}"
+
+
 def _missing(step: "xr.Dataset") -> str:
     """Why a step has no answer; empty if it has."""
     if not int(step["converged"]):
@@ -291,9 +300,70 @@ def tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     ]
 
 
+def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
+
+    Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
+    each interface its mean pressure and the shares of its area that slip and that are open.
+    """
+    loads = [str(name) for name in result["load"].values]
+    count = result.sizes.get("interface", 0)
+    bolts = result.sizes.get("bolt", 0)
+    moved = 1e6 * result["load_displacement"].values
+    if count:  # an interface without load has no gap from which displacements could count
+        moved = moved - moved[np.argmax(result["path_step"].values == 0)]
+    head = (
+        "step",
+        *(f"{name}: factor, µm, N/µm" for name in loads),
+        *(f"interface {k}: MPa, slip, open" for k in range(count)),
+        *(("bolts (kN)",) if bolts else ()),
+    )
+    rows: list[tuple[str, ...]] = []
+    for k in np.flatnonzero(result["path_step"].values >= 0):
+        step = result.isel(step=k)
+        name = f"{int(step['path_step'])}"
+        if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
+            missing = "unknown" if int(step["converged"]) else "not converged"
+            rows.append(_padded((name, missing), head))
+            continue
+        row = [name]
+        for at in range(len(loads)):
+            one = step.isel(load=at)
+            secant = 1e-6 * float(one["load_secant"])
+            said = [f"{float(one['factor']):.4g}", f"{moved[k, at]:.4g}"]
+            row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
+        for at in range(count):
+            one = step.isel(interface=at)
+            shares = (100.0 * float(one[f"interface_{what}"]) for what in ("slip", "open"))
+            told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
+            row.append(", ".join([*told, *(f"{share:.3g} %" for share in shares)]))
+        if bolts:
+            row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
+        rows.append(tuple(row))
+    return head, rows
+
+
 def list_facts(result: "xr.Dataset") -> list[str]:
     """Say what stands beside the table of a result: what flows, and how large a cell is."""
     return str(result.attrs.get("facts", "")).splitlines()
+
+
+def list_bolts(result: "xr.Dataset", tightening: np.ndarray) -> list[str]:
+    """Say of each bolt what it carries where it is tightened last, and in the steps after that.
+
+    Parameters
+    ----------
+    result : Dataset
+    tightening : ndarray, shape (steps,)
+        Factor of the preloads; bolts are locked where it stays.
+    """
+    force = 1e-3 * result["bolt_force"].to_numpy()
+    locked, told = int(np.flatnonzero(np.diff(tightening, prepend=0.0))[-1]), []
+    for bolt, (tightened, *rest) in enumerate(force[locked:].T):
+        known = np.array(rest)[np.isfinite(rest)]
+        changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
+        told.append(f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}.")
+    return told
 
 
 def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

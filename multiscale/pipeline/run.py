@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from multiscale.io import make_folder, open_dataset, write_dataset
-from multiscale.pipeline.case import AnyCase
+from multiscale.errors import CaseError
+from multiscale.io import make_folder, open_dataset, open_law, write_dataset
+from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
@@ -94,8 +95,11 @@ def run(
     MultiscaleError
         If an input is refused, a file cannot be written, or nothing converged.
     """
-    job = Job(make_folder(Path(out)), executor, progress)
+    folder = make_folder(Path(out))
+    job = Job(folder, executor, progress, read_law=_read_laws(folder, executor))
     claim_folder(job.out, case, force=force)
+    for stage in stages_of(case.tables):
+        stage.prepare(case)
     cells = {one.file for one in stages_of(case.tables)} & {CELLS.file, SHEARED_CELLS.file}
     if cells and all((job.out / file).exists() for file in cells):  # which hold all of them
         progress(case.realisations)
@@ -155,12 +159,29 @@ def run_macro(
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
     file, case = Path(file), case.from_structure(None if law is None else Path(law))
-    job = Job(file.parent, team=team)
+    job = Job(file.parent, team=team, read_law=_read_laws(file.parent, None))
     first, *rest = stages_of(case.tables)
     found = {first.name: _compute(first, case, {}, job, file)}
     for stage in rest if _writes(job) else ():
         _compute(stage, case, found, job, file.with_name(f"{file.stem}-{stage.name}.nc"))
     return found[first.name]
+
+
+def _read_laws(out: Path, executor: Executor | None) -> "Callable[[Path, bool], xr.Dataset]":
+    """Open laws, and run cases for them, or find them finished, in folders of a run."""
+
+    def read(file: Path, quick: bool) -> "xr.Dataset":
+        if file.suffix != ".toml":
+            return open_law(file)
+        other = load_case(file)
+        if not (isinstance(other, Case) and other.has_cells):
+            raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
+        alone = other.without_structure()
+        alone = alone.quick() if quick else alone
+        folder = out / "laws" / f"{file.stem}-{alone.checksum()[:8]}"
+        return run(alone, folder, executor=executor).interface_law
+
+    return read
 
 
 def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> "xr.Dataset":

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from multiscale.errors import CaseError
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
+from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.body_settings import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.case_tables import (
     ABSENT,
@@ -29,6 +30,7 @@ from multiscale.pipeline.grain_settings import (
 )
 from multiscale.pipeline.joint_settings import (
     Cycles,
+    JointLaw,
     LawSource,
     Preloads,
     RisingPreloads,
@@ -72,6 +74,7 @@ Structure = (
     | Plate
     | StackedBlocks
     | LapJoint
+    | Bodies
     | Deposit
     | Silo
     | ColumnCollapse
@@ -113,9 +116,9 @@ class Case(Settings):
         None, description="Target of a planner, which then chooses the cells."
     )
     structure: Structure | None = Field(None, discriminator="kind")
-    interface: Annotated[Any, OneOf((LawSource, RoughInterface))] = None
-    statics: Annotated[Any, OneOf((RisingPreloads, Preloads, Statics))] = None
-    cycles: Cycles | None = None
+    interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
+    statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
+    cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
     dynamics: Dynamics | None = None
     substructures: Substructures | None = None
     grains: GrainSettings = ABSENT
@@ -127,7 +130,7 @@ class Case(Settings):
         """Ask for a law wherever there are cells."""
         return {"law": {}} | given if "micro" in given else given
 
-    @field_validator("interface", "statics", mode="before")
+    @field_validator("interface", "statics", "cycles", mode="before")
     @classmethod
     def _read_as_kind(cls, given: Any, info: ValidationInfo) -> Any:
         """Read a table by the model that the kind of structure names."""
@@ -163,7 +166,7 @@ class Case(Settings):
             )
         if self.substructures is not None and not kind.may_be_cut:
             raise ValueError(
-                f"[substructures] cut tensegrity grids, plates, blocks and lap joints, not a "
+                f"[substructures] cut tensegrity grids, plates and bodies with joints, not a "
                 f"structure of kind {kind.kind!r}"
             )
         if kind.of_bodies and not (self._has("body_1") and self._has("body_2")):
@@ -386,8 +389,7 @@ class Case(Settings):
         changes = dict.fromkeys((*away, *(() if self.structure.of_bodies else CELLS[:2])))
         if source is not None:
             own = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
-            interface = LawSource() if self.interface is None else self.interface
-            changes["interface"] = interface.model_copy(update=own)
+            changes["interface"] = (self.interface or source()).model_copy(update=own)
         return self.model_copy(update=changes)
 
     def coarser(self) -> Self:
@@ -409,10 +411,15 @@ class Case(Settings):
         micro = micro.model_copy(update={"realisations": micro.coarser, "shear": shear})
         return self.model_copy(update={"cell": cell, "micro": micro})
 
+    def without_structure(self) -> Self:
+        """Return the part of the case that ends at the law."""
+        after = ("structure", "substructures", "accuracy", *WITH_STRUCTURE)
+        return self.model_copy(update=dict.fromkeys(after))
+
     def quick(self) -> Self:
         """Return the same case with coarser and fewer cells, elements, grains and steps.
 
-        There is no target. A structure from a file stays as it is.
+        There is no target. A structure from files stays as it is.
         """
         names = ("cell", "micro", "law", "cycles", "substructures", "grains", "motion")
         changes = {name: getattr(self, name).quick() for name in names if self._has(name)}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from multiscale import __version__
+from multiscale.io import open_law
 from multiscale.needs import Needs
 from multiscale.schema import Schema
 
@@ -99,12 +100,16 @@ class Job:
     executor : Executor or None, see :func:`multiscale.executors.run_jobs`
     progress : callable, gets the number of finished realisations
     team : ProcessGroup or None, processes that share the substructures of a structure
+    read_law : callable
+        From a dataset, or a case and whether it is quick, to an interface law; a case is run in a
+        folder of its own.
     """
 
     out: Path
     executor: Executor | None = None
     progress: Callable[[int], None] = lambda finished: None
     team: "ProcessGroup | None" = None
+    read_law: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_law(file)
 
 
 def list_cautions(dataset: "xr.Dataset") -> list[str]:
@@ -174,7 +179,9 @@ class Stage(Shown):
         From the case, the datasets of earlier stages and the job to the dataset of the stage.
     write_fields : callable, writes the dataset for ParaView into a folder, under a name
     needs : callable, from the case to the :class:`Needs` of the stage
+    prepare : callable, refuses from the case what it can before any stage is run
     check : callable, refuses a dataset that has been written but answers nothing
+    kept : str, what ``--quick`` leaves as it is, in a sentence
     folders : tuple of str, folders of a run where the stage finds what it need not compute again
     pictures : tuple of str, names of all figures that the sections may have
     answers : tuple of StageAnswer
@@ -188,7 +195,9 @@ class Stage(Shown):
     run: Callable[[Any, Datasets, Job], "xr.Dataset"]
     write_fields: Callable[..., object] | None = None
     needs: Callable[[Any], Needs] = lambda case: Needs()
+    prepare: Callable[[Any], object] = _nothing
     check: Callable[["xr.Dataset"], object] = _nothing
+    kept: str = ""
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
     answers: tuple[StageAnswer, ...] = ()

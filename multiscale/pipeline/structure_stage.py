@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from multiscale.errors import ConvergenceError
+from multiscale.macro.substructures import JointSize, choose_method
+from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.needs import Needs
 from multiscale.pipeline.rows import list_cycles, list_facts
 from multiscale.pipeline.settings import Case
@@ -26,7 +28,9 @@ from multiscale.schema import MACRO_RESULT, Schema, with_cautions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["require_converged", "structure_stage", "with_too_far"]
+    from multiscale.macro.substructures import ProcessGroup
+
+__all__ = ["require_converged", "require_known", "structure_stage", "with_too_far"]
 
 Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
@@ -37,6 +41,22 @@ def require_converged(result: "xr.Dataset") -> None:
         raise ConvergenceError(
             f"{result.attrs['title']}: no step converged; {result.attrs['failure']}"
         )
+
+
+def require_known(result: "xr.Dataset", answer: str) -> None:
+    """Refuse a result without any step that converged, or with an answer that is never known."""
+    require_converged(result)
+    if np.isnan(result[answer].values).all():
+        raise ConvergenceError(
+            f"{result.attrs['title']}: the answer is unknown at every step; "
+            f"{result.attrs['cautions']}"
+        )
+
+
+def choose_solver(case: Case, size: JointSize, team: "ProcessGroup | None" = None) -> MethodChoice:
+    """Choose the solver of bodies; ``[substructures]`` and many processes ask for LATIN."""
+    asks = case.substructures is not None or (team is not None and team.size > 1)
+    return choose_method(size, case.cut.method(team) if asks else None)
 
 
 def structure_stage(
@@ -51,7 +71,9 @@ def structure_stage(
     takes: tuple[Stage, ...] = (),
     schema: Schema = MACRO_RESULT,
     solver: tuple[str, ...] = ("pypardiso",),
+    prepare: Callable[[Any, Case], object] = lambda structure, case: None,
     check: Callable[["xr.Dataset"], None] = require_converged,
+    kept: str = "",
     more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
     answer: Callable[["xr.Dataset"], list[str]] = lambda result: [],
@@ -69,6 +91,8 @@ def structure_stage(
     tabulate, write_fields, check : callable
         Make head and rows of the dataset, write a series for ParaView as
         :func:`multiscale.io.write_link_fields`, and refuse a dataset that answers nothing.
+    prepare, kept
+        As of :class:`Stage`, from the structure and its case.
     reads : set of str
         Tables on which the dataset depends, beside the title.
     question : str
@@ -119,7 +143,9 @@ def structure_stage(
         run=run,
         write_fields=write_fields,
         needs=all_needs,
+        prepare=lambda case: prepare(case.structure, case),
         check=check,
+        kept=kept,
         lines=lines,
         sections=sections,
         summary=summary,

@@ -117,7 +117,7 @@ class Settings(BaseModel):
             If such a file cannot be read.
         """
         said = self.model_dump(include=include, exclude=exclude)
-        text = json.dumps(said, default=lambda file: sha256(read_bytes(file)).hexdigest())
+        text = json.dumps(said, default=_content)
         return sha256(text.encode()).hexdigest()
 
     def to_toml(self) -> str:
@@ -151,6 +151,24 @@ class OneOf:
 
 Model = TypeVar("Model", bound=Settings)
 Kinds = Mapping[str, type[BaseModel]]
+
+
+def _content(file: Path) -> str:
+    """Checksum of a file, and of the files that it names if it is a case."""
+    own = sha256(read_bytes(file)).hexdigest()
+    if file.suffix != ".toml":
+        return own
+    named = [file.parent / text for text in _texts(read_toml(file))]
+    return " ".join([own, *(_content(one) for one in named if one != file and one.is_file())])
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts that may name a file."""
+    if isinstance(value, str):
+        yield from (value,) if value.strip() and "\n" not in value else ()
+    elif isinstance(value, dict | list):
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from _texts(inner)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -216,7 +234,7 @@ def _locate(
             place[-1] += f"[{part}]"
         elif part in model.model_fields:
             place.append(part)
-            model = kinds.get(part) or _model_in(model.model_fields[part].annotation) or model
+            model = _model_in(model.model_fields[part].annotation) or kinds.get(part) or model
         elif part in kinds:
             model = kinds[part]
         elif "[" not in part:  # else one of several types that a value may have

@@ -23,6 +23,12 @@ from multiscale.plotting.grain_figures import (
     plot_grain_energies,
 )
 from multiscale.plotting.growth_figures import plot_growth
+from multiscale.plotting.interface_figures import (
+    MOST_DRAWN,
+    load_pictures,
+    plot_bolt_forces,
+    plot_load_paths,
+)
 from multiscale.plotting.joint_figures import (
     draw_joint,
     joint_pictures,
@@ -63,6 +69,7 @@ from multiscale.plotting.work_precision_figures import (
 )
 
 __all__ = [
+    "MOST_DRAWN",
     "draw_damage",
     "draw_granulate",
     "draw_joint",
@@ -70,9 +77,11 @@ __all__ = [
     "draw_sliding",
     "draw_work_precision",
     "joint_pictures",
+    "load_pictures",
     "plot_amplitudes",
     "plot_area_law",
     "plot_biaxial_curve",
+    "plot_bolt_forces",
     "plot_braking_force",
     "plot_contact_error",
     "plot_contact_map",
@@ -91,6 +100,7 @@ __all__ = [
     "plot_joint_life",
     "plot_joint_plan",
     "plot_joint_stiffness",
+    "plot_load_paths",
     "plot_road",
     "plot_shear_law",
     "plot_sliding_friction",

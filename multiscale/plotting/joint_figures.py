@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.fe.facets import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
@@ -62,12 +63,13 @@ def plot_joint_plan(
     quantity: str = "contact_state",
     step: int = -1,
     joint: int = 0,
+    title: str = "",
     ax: "Axes | None" = None,
 ) -> "Axes":
     """Plot the open, sticking and slipping zones of a joint in plan, its pressure or its loss.
 
-    Each point is a disc of the area that it stands for. The outlines of the tops of the parts are
-    drawn if the result has their elements.
+    Each point is a disc of the area that it stands for, seen along the normal of the joint. The
+    outlines of the tops of the parts are drawn if the result has their elements.
 
     Parameters
     ----------
@@ -77,6 +79,8 @@ def plot_joint_plan(
         Step; the last one if not given.
     joint : int
         Number of the joint.
+    title : str
+        Its preload and shear if not given.
     """
     from matplotlib.collections import EllipseCollection
     from matplotlib.patches import Patch
@@ -84,7 +88,9 @@ def plot_joint_plan(
 
     ax = axes_or_current(ax)
     mine = np.flatnonzero(result["point_joint"].values == joint)
-    place, area = 1e3 * result["point_position"].values[mine, :2], result["point_area"].values[mine]
+    axes, names = _seen(result, mine)
+    place = 1e3 * result["point_position"].values[mine] @ axes[1:].T
+    area = result["point_area"].values[mine]
     across = 1e3 * np.sqrt(4.0 / np.pi * area)
 
     def discs(where: np.ndarray, **style: Any) -> EllipseCollection:
@@ -98,7 +104,7 @@ def plot_joint_plan(
             **style,
         )
 
-    for line in _outlines(result):
+    for line in _outlines(result, axes):
         ax.plot(*(1e3 * line), color="black", linewidth=0.8, zorder=3)
     if quantity == "contact_state":
         middle = ScaledTranslation(0.5, 0.0, ax.transAxes)  # type: ignore[arg-type]
@@ -124,17 +130,33 @@ def plot_joint_plan(
         ax.add_collection(dots)
     ax.set_aspect("equal")
     ax.autoscale_view()
-    ax.set(xlabel="x (mm)", ylabel="y (mm)")
+    ax.set(xlabel=f"{names[0]} (mm)", ylabel=f"{names[1]} (mm)")
     if quantity != "contact_state":
         add_colour_bar(dots, ax, QUANTITIES[quantity])
-    preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
-    at = f"shear {shear:.3g} MPa" if quantity != "dissipation" else f"cycles of {shear:.3g} MPa"
-    ax.set_title(f"preload {preload:.3g} MPa, {at}")
+    if not title:
+        preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
+        at = f"shear {shear:.3g} MPa" if quantity != "dissipation" else f"cycles of {shear:.3g} MPa"
+        title = f"preload {preload:.3g} MPa, {at}"
+    ax.set_title(title)
     return ax
 
 
-def _outlines(result: "xr.Dataset") -> list[np.ndarray]:
-    """Outline of the top of every body in plan, (2, points) in m with NaN between its edges."""
+def _seen(result: "xr.Dataset", points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:
+    """Find the normal of the plane of some points and two axes in it, (3, 3), and their names.
+
+    The axes are those of the coordinates, unless the plane is oblique.
+    """
+    axes = plane_axes(result["point_position"].values[points])
+    across, first, second = np.argmax(np.abs(axes), axis=1)
+    straight = axes[0, across] == 1.0
+    return axes, ("xyz"[first], "xyz"[second]) if straight else ("along", "across")
+
+
+def _outlines(result: "xr.Dataset", axes: np.ndarray) -> list[np.ndarray]:
+    """Outline of the top of every body in plan, (2, points) in m with NaN between its edges.
+
+    The top is what lies farthest along the first of the axes; the plan is in the others.
+    """
     if "corners" not in result:
         return []
     place, corners = result["position"].values, result["corners"].values
@@ -142,11 +164,11 @@ def _outlines(result: "xr.Dataset") -> list[np.ndarray]:
     lines = []
     for body in np.unique(result["element_body"].values):
         own = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
-        height = place[own, 2]
+        height = place[own] @ axes[0]
         top = own[np.all(height > height.max() - LEVEL * np.ptp(height), axis=1)]
         edges = np.sort(np.stack([top, np.roll(top, 1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         edge, count = np.unique(edges, axis=0, return_counts=True)
-        ends = place[edge[count == 1], :2]  # (edges, 2, 2)
+        ends = place[edge[count == 1]] @ axes[1:].T  # (edges, 2, 2)
         gap = np.full((len(ends), 1, 2), np.nan)
         lines.append(np.concatenate([ends, gap], axis=1).reshape(-1, 2).T)
     return lines

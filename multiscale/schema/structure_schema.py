@@ -11,6 +11,7 @@ _face = partial(Variable, ("step", "interface"))
 _element = partial(Variable, ("step", "element"))
 _point = partial(Variable, ("step", "point"))
 _cycle = partial(Variable, ("level", "amplitude"))
+_load = partial(Variable, ("step", "load"))
 _node = partial(Variable, ("step", "node", "component"))
 
 MACRO_RESULT = Schema(
@@ -96,6 +97,24 @@ MACRO_RESULT = Schema(
         "temperature": _step("K", "temperature of the body"),
         "braking_force": _step("N", "force against the motion"),
         "braking_coefficient": _step("1", "force against the motion over the load"),
+        "path_step": _step("1", "step of [statics] that the load step ends, or -1"),
+        "factor": _load("1", "factor of each named load"),
+        "load_displacement": _load(
+            "m", "mean displacement of the loaded face along its load; of bolts, their closing"
+        ),
+        "load_secant": _load(
+            "N m-1", "change of a load over that of its displacement, since it was zero, alone"
+        ),
+        "load_stiffness": _load(
+            "N m-1", "stiffness against a small change of the load, no point slipping"
+        ),
+        "interface_compliance": _load("1", "share of the interfaces in the compliance"),
+        "interface_pressure": _face("Pa", "mean pressure of an interface"),
+        "interface_open": _face("1", "share of the area of an interface that is open"),
+        "interface_slip": _face("1", "share of the area of an interface that slips"),
+        "interface_energy": Variable(
+            ("cycle", "interface"), "J", "energy that an interface loses in a closed cycle"
+        ),
         "cycle_energy": Variable(("cycle",), "J", "energy that the joint loses in a closed cycle"),
         "cycle_preload": Variable(("level",), "Pa", "preload of cycles of shear"),
         "cycle_shear": Variable(("amplitude",), "Pa", "amplitude of cycles of shear"),
@@ -129,6 +148,7 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "interface_stiffness",
     "solid_stiffness",
     "tangential_stiffness",
+    "load_stiffness",
     "real_pressure",
     "slipping_load",
     "cycle_energy",

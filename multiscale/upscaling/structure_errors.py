@@ -168,16 +168,26 @@ def structure_budget(
     return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
-def with_intervals(result: "xr.Dataset") -> "xr.Dataset":
+def with_intervals(
+    result: "xr.Dataset", along: Mapping[str, tuple[str, str]] | None = None
+) -> "xr.Dataset":
     """Return a macro result with the 95 % intervals of all answers that its budget is of.
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
     lies, whose interface holds only so many cells. Of answers for each cycle the last one has
-    intervals, which the budget has at the last step. No answer lies below zero.
+    intervals, which the budget has at the last step. No answer lies below zero. ``along`` names
+    variable and load of answers that are one of several loads.
     """
-    values = {}
+    values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():
         for name, half in zip(map(str, result["quantity"].values), error, strict=True):
+            if along and name in along:
+                variable, load = along[name]
+                at = [str(one) for one in result["load"].values].index(load)
+                value = result[variable].to_numpy()
+                ends = values.setdefault(f"{variable}_{kind}", np.full((2, *value.shape), np.nan))
+                ends[..., at] = limits(value[:, at], half)
+                continue
             value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])

@@ -21,7 +21,7 @@ SCRIPTS = (
     "tensegrity_grid.py",
     "three_ways.py",
 )
-SLOW = (*SCRIPTS, "lap_joint.toml", "rough_blocks.toml")
+SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
 
 
 def files(pattern):

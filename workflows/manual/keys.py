@@ -28,6 +28,8 @@ FILES: tuple[tuple[str, type[Settings]], ...] = (
     ("Cases of cells, joints and structures", Case),
     ("Cases of a tyre on a road", TyreCase),
 )
+LISTED = "[]"
+"""Ends the names of lists of tables on the way to a key."""
 HEAD = "| key | value | default | meaning |\n| --- | --- | --- | --- |"
 BOUNDS = {"gt": "> {:g}", "ge": "≥ {:g}", "lt": "< {:g}", "le": "≤ {:g}", "multiple_of": "even"}
 """Signs of ranges; the only multiple asked for is of two."""
@@ -52,7 +54,8 @@ def key_tables() -> str:
         for head, names, table in _tables(model, ()):
             told = head + _plain((getdoc(table) or "").split("\n\n")[0])
             if told not in parts[parts.index(f"### {title}") :]:
-                parts += [told, "\n".join([HEAD, *(_row(table, name) for name in names)])]
+                rows = [_row(table, name) for name in names]
+                parts += [told, "\n".join([HEAD, *rows])] if rows else [told]
     return "\n\n".join(parts)
 
 
@@ -71,7 +74,11 @@ def _tables(
     keys = [name for name in inner if not inner[name]]
     yield head, keys[1:] if "kind" in head else keys, model
     for models in dict.fromkeys(inner.values()):
-        names = tuple(name for name in inner if inner[name] == models)
+        names = tuple(
+            name + LISTED * _is_list(model.model_fields[name].rebuild_annotation())
+            for name in inner
+            if inner[name] == models
+        )
         for one in models:
             yield from _tables(one, (*at, names, ("NAME",)) if "laws" in names else (*at, names))
 
@@ -81,8 +88,19 @@ def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
     kind = model.model_fields.get("kind")
     values = get_args(kind.annotation) if kind else ()
     said = f', `kind = "{values[0]}"`' if len(values) == 1 else ""
-    paths = ", ".join(f"`[{'.'.join(path)}]`" for path in product(*at))
+    paths = ", ".join(_say_path(path) for path in product(*at) if path)
     return f"**{paths}**{said}: " if at else ""
+
+
+def _say_path(path: tuple[str, ...]) -> str:
+    """Write the place of a table, or of the tables of a list."""
+    place = ".".join(path).replace(LISTED, "")
+    return f"`[[{place}]]`" if path[-1].endswith(LISTED) else f"`[{place}]`"
+
+
+def _is_list(hint: Any) -> bool:
+    """Whether a file has a list of such tables."""
+    return get_origin(_parts(hint)[0]) is tuple
 
 
 def _row(model: type[Settings], name: str) -> str:
@@ -103,7 +121,7 @@ def _default(field: FieldInfo, unit: str) -> str:
     value = field.default
     if field.is_required():
         return "required"
-    if value is None or value == ():
+    if value in (None, (), {}, ""):
         return ""
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
@@ -136,7 +154,7 @@ def _models(hint: Any) -> list[type[Settings]]:
         return chosen
     if isinstance(kind, type) and issubclass(kind, Settings):
         return [kind]
-    if get_origin(kind) in (Union, UnionType, dict):
+    if get_origin(kind) in (Union, UnionType, dict, tuple):
         return [model for one in get_args(kind) for model in _models(one)]
     return []
 
@@ -146,7 +164,7 @@ def _unit(hint: Any) -> str:
     kind, metadata = _parts(hint)
     for item in metadata:
         if isinstance(item, BeforeValidator):
-            return str(item.func.keywords["unit"])  # type: ignore[union-attr]
+            return str(getattr(item.func, "keywords", {}).get("unit", ""))
     return next(filter(None, map(_unit, get_args(kind))), "") if get_origin(kind) is tuple else ""
 
 
@@ -160,6 +178,8 @@ def _value(hint: Any) -> str:
         return " or ".join(map(_value, get_args(kind)))
     if get_origin(kind) is tuple:
         return _list(get_args(kind), bounds)
+    if get_origin(kind) is dict:
+        return f"table, each {_value(get_args(kind)[1])}"
     if unit := _unit(hint):
         return ", ".join(["number" if unit == "1" else unit, *_range(bounds)])
     words = {int: "integer", bool: "`true` or `false`", str: "text", Path: "path"}

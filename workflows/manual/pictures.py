@@ -47,6 +47,7 @@ SHOWN = {
     "sudden_unloading": plotting.plot_energies,
     "rough_blocks": plotting.plot_hysteresis,
     "lap_joint": plotting.plot_joint_plan,
+    "bolted_cover": lambda result, ax: plotting.load_pictures(result)["contact_zones_0"](ax),
     "deposit": plotting.plot_force_network,
     "silo": plotting.plot_force_network,
     "column_collapse": plotting.plot_force_network,

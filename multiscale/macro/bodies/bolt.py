@@ -83,9 +83,12 @@ class Bolt:
         (_, down, size, *_), (_, up, other, *_) = found
         facing = [-down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
         if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
+            ends = (
+                bodies[body].say_face(boundary, body)
+                for body, boundary in zip(self.sides, self.boundaries, strict=True)
+            )
             raise CaseError(
-                f"the bolt from {self.boundaries[0]!r} of body {self.sides[0]} to "
-                f"{self.boundaries[1]!r} of body {self.sides[1]} goes through nothing: its washers "
+                f"the bolt from {' to '.join(ends)} goes through nothing: its washers "
                 f"must look away from each other along {'xyz'[axis]} (cosines {facing[0]:.2g} and "
                 f"{facing[1]:.2g}) and lie above each other (middles {aside:.2g} m aside)"
             )

@@ -56,6 +56,8 @@ class Body:
         the corners of the mesh are its nodes if not given. Its unknowns are the nodes of the body.
     pins : mapping of tuple to sequence
         For the position of a single node, m, its prescribed displacement, as in ``supports``.
+    name : str
+        In messages.
 
     Raises
     ------
@@ -70,6 +72,7 @@ class Body:
     tractions: Mapping[str, Sequence[Value]] = field(default_factory=dict)
     element: "Element | None" = None
     pins: Pins = field(default_factory=dict)
+    name: str = ""
 
     def __post_init__(self) -> None:
         kind = type(self.mesh).__name__
@@ -98,6 +101,10 @@ class Body:
     def check_boundary(self, name: str) -> None:
         """Refuse a boundary that the mesh does not name."""
         check_boundary(self.mesh, name)
+
+    def say_face(self, boundary: str, number: int) -> str:
+        """Name a boundary, with the number of the body if it has no name."""
+        return f"{self.name}.{boundary}" if self.name else f"{boundary!r} of body {number}"
 
     @cached_property
     def basis(self) -> "CellBasis":

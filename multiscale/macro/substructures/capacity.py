@@ -1,5 +1,6 @@
 r"""What friction can carry: the kinematic theorem of limit analysis for bodies on joints."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.macro.substructures.problem import CutProblem, rigid_motions
 from multiscale.macro.substructures.stack import stack_parts
 
-__all__ = ["Slide", "find_slide"]
+__all__ = ["Slide", "find_slide", "say_free_motions"]
 
 FREE = 1e-9
 """Energy of a rigid motion that is none, relative to its energy on the diagonal stiffness."""
@@ -20,6 +21,9 @@ FREE = 1e-9
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 """Directions in which the slip is measured at first, and how often its own are added, until that
 changes its work by no more than this, relative to the work of all friction for a slip of one."""
+
+HELD = 1e-6
+"""Size of a rigid motion, relative to the largest, up to which it is none."""
 
 NOTHING = 1e-6
 """Share of a load whose power is none, and of the largest slip that is none."""
@@ -123,6 +127,58 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
             slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
             return Slide(work / largest, taken / largest, slides)
     return None
+
+
+def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
+    """Name bodies that neither supports, interfaces nor bolts hold, and their rigid motions.
+
+    Interfaces hold along their normal, and across it where they have friction; bolts hold along
+    their axes.
+
+    Parameters
+    ----------
+    problem : Problem
+        Uncut bodies, in their order.
+    names : sequence of str
+        One for each body.
+
+    Returns
+    -------
+    str
+        Such as ``"cover is free to move along x and to turn about z"``; empty if all are held.
+    """
+    modes = _free_motions(problem)
+    start = np.cumsum([0, *(part.n for part in problem.substructures)])
+    held = []
+    for joint in problem.joints:
+        first, second = (
+            trace @ modes[start[side] : start[side + 1]]
+            for side, trace in zip(joint.sides, joint.trace, strict=True)
+        )
+        normal, *across = np.split(second - first, 3)
+        assert joint.law is not None  # a joint has one
+        rough = joint.law.friction_limit(np.ones(1))[0] > 0.0
+        held += [one / np.sqrt(len(one)) for one in (normal, *(across if rough else ()))]
+    numbers = np.concatenate([part.unknown for part in problem.substructures])
+    for bolt in problem.bolts:
+        ends = [modes[np.argmax(numbers == unknown)] for unknown in bolt.unknown]
+        held.append((ends[1] - ends[0])[None])
+    if held and modes.shape[1]:
+        modes = modes @ null_space(np.linalg.qr(np.concatenate(held), mode="r"), rcond=HELD)
+    said = []
+    for name, part, at in zip(names, problem.substructures, start, strict=False):
+        own = np.linalg.lstsq(part.rigid_motions, modes[at : at + part.n], rcond=None)[0]
+        own[3:] *= np.ptp(part.position, axis=0).max()  # displacements by turning
+        size = np.abs(own).max(axis=1, initial=0.0)
+        loose = size > HELD * max(1.0, size.max())
+        moves, turns = (
+            " and ".join(axis for axis, free in zip("xyz", group, strict=True) if free)
+            for group in (loose[:3], loose[3:])
+        )
+        how = [f"to move along {moves}"] * bool(moves) + [f"to turn about {turns}"] * bool(turns)
+        if how:
+            said.append(f"{name} is free {' and '.join(how)}")
+    return ", ".join(said)
 
 
 def _free_motions(problem: CutProblem) -> np.ndarray:

@@ -203,7 +203,12 @@ def _number(
     expansion = csr_array(hstack([single, *ties]))
     expansion.eliminate_zeros()
     load = np.concatenate(
-        [np.stack([load_vector(body, time) for time in times], axis=1) for body in bodies]
+        [
+            np.reshape([load_vector(body, time) for time in times], (len(times), -1)).T
+            if times
+            else np.zeros((body.basis.doflocs.size, 0))
+            for body in bodies
+        ]
     )
     load = expansion.T @ load
     load[own.size :] += np.concatenate([np.zeros((0, len(times))), *forces])

@@ -126,9 +126,10 @@ def cut_interface(
         )
     for side, body in enumerate(joint.sides):
         if body is not None and not any(one.trace[side].nnz for one in found):
+            held = bodies[body].say_face(str(joint.boundaries[side]), body)
             raise CaseError(
-                f"interface {place} lies on a support: all nodes of the boundary "
-                f"{joint.boundaries[side]!r} of body {body} are held; free them, or let the other "
+                f"interface {place} lies on a support: all nodes of the boundary {held} are held; "
+                f"free them, or let the other "
                 f"body meet the ground, {GROUND}"
             )
     return found
@@ -201,17 +202,25 @@ def _averages(
         hint = "one of the meshes may be in mm and read as m" if unlike else "move one of them"
         away = float(cKDTree(x[0]).query(x[1])[0].min())
         raise CaseError(
-            f"the boundaries {joint.boundaries} of a joint do not touch face to face: their nodes "
-            f"are {away:.3g} m apart or more, and the bodies {extent[0]:.3g} m and {extent[1]:.3g} "
-            f"m long; {hint}"
+            f"the boundaries {_say(joint, bodies)} of a joint do not touch face to face: their "
+            f"nodes are {away:.3g} m apart or more, and the bodies {extent[0]:.3g} m and "
+            f"{extent[1]:.3g} m long; {hint}"
         )
     if covered < MEET * min(areas):
         raise CaseError(
-            f"the boundaries {joint.boundaries} of a joint overlap on {covered / min(areas):.2g} "
-            f"of the smaller one, and at least {MEET:g} is asked; name the part of the faces where "
-            f"they meet as boundaries of their own"
+            f"the boundaries {_say(joint, bodies)} of a joint overlap on "
+            f"{covered / min(areas):.2g} of the smaller one, and at least {MEET:g} is asked; name "
+            f"the part of the faces where they meet as boundaries of their own"
         )
     return found
+
+
+def _say(joint: Interface, bodies: tuple[Body, Body]) -> str:
+    """Name both boundaries of an interface."""
+    if not all(body.name for body in bodies):
+        return str(joint.boundaries)
+    sides = zip(bodies, joint.boundaries, strict=True)
+    return " and ".join(f"{body.name}.{boundary}" for body, boundary in sides)
 
 
 def _of_nodes(values: csr_array, nodes: np.ndarray, body: Body) -> csr_array:
@@ -290,7 +299,8 @@ def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.n
     first_order = all(isinstance(b.basis.elem, type(b.mesh.elem())) for b in (lower, upper))
     if joint.quadrature_order is not None or not first_order:
         raise CaseError(
-            f"the boundaries {joint.boundaries} of a joint do not match; mesh both faces alike, "
-            f"with the same elements, or take elements of first order and no quadrature_order"
+            f"the boundaries {_say(joint, (lower, upper))} of a joint do not match; mesh both "
+            f"faces alike, with the same elements, or take elements of first order and no "
+            f"quadrature_order"
         )
     return None

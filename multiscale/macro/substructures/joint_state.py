@@ -23,6 +23,7 @@ __all__ = [
     "advance_state",
     "contact_state",
     "joint_shares",
+    "load_stiffness",
     "measure_stiffness",
     "states_after",
     "without_slip",
@@ -128,21 +129,11 @@ def measure_stiffness(
     """
     names = ("joint_stiffness", "tangential_stiffness", "interface_stiffness", "solid_stiffness")
     found = np.full((len(names), result.sizes["step"]), np.nan)
-    factorise, weight = Factors(), np.tile(whole.weight, 3)
+    factorise = Factors()
     for step in steps:
         if result["converged"].values[step] != 1:
             continue
-        at = np.cumsum([0, *(face.weight.size for face in joints)])
-        jump = result["jump"].values[step].T
-        k = np.concatenate(
-            [
-                without_slip(face.law, jump[:, first:last])
-                for face, first, last in zip(joints, at[:-1], at[1:], strict=True)
-                if face.law is not None
-            ],
-            axis=1,
-        )
-        tangent = whole.jump.T @ diags_array(weight * k.ravel()) @ whole.jump
+        tangent = _tangent(joints, whole, result["jump"].values[step].T)
         u = factorise(csr_array(whole.stiffness + tangent))(whole.load)
         if locked is not whole:
             u[:, 1] = factorise(csr_array(locked.stiffness + tangent))(whole.load[:, 1])
@@ -151,6 +142,63 @@ def measure_stiffness(
         work.append(pressed @ (whole.stiffness @ pressed))
         found[:, step] = area[[0, 1, 0, 0]] / np.array(work)
     return dict(zip(names, found, strict=True))
+
+
+def load_stiffness(
+    joints: Sequence[CutInterface],
+    whole: Assembled,
+    locked: Assembled,
+    result: "xr.Dataset",
+    forces: np.ndarray,
+    steps: Sequence[int],
+) -> dict[str, np.ndarray]:
+    r"""Stiffness of a structure under each of its loads, no point slipping.
+
+    Parameters
+    ----------
+    joints, whole, result, steps
+        As of :func:`measure_stiffness`.
+    locked : Assembled
+        The structure with the shanks of its bolts, which counts for all loads but the tightening.
+    forces : ndarray, shape (cases,)
+        Resultant of each load at the factor one, N.
+
+    Returns
+    -------
+    dict
+        ``load_stiffness``, N/m, and ``interface_compliance``, the share of the interfaces in the
+        compliance, shapes (steps, cases).
+
+    Notes
+    -----
+    As (1) of :func:`measure_stiffness`, with the resultant F: :math:`F^2 / (f \cdot u)`.
+    """
+    found = np.full((2, result.sizes["step"], len(forces)), np.nan)
+    factorise = Factors()
+    tightening = int(locked is not whole)
+    for step in steps:
+        if result["converged"].values[step] != 1:
+            continue
+        tangent = _tangent(joints, whole, result["jump"].values[step].T)
+        u = factorise(csr_array(locked.stiffness + tangent))(whole.load)
+        if tightening:
+            u[:, 0] = factorise(csr_array(whole.stiffness + tangent))(whole.load[:, 0])
+        work = np.sum(whole.load * u, axis=0)
+        found[:, step] = forces**2 / work, np.sum(u * (tangent @ u), axis=0) / work
+    return {"load_stiffness": found[0], "interface_compliance": found[1]}
+
+
+def _tangent(joints: Sequence[CutInterface], whole: Assembled, jump: np.ndarray) -> csr_array:
+    """Stiffness of all joints about a jump, shape (3, points), no point slipping, N/m."""
+    at = np.cumsum([0, *(face.weight.size for face in joints)])
+    k = [
+        without_slip(face.law, jump[:, first:last])
+        for face, first, last in zip(joints, at[:-1], at[1:], strict=True)
+        if face.law is not None
+    ]
+    weight = np.tile(whole.weight, 3)
+    stiffness = diags_array(weight * np.concatenate(k, axis=1).ravel())
+    return csr_array(whole.jump.T @ stiffness @ whole.jump)
 
 
 def joint_shares(

@@ -1,6 +1,8 @@
-"""Press a joint, shear it to and fro, and measure stiffness, slip and lost energy."""
+"""Load bodies step by step, then to and fro; measure stiffness, slip and lost energy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
+from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.cycled_amplitudes import (
     closed_cycle,
@@ -17,17 +20,28 @@ from multiscale.macro.substructures.cycled_amplitudes import (
     with_amplitudes,
 )
 from multiscale.macro.substructures.joint_state import (
+    OPENED,
+    SLIPS,
     contact_state,
     joint_shares,
+    load_stiffness,
     measure_stiffness,
 )
-from multiscale.macro.substructures.whole_structure import assemble
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.whole_structure import Assembled, assemble
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FEW_STEPS", "JointLoading", "load_joint"]
+__all__ = [
+    "FEW_STEPS",
+    "JointLoading",
+    "LoadPath",
+    "follow_loads",
+    "load_joint",
+    "require_held",
+]
 
 FEW_STEPS = 2
 """Load steps from zero to an amplitude in the cycles at every preload."""
@@ -83,15 +97,278 @@ class JointLoading:
         preload = np.array(self.preloads)
         if not self.cycles:
             return np.stack([preload, np.zeros(preload.size)], axis=1)
-        rise = np.arange(1, self.steps + 1) / self.steps
-        cycles = np.tile(closed_cycle(self.steps), self.cycles)
-        shear = self.shear * np.concatenate([rise, cycles])
+        shear = self.shear * _to_and_fro(self.steps, self.cycles)
         return np.concatenate(
             [
                 np.stack([preload, np.zeros(preload.size)], axis=1),
                 np.stack([np.full(shear.size, preload[-1]), shear], axis=1),
             ]
         )
+
+
+@dataclass(frozen=True)
+class LoadPath:
+    """Steps over named loads, one after the other, then cycles of one of them.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the load cases of an assembly, in their order.
+    forces : tuple of float
+        Resultant of each load at the factor one, N.
+    steps : tuple of tuple of float, shape (steps, loads)
+        Factors of all loads at the end of each step.
+    substeps : int
+        Equal parts of every step.
+    cycled : str
+        Load whose factor then goes to and fro about its last; none if empty.
+    amplitude : float
+        By how much that factor rises, then falls.
+    cycles : int
+        Closed cycles after the first rise.
+    cycle_steps : int
+        Load steps of that rise: 4 of these make a cycle.
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range, or there is no such load.
+    """
+
+    names: tuple[str, ...]
+    forces: tuple[float, ...]
+    steps: tuple[tuple[float, ...], ...]
+    substeps: int = 1
+    cycled: str = ""
+    amplitude: float = 1.0
+    cycles: int = 0
+    cycle_steps: int = 10
+
+    def __post_init__(self) -> None:
+        if not self.steps or any(len(step) != len(self.names) for step in self.steps):
+            raise CaseError(
+                f"a path has one step or more with a factor for each of the loads "
+                f"{', '.join(self.names)}, got {self.steps}"
+            )
+        if self.cycles and self.cycled not in self.names:
+            raise CaseError(
+                f"there is no load {self.cycled!r} to cycle; there are {', '.join(self.names)}"
+            )
+        if min(self.substeps, self.cycle_steps) < 1 or self.cycles < 0 or not self.amplitude > 0.0:
+            raise CaseError(
+                f"substeps and cycle_steps count from 1, cycles from 0, and the amplitude is "
+                f"positive, got {self.substeps}, {self.cycle_steps}, {self.cycles} and "
+                f"{self.amplitude:g}"
+            )
+
+    def factors(self) -> np.ndarray:
+        """Factors of the loads at every load step, shape (load steps, loads)."""
+        ends = np.array([np.zeros(len(self.names)), *self.steps])
+        share = (np.arange(1, self.substeps + 1) / self.substeps)[:, None]
+        path = [last + share * (end - last) for last, end in pairwise(ends)]
+        path[-1][-1] = ends[-1]
+        if self.cycles:
+            swing = self.amplitude * _to_and_fro(self.cycle_steps, self.cycles)
+            which = np.array(self.names) == self.cycled
+            path.append(ends[-1] + np.outer(swing, which))
+        return np.concatenate(path)
+
+    def ends(self) -> np.ndarray:
+        """Step that each load step ends, or -1, shape (load steps,)."""
+        number = np.full(len(self.factors()), -1)
+        last = self.substeps * (1 + np.arange(len(self.steps))) - 1
+        number[last] = np.arange(len(self.steps))
+        return number
+
+
+def _to_and_fro(steps: int, cycles: int) -> np.ndarray:
+    """Rise to 1 in some steps, then closed cycles to -1 and back."""
+    rise = np.arange(1, steps + 1) / steps
+    return np.concatenate([rise, np.tile(closed_cycle(steps), cycles)])
+
+
+def _closed(first: int, steps: int, cycles: int) -> list[slice]:
+    """Find the steps of each cycle, with both ends, after a rise that begins at one of them."""
+    start = first + steps - 1 + 4 * steps * np.arange(cycles)
+    return [slice(at, at + 4 * steps + 1) for at in start]
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """A path that has been solved.
+
+    Attributes
+    ----------
+    problem : CutProblem
+    whole, locked : Assembled
+        Without and with the shanks of the bolts; one object if there are none.
+    result : Dataset
+    work : ndarray, shape (steps, cases)
+        Of each load at the factor one on the displacement, J.
+    """
+
+    problem: CutProblem
+    whole: Assembled
+    locked: Assembled
+    result: "xr.Dataset"
+    work: np.ndarray
+
+
+def _follow(problem: CutProblem, factors: np.ndarray, method: Method) -> _Followed:
+    """Solve a path and let the loads measure the displacement."""
+    result, whole = follow_bolts(problem, factors, method), assemble(problem)
+    nothing = np.zeros(len(problem.bolts))
+    locked = assemble(lock_bolts(problem, nothing, nothing, 1.0)) if problem.bolts else whole
+    work = problem.unknowns(result["displacement"].values) @ whole.load
+    return _Followed(problem, whole, locked, result, work)
+
+
+def require_held(assembly: Assembly) -> None:
+    """Refuse bodies that may move freely.
+
+    Raises
+    ------
+    CaseError
+        With the bodies and their motions, or as :func:`cut_assembly`.
+    """
+    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
+    if free := say_free_motions(cut_assembly(assembly), names):
+        raise CaseError(
+            f"{free}: hold each body by supports, by an interface with friction or by bolts"
+        )
+
+
+def follow_loads(
+    assembly: Assembly,
+    path: LoadPath,
+    *,
+    method: Method = LatinMethod(),  # noqa: B008  # frozen
+    extrapolate: bool = False,
+) -> "xr.Dataset":
+    r"""Load bodies with interfaces by named loads.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Its load cases are those of the path; with bolts, the first is their tightening.
+    path : LoadPath
+    method : Method
+        See :func:`solve_assembly`.
+    extrapolate : bool
+        As of :func:`load_joint`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives; of every load its factor, its
+        displacement and its stiffnesses; of every interface its pressure and its open and slipping
+        shares; and the energy that cycles lose.
+
+    Raises
+    ------
+    CaseError
+        If a body is free, faces do not fit each other, a law is one of rigid contact, or the path
+        has not one factor for each load case.
+
+    Notes
+    -----
+    With the nodal forces :math:`f` of a load at the factor one and their resultant F, its
+    displacement is :math:`q = f \cdot u / F`: the mean along the load where that is even. It
+    counts from bodies without stress whose interfaces have no gap. The energy of a cycle is
+    :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
+    :func:`~.cycled_amplitudes.cycle_work`; interfaces share it as slip dissipates at their points.
+    """
+    if not all(interface.law.compliant for interface in assembly.interfaces):
+        raise CaseError(
+            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
+        )
+    require_held(assembly)
+    factors, forces = path.factors(), np.array(path.forces)
+    done = _follow(cut_assembly(assembly, method.parts), factors, method)
+    result, joints, ends = done.result, done.problem.joints, path.ends()
+    displacement = done.work / forces
+    values: dict[str, Any] = {
+        "path_step": ends,
+        "factor": factors,
+        "load_displacement": displacement,
+        "load_secant": _secants(factors, displacement, forces, not joints),
+        **load_stiffness(
+            joints, done.whole, done.locked, result, forces, np.flatnonzero(ends >= 0).tolist()
+        ),
+    }
+    if joints:
+        values |= contact_state(joints, result)
+        result = MACRO_RESULT.assign(result, values)
+        result = MACRO_RESULT.assign(result, _of_interfaces(result))
+        shares, data = joint_shares(joints, result)
+        said = [_say_factors(path.names, row) for row in factors]
+        result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=said)
+    else:
+        result = MACRO_RESULT.assign(result, values)
+    if path.cycles:
+        cycles = _closed(path.substeps * len(path.steps), path.cycle_steps, path.cycles)
+        case = path.names.index(path.cycled)
+        q = result["load_displacement"].to_numpy()[:, case]
+        lost = cycle_work(path.amplitude, np.array([q[cycle] for cycle in cycles]))
+        energies: dict[str, Any] = {"cycle_energy": forces[case] * lost}
+        if joints:
+            weighted = result["dissipation"].to_numpy() * result["point_area"].to_numpy()
+            own = _by_interface(result, weighted)
+            slipped = np.array([own[cycle][1:].sum(axis=0) for cycle in cycles])
+            total = slipped.sum(axis=1, keepdims=True)
+            share = slipped / np.where(total > 0.0, total, 1.0)
+            energies["interface_energy"] = share * energies["cycle_energy"][:, None]
+        result = MACRO_RESULT.assign(result, energies).assign_coords(cycle=range(path.cycles))
+    return result.assign_coords(load=list(path.names))
+
+
+def _say_factors(names: Sequence[str], factors: np.ndarray) -> str:
+    """Say the factors of the loads that are not zero."""
+    said = [f"{name} {one:.4g}" for name, one in zip(names, factors, strict=True) if one]
+    return "the loads " + (", ".join(said) or "zero")
+
+
+def _by_interface(result: "xr.Dataset", values: np.ndarray) -> np.ndarray:
+    """Sum over the points of every interface, shape (steps, interfaces)."""
+    number = result["point_joint"].to_numpy()
+    return np.stack([values[:, number == one].sum(axis=1) for one in np.unique(number)], axis=1)
+
+
+def _of_interfaces(result: "xr.Dataset") -> dict[str, np.ndarray]:
+    """Mean pressure of every interface, and its open and slipping shares."""
+    area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
+    state = result["contact_state"].to_numpy()
+    known = np.where(np.isnan(state), np.nan, 1.0)
+    whole = _by_interface(result, known * area)
+    return {
+        "interface_pressure": _by_interface(result, pressure * area) / whole,
+        "interface_open": _by_interface(result, known * (state == OPENED) * area) / whole,
+        "interface_slip": _by_interface(result, known * (state == SLIPS) * area) / whole,
+    }
+
+
+def _secants(
+    factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
+) -> np.ndarray:
+    """Stiffness of every load since it was zero, if it alone has changed since, N/m, else NaN.
+
+    Before the first step bodies are at rest if no interface joins them, whose gap is not known
+    without load.
+    """
+    first = np.zeros((int(at_rest), len(forces)))
+    factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])
+    found = np.full(factor.shape, np.nan)
+    for case, force in enumerate(forces):
+        others = np.delete(factor, case, axis=1)
+        for step in range(1, len(factor)):
+            zero = np.flatnonzero(factor[:step, case] == 0.0)
+            if not zero.size or factor[step, case] == 0.0:
+                continue
+            begin = zero[-1]
+            if np.all(others[begin : step + 1] == others[begin]):
+                change = force * factor[step, case]
+                found[step, case] = change / (moved[step, case] - moved[begin, case])
+    return found[len(first) :]
 
 
 def load_joint(
@@ -146,11 +423,10 @@ def load_joint(
             f"a joint needs two load cases, preload and shear, with the area that each acts on, "
             f"got {len(assembly.areas)} areas"
         )
-    problem, factors = cut_assembly(assembly, method.parts), loading.factors()
-    path = result = follow_bolts(problem, factors, method)
-    whole, area = assemble(problem), np.array(assembly.areas)
-    u = problem.unknowns(result["displacement"].values)
-    approach, along = (u @ whole.load / area).T
+    factors = loading.factors()
+    done = _follow(cut_assembly(assembly, method.parts), factors, method)
+    problem, result, area = done.problem, done.result, np.array(assembly.areas)
+    approach, along = (done.work / area).T
     values: dict[str, Any] = {
         "preload": factors[:, 0],
         "shear": factors[:, 1],
@@ -158,29 +434,26 @@ def load_joint(
         "shear_displacement": along,
         **contact_state(problem.joints, result),
     }
-    nothing = np.zeros(len(problem.bolts))
-    locked = assemble(lock_bolts(problem, nothing, nothing, 1.0)) if problem.bolts else whole
     pressed = range(len(loading.preloads))
-    values |= measure_stiffness(problem.joints, whole, locked, result, area, pressed)
+    values |= measure_stiffness(problem.joints, done.whole, done.locked, result, area, pressed)
     shares, data = joint_shares(problem.joints, result)
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)
     if loading.cycles:
         along = result["shear_displacement"].to_numpy()
-        length = 4 * loading.steps
-        first = len(loading.preloads) + loading.steps - 1
-        cycles = [along[at : at + length + 1] for at in first + length * np.arange(loading.cycles)]
-        lost = {"cycle_energy": area[1] * cycle_work(loading.shear, np.array(cycles))}
+        closed = _closed(len(loading.preloads), loading.steps, loading.cycles)
+        cycles = np.array([along[cycle] for cycle in closed])
+        lost = {"cycle_energy": area[1] * cycle_work(loading.shear, cycles)}
         result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
     if loading.amplitudes:
         result = with_amplitudes(
             result,
             problem,
-            path,
+            done.result,
             loading.preloads,
             loading.amplitudes,
             loading.amplitude_steps,
-            whole=whole,
+            whole=done.whole,
             area=float(area[1]),
             method=method,
             extrapolate=extrapolate,

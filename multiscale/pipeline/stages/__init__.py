@@ -12,6 +12,7 @@ from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.stages.links import LINKS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.plate import PLATE
 from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
@@ -34,6 +35,7 @@ STAGES: tuple[Stage, ...] = (
     LINKS,
     PLATE,
     ROUGH_JOINTS,
+    LOADED_BODIES,
     GRAINS,
     CONDENSED_PARTS,
 )

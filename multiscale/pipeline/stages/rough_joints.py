@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields
 from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import (
@@ -14,16 +14,23 @@ from multiscale.macro.substructures import (
     JointLoading,
     JointSize,
     add_body_fields,
-    choose_method,
     load_joint,
 )
 from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import change_friction, with_contact, with_joint_budget
+from multiscale.pipeline.body_budget import (
+    PARAMETERS,
+    change_friction,
+    joint_answers,
+    with_contact,
+    with_joint_budget,
+)
 from multiscale.pipeline.body_settings import RoughBodies
+from multiscale.pipeline.joint_settings import Cycles
 from multiscale.pipeline.rows import (
     INTERVALS,
+    list_bolts,
     list_cycles,
     list_facts,
     say_intervals,
@@ -34,7 +41,12 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
-from multiscale.pipeline.structure_stage import require_converged, structure_stage, with_too_far
+from multiscale.pipeline.structure_stage import (
+    choose_solver,
+    require_known,
+    structure_stage,
+    with_too_far,
+)
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
@@ -58,9 +70,6 @@ PICTURES = (
     "error_budget",
 )
 """Names of all figures of rough joints."""
-
-PARAMETERS = ("friction", "stiffness_ratio")
-"""Parameters of the sliders, which are those of the law where the case gives none."""
 
 
 ANSWERS = (
@@ -87,24 +96,24 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
     further = [one for one in list_cautions(dataset) if one not in told]
     result = with_cautions(result, *(f"its law: {one}" for one in further))
-    facts = [*list_facts(result), *(_bolts(result) if assembly.bolts else ())]
-    facts.append(f"Solved by {method.name}: {chosen.why}.")
-    result = result.assign_attrs(facts="\n".join(facts))
+    bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
+    solver = f"Solved by {method.name}: {chosen.why}."
+    result = result.assign_attrs(facts="\n".join([*list_facts(result), *bolts, solver]))
     if "error_half_width" in dataset:
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
             short = JointLoading(preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1)
 
-        def solve(
-            normal: NormalLaw, structure: RoughBodies | None, factors: Mapping[str, float]
-        ) -> "xr.Dataset":
+        def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
             parts = (structure or bodies).assemble(case, dataset, normal=normal)
             parts = change_friction(parts, factors)
             return load_joint(parts, short, method=method, extrapolate=True)
 
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
-        result = with_joint_budget(result, dataset, solve, bodies.coarser(), measured)
+        asked, coarser = joint_answers(result), bodies.coarser()
+        meshes = {} if coarser is None else {2.0: coarser}
+        result = with_joint_budget(result, dataset, solve, asked, meshes, measured)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 
@@ -115,32 +124,11 @@ def _loading(case: Case) -> JointLoading:
 
 
 def _choose(bodies: RoughBodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:
-    """Choose the solver; `[substructures]` and many processes ask for LATIN."""
+    """Choose the solver of the bodies."""
     nodes, face = bodies.nodes
     count = bodies.joints + 1
     size = JointSize(3 * nodes * count, face * bodies.joints, count, _count_steps(case))
-    asks = case.substructures is not None or (team is not None and team.size > 1)
-    return choose_method(size, case.cut.method(team) if asks else None)
-
-
-def _bolts(result: "xr.Dataset") -> Iterator[str]:
-    """Say of each bolt what it carries where it is tightened last, and in the steps after that."""
-    force = 1e-3 * result["bolt_force"].to_numpy()
-    locked = int(np.flatnonzero(np.diff(result["preload"].to_numpy(), prepend=0.0))[-1])
-    for bolt, (tightened, *rest) in enumerate(force[locked:].T):
-        known = np.array(rest)[np.isfinite(rest)]
-        changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
-        yield f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}."
-
-
-def _check(result: "xr.Dataset") -> None:
-    """Refuse joints that are nowhere known."""
-    require_converged(result)
-    if np.isnan(result["approach"].values).all():
-        raise ConvergenceError(
-            f"{result.attrs['title']}: the answer is unknown at every step; "
-            f"{result.attrs['cautions']}"
-        )
+    return choose_solver(case, size, team)
 
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:
@@ -160,8 +148,8 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
         path = f"and {own} x {few} cycles of one step to their amplitudes"
         pressed = (
-            f"{_count_steps(case)} load steps: preloads, {cycles.cycles} cycles at the last one, and one cycle "
-            f"at each of {own} preloads and {few} amplitudes"
+            f"{_count_steps(case)} load steps: preloads, {cycles.cycles} cycles at the last one, "
+            f"and one cycle at each of {own} preloads and {few} amplitudes"
         )
     solves = Choice(
         "intervals",
@@ -175,7 +163,8 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
 
 def _count_steps(case: Case) -> int:
     """Count the load steps: preloads, cycles at the last one, and a cycle at each amplitude."""
-    own, cycles = len(case.statics.preloads), case.cycles
+    own: int = len(case.statics.preloads)
+    cycles: Cycles | None = case.cycles
     if cycles is None:
         return own
     short = own * len(cycles.all_amplitudes) * (1 + 4 * FEW_STEPS)
@@ -236,7 +225,7 @@ ROUGH_JOINTS = structure_stage(
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW,),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
-    check=_check,
+    check=partial(require_known, answer="approach"),
     more=_sections,
     pictures=PICTURES,
     answer=_answer,

@@ -1,0 +1,321 @@
+"""Parts of bodies in a case: meshes, interfaces, stated laws, bolts and named loads."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from multiscale.errors import CaseError
+from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.laws import Exponential
+from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
+from multiscale.pipeline.body_settings import elasticity
+from multiscale.pipeline.joint_settings import Damage, JointLaw
+from multiscale.pipeline.toml_model import (
+    Factor,
+    Length,
+    Number,
+    Pressure,
+    Ratio,
+    Settings,
+    must_rise,
+    quantity,
+    with_unit,
+)
+from multiscale.units import to_si
+
+if TYPE_CHECKING:
+    from skfem import Mesh
+
+
+__all__ = [
+    "GROUNDED",
+    "BodyBolt",
+    "BodyInterface",
+    "MeshedBody",
+    "NamedLoad",
+]
+
+GROUNDED = "ground"
+"""First side of an interface with the rigid ground."""
+
+LARGE, SMALL = 10.0, 1e-3
+"""Lengths of a body, m, beyond which the unit of its mesh must be given."""
+
+PLANE = 1e-6
+"""Spread of the unit normals of a plane face."""
+
+CLAMPED = "xyz"
+
+
+def _read_axes(value: object) -> object:
+    """Read ``"clamped"``, or the axes along which nothing moves."""
+    if value == "clamped":
+        return CLAMPED
+    if not (isinstance(value, str) and value and set(value) <= set(CLAMPED)):
+        raise ValueError(
+            f'should be "clamped", or the axes along which nothing moves, such as "z" or "xy", '
+            f"got {value!r}"
+        )
+    return value
+
+
+def _read_component(value: object, *, unit: str) -> float:
+    """Read a quantity, or the number zero."""
+    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
+        return 0.0
+    try:
+        return to_si(value, unit)
+    except CaseError as error:
+        raise ValueError(str(error)) from error
+
+
+def _read_unit(value: object) -> object:
+    """Read ``"mm"`` as ``"1 mm"``."""
+    return f"1 {value}" if isinstance(value, str) and value.isalpha() else value
+
+
+Axes = Annotated[str, BeforeValidator(_read_axes)]
+Stress = Annotated[float, BeforeValidator(partial(_read_component, unit="Pa")), with_unit("Pa")]
+Newton = Annotated[float, BeforeValidator(partial(_read_component, unit="N")), with_unit("N")]
+Size = Annotated[float, quantity("N"), Field(gt=0.0), with_unit("N")]
+Stiffness = Annotated[float, quantity("N/m"), Field(gt=0.0), with_unit("N/m")]
+Unit = Annotated[Length, BeforeValidator(_read_unit)]
+Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
+
+
+class MeshedBody(Settings):
+    """An elastic body with a mesh of its own."""
+
+    name: Name = Field(description="Name of the body, without dots.")
+    mesh: Path = Field(
+        description="Mesh of straight tetrahedra or hexahedra with named faces, of gmsh or of "
+        "another program whose files meshio reads."
+    )
+    coarser: Path | None = Field(
+        None,
+        description="Mesh of the same body with about twice the element size, which tells the "
+        "error of the mesh; it is not known if not given.",
+    )
+    volume: str = Field(
+        "", description="Named volume of the mesh that is the body; the whole mesh if not given."
+    )
+    unit: Unit | None = Field(
+        None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
+    )
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
+    stiffness: Path | None = Field(
+        None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."
+    )
+    supports: dict[str, Axes] = Field(
+        {},
+        description='Faces that are held: `"clamped"`, or the axes along which they do not move, '
+        'such as `"z"` or `"xy"`.',
+    )
+
+    def load(self) -> "Mesh":
+        """Read the mesh.
+
+        Raises
+        ------
+        CaseError
+            If it is refused, has no named faces, or a unit that is not given leaves it very large
+            or very small.
+        """
+        mesh = load_mesh(self.mesh, scale=self.unit or 1.0, volume=self.volume)
+        if mesh.dim() != 3:
+            raise CaseError(
+                f"{self.mesh}: the mesh of {self.name} is plane, and a body takes tetrahedra or "
+                f"hexahedra; mesh it in three dimensions"
+            )
+        if not mesh.boundaries:
+            raise CaseError(
+                f"{self.mesh}: the mesh of {self.name} names no faces, which supports, interfaces "
+                f"and loads need; name them, in gmsh as physical surfaces"
+            )
+        extent = np.ptp(mesh.p, axis=1)
+        if self.unit is None and not SMALL < extent.max() < LARGE:
+            box = " x ".join(f"{one:.4g}" for one in extent)
+            raise CaseError(
+                f"{self.mesh}: {self.name} would measure {box} m, as the mesh has no unit; give "
+                f'unit = "mm" if its coordinates are millimetres, or unit = "m" if it is so large'
+            )
+        return mesh
+
+    def build(self, mesh: "Mesh", tractions: Mapping[str, Mapping[int, np.ndarray]]) -> Body:
+        """Make the body of its mesh, of faces with tractions, Pa, by the numbers of load cases."""
+        supports = {
+            boundary: tuple(0.0 if axis in axes else None for axis in CLAMPED)
+            for boundary, axes in self.supports.items()
+        }
+        pulled = {
+            boundary: tuple(partial(_at_time, parts, axis) for axis in range(3))
+            for boundary, parts in tractions.items()
+        }
+        law = elasticity(self.youngs_modulus, self.poissons_ratio, self.stiffness, self.damage)
+        return Body(mesh, law, supports, pulled, name=self.name)
+
+
+class StatedLaw(Settings):
+    """A normal law without cells: the pressure p_c exp(-g/u_0) at the gap g."""
+
+    pressure_scale: Pressure = Field(description="Pressure p_c at zero gap, Pa.")
+    decay_length: Length = Field(description="Decay length u_0 of the pressure, m.")
+    pressures: tuple[Pressure, Pressure] = Field(
+        description="Pressures between which the law is meant to hold, Pa, rising."
+    )
+
+    _rise = field_validator("pressures")(must_rise)
+
+    def build(self) -> Exponential:
+        """Make the law."""
+        return Exponential(self.pressure_scale, self.decay_length, pressure_range=self.pressures)
+
+
+class BodyInterface(Settings):
+    """An interface between two named faces, whose meshes need not match."""
+
+    sides: tuple[str, str] = Field(
+        description='Both faces, as `"BODY.FACE"`; the first may be `"ground"`.'
+    )
+    law: Path | None = Field(
+        None,
+        description="Law of this interface: a dataset, the folder of a run, or a case, which is "
+        "run in a folder of its own; if not given, the law of the cells or of `[interface]`.",
+    )
+    exponential: StatedLaw | None = Field(
+        None, description="Stated normal law, in place of `law`; takes a friction of its own."
+    )
+    quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
+    friction: Factor | None = Field(
+        None, description="Coefficient of friction, if not the value of `[interface]` or the law."
+    )
+    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
+        None,
+        description="Tangential over normal stiffness, if not the value of `[interface]` or the "
+        "law.",
+    )
+    damage: Damage = Field(0.0, description="Damage of the interface: it carries 1 - D of the law.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.exponential is not None and self.law is not None:
+            raise ValueError("an interface takes either law or exponential")
+        return self
+
+    @property
+    def name(self) -> str:
+        """Both faces in words."""
+        return " on ".join(reversed(self.sides))
+
+    def over(self, shared: JointLaw) -> JointLaw:
+        """Return the keys of ``[interface]`` with those of this interface in their place."""
+        own = self.model_dump(include={"law", "friction", "stiffness_ratio"}, exclude_none=True)
+        return shared.model_copy(update=own)
+
+
+class BodyBolt(Settings):
+    """A bolt between two faces that look away from each other along x, y or z.
+
+    Its washers are rigid and tilt, and it carries no shear.
+    """
+
+    sides: tuple[str, str] = Field(
+        description='Faces under head and nut, as `"BODY.FACE"`, of the size of the washers.'
+    )
+    preload: Size = Field(description="Force of the bolt at the factor one of `preload`, N.")
+    diameter: Length | None = Field(None, description="Diameter of the shank, m.")
+    length: Length | None = Field(
+        None, description="Length of the shank, m; the distance of its washers if not given."
+    )
+    youngs_modulus: Pressure = Field(210e9, description="Young's modulus of the shank, Pa.")
+    stiffness: Stiffness | None = Field(
+        None, description="Axial stiffness of the shank, N/m, in place of its diameter."
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.diameter is None) == (self.stiffness is None):
+            raise ValueError("a bolt takes either the diameter of its shank or its stiffness")
+        return self
+
+    def build(
+        self, sides: tuple[int, int], boundaries: tuple[str, str], bodies: Sequence[Body]
+    ) -> tuple[Bolt, str]:
+        """Make the bolt between faces of bodies, and say between which and of which shank."""
+        bolt = Bolt(sides, boundaries, self.stiffness or 1.0, self.preload)
+        said = " to ".join(self.sides)
+        one, two = bolt.washers(bodies)
+        if self.diameter is None:
+            return bolt, said
+        assert one.point is not None
+        assert two.point is not None
+        length = self.length or abs(two.point[one.axis] - one.point[one.axis])
+        between = "" if self.length else " between its washers"
+        said += (
+            f", shank of {1e3 * length:.4g} mm{between} and {1e-9 * self.youngs_modulus:.4g} GPa"
+        )
+        k = shank_stiffness(self.diameter, length, self.youngs_modulus)
+        return replace(bolt, stiffness=k), said
+
+
+class NamedLoad(Settings):
+    """A load on a face, by a name that the path uses: a traction, a force or a pressure."""
+
+    name: Name = Field(description="Name of the load.")
+    face: str = Field(description='Face that is loaded, as `"BODY.FACE"`.')
+    traction: tuple[Stress, Stress, Stress] | None = Field(
+        None, description="Force per area along x, y and z at the factor one, Pa."
+    )
+    force: tuple[Newton, Newton, Newton] | None = Field(
+        None, description="Resultant along x, y and z, evenly spread, at the factor one, N."
+    )
+    pressure: Stress | None = Field(
+        None, description="Pressure on a plane face at the factor one, Pa."
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        given = [one for one in (self.traction, self.force, self.pressure) if one is not None]
+        if len(given) != 1:
+            raise ValueError("a load is either a traction, a force or a pressure")
+        if not np.any(given[0]):
+            raise ValueError("the load is zero")
+        return self
+
+    def traction_on(self, mesh: "Mesh", boundary: str) -> tuple[np.ndarray, float]:
+        """Return the traction at the factor one, Pa, and the area of the face, m².
+
+        Raises
+        ------
+        CaseError
+            If there is a pressure on a face that is not plane.
+        """
+        face = surface_of(mesh, boundary)
+        normals = facet_normals(mesh.p.T[face.nodes][face.facets])
+        area = float(np.linalg.norm(normals, axis=1).sum())
+        if self.force is not None:
+            return np.array(self.force) / area, area
+        if self.traction is not None:
+            return np.array(self.traction), area
+        mean = normals.sum(axis=0) / area
+        if np.linalg.norm(mean) < 1.0 - PLANE:
+            raise CaseError(
+                f"the load {self.name} is a pressure on {self.face}, which is not plane; give its "
+                f"traction or force"
+            )
+        return -float(self.pressure or 0.0) * mean, area
+
+
+def _at_time(
+    tractions: Mapping[int, np.ndarray], axis: int, position: np.ndarray, time: float
+) -> np.ndarray:
+    """One component of the traction of the load case whose number is the time."""
+    traction = tractions.get(int(time))
+    return np.full(position.shape[1], 0.0 if traction is None else traction[axis])

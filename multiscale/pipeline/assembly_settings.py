@@ -1,0 +1,408 @@
+"""What a case may say of elastic bodies of the user: meshes, interfaces, bolts and named loads."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from multiscale.errors import CaseError
+from multiscale.laws import Damaged, Exponential, Sliders
+from multiscale.macro import Assembly, Interface
+from multiscale.macro.bodies.assembly import GROUND
+from multiscale.macro.substructures import CutProblem, LoadPath, require_held
+from multiscale.pipeline.assembly_parts import (
+    GROUNDED,
+    BodyBolt,
+    BodyInterface,
+    MeshedBody,
+    NamedLoad,
+)
+from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
+from multiscale.pipeline.structure_kind import StructureKind
+from multiscale.pipeline.toml_model import (
+    Number,
+    Positive,
+    Settings,
+)
+from multiscale.upscaling import law_from_dataset, sliders_from_dataset
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from skfem import Mesh
+
+    from multiscale.laws import NormalLaw
+    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.stage import Datasets
+
+__all__ = ["Bodies", "LoadCycles", "LoadSteps", "StructureParts"]
+
+PRELOAD = "preload"
+"""Name of the tightening of the bolts among the loads."""
+
+KINDS = {4: "tetrahedra", 8: "hexahedra"}
+"""Kinds of elements by the number of their corners."""
+
+OpenLaw = Callable[[Path, bool], "xr.Dataset"]
+"""From a dataset, or a case and whether it is quick, to an interface law."""
+
+
+class LoadSteps(Settings):
+    """Steps over the named loads; see :class:`multiscale.macro.substructures.LoadPath`."""
+
+    steps: tuple[dict[str, Number], ...] = Field(
+        min_length=1,
+        description="Factors of loads at the end of every step, by their names; `preload` is the "
+        "tightening of all bolts. A load that a step does not name keeps its factor, 0 at first.",
+    )
+    substeps: Positive = Field(1, description="Equal parts into which every step is cut.")
+
+
+class LoadCycles(Settings):
+    """One named load to and fro, about its factor at the end of the steps."""
+
+    load: str = Field(description="Name of the load.")
+    amplitude: Annotated[Number, Field(gt=0.0)] = Field(
+        1.0, description="By how much its factor rises, then falls."
+    )
+    cycles: Positive = Field(description="Closed cycles after the first loading.")
+    steps: Positive = Field(10, description="Load steps from the middle to the amplitude.")
+
+    def quick(self) -> Self:
+        """Return one cycle of few steps."""
+        return self.model_copy(update={"cycles": 1, "steps": min(2, self.steps)})
+
+
+@dataclass(frozen=True, eq=False)
+class StructureParts:
+    """The structure of a case, built.
+
+    Attributes
+    ----------
+    assembly : Assembly
+    path : LoadPath
+    facts : tuple of str, what is said of it beside the answer
+    """
+
+    assembly: Assembly
+    path: LoadPath
+    facts: tuple[str, ...]
+
+
+class Bodies(StructureKind):
+    """Elastic bodies with meshes of the user, interfaces, bolts and named loads."""
+
+    stage: ClassVar[str] = "loaded_bodies"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (
+        ("statics",),
+        ("interface", "statics"),
+        ("statics", "cycles"),
+        ("interface", "statics", "cycles"),
+    )
+    models: ClassVar[Mapping[str, type[Settings]]] = {
+        "interface": JointLaw,
+        "statics": LoadSteps,
+        "cycles": LoadCycles,
+    }
+    may_be_cut: ClassVar[bool] = True
+
+    kind: Literal["bodies"]
+    bodies: tuple[MeshedBody, ...] = Field(min_length=1)
+    interfaces: tuple[BodyInterface, ...] = ()
+    bolts: tuple[BodyBolt, ...] = ()
+    loads: tuple[NamedLoad, ...] = ()
+
+    @field_validator("bodies", "loads")
+    @classmethod
+    def _name_once(cls, parts: tuple[Any, ...]) -> tuple[Any, ...]:
+        names = [one.name for one in parts]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"give the name {twice[0]!r} to one only, got {len(twice)} of them")
+        return parts
+
+    @model_validator(mode="after")
+    def _check_names(self) -> Self:
+        if not (self.bolts or self.loads):
+            raise ValueError("nothing loads the bodies: give [[structure.loads]] or bolts")
+        if any(load.name == PRELOAD for load in self.loads):
+            raise ValueError(
+                f"a load is named {PRELOAD!r}, which is the tightening of the bolts; rename it"
+            )
+        for what, face in self._faces():
+            self._find(what, face)
+        pairs = [set(one.sides) for one in self.interfaces]
+        if double := [one for one, other in combinations(pairs, 2) if one == other]:
+            raise ValueError(f"{' and '.join(sorted(double[0]))} meet in two interfaces; give one")
+        return self
+
+    def _faces(self) -> list[tuple[str, str]]:
+        """Every face that is named outside a body, and by what."""
+        named = [
+            (f"interface {i}", face)
+            for i, one in enumerate(self.interfaces)
+            for face in one.sides[one.sides[0] == GROUNDED :]
+        ]
+        named += [(f"bolt {i}", face) for i, one in enumerate(self.bolts) for face in one.sides]
+        return [*named, *((f"the load {one.name}", one.face) for one in self.loads)]
+
+    def _find(self, what: str, face: str) -> tuple[int, str]:
+        """Find the number of the body of a face, and the name of the face in it."""
+        body, dot, boundary = face.partition(".")
+        names = [one.name for one in self.bodies]
+        if not (dot and boundary):
+            raise ValueError(f'{what} names {face!r}, which is no face; write "BODY.FACE"')
+        if body not in names:
+            raise ValueError(
+                f"{what} names {face!r}, and there is no body {body!r}; there are "
+                f"{', '.join(names)}"
+            )
+        return names.index(body), boundary
+
+    @property
+    def load_names(self) -> tuple[str, ...]:
+        """Names of all loads, the tightening of the bolts first."""
+        return (PRELOAD,) * bool(self.bolts) + tuple(load.name for load in self.loads)
+
+    def check(self, case: "Case") -> None:
+        """Refuse a path over loads that do not exist, and friction that nothing tells."""
+        known = self.load_names
+        given = [name for step in case.statics.steps for name in step]
+        given += [case.cycles.load] if case.cycles else []
+        if unknown := [name for name in given if name not in known]:
+            raise ValueError(
+                f"the path names the load {unknown[0]!r}, which does not exist; there are "
+                f"{', '.join(known)}"
+            )
+        if self.bolts and not case.statics.steps[0].get(PRELOAD, 0.0) > 0.0:
+            raise ValueError(
+                f"the first of steps in [statics] must tighten the bolts, such as "
+                f"{{ {PRELOAD} = 1 }}, got {case.statics.steps[0]}"
+            )
+        if case.cycles and case.cycles.load == PRELOAD:
+            raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
+        if case.has_cells:
+            told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
+            for number, one in enumerate(self.interfaces):
+                own = one.over(case.interface or JointLaw())
+                if one.law is None and (
+                    missing := own.tell_missing(told, case.strict, f"interface {number}")
+                ):
+                    raise ValueError(missing)
+
+    def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
+        """Return the path over the loads, whose resultants at the factor one are given, N."""
+        now, steps = dict.fromkeys(self.load_names, 0.0), []
+        for step in case.statics.steps:
+            now |= step
+            steps.append(tuple(now.values()))
+        path = LoadPath(self.load_names, tuple(forces), tuple(steps), case.statics.substeps)
+        if case.cycles is None:
+            return path
+        return LoadPath(
+            path.names,
+            path.forces,
+            path.steps,
+            path.substeps,
+            case.cycles.load,
+            case.cycles.amplitude,
+            case.cycles.cycles,
+            case.cycles.steps,
+        )
+
+    def read_laws(
+        self, case: "Case", found: "Datasets", open_law: "OpenLaw"
+    ) -> "list[xr.Dataset | None]":
+        """Read the law of every interface, with its tangential branch; None of a stated one.
+
+        Interfaces of one law and one friction share a dataset.
+
+        Raises
+        ------
+        MultiscaleError
+            If a law is missing or refused, or nothing tells its friction.
+        """
+        read: dict[Any, xr.Dataset | None] = {}
+        laws = []
+        for number, one in enumerate(self.interfaces):
+            source = one.over(case.interface or JointLaw())
+            key = one.exponential or (source.law, source.friction, source.stiffness_ratio)
+            if key not in read:
+                ratio = self._poissons_ratio(one)
+                read[key] = None
+                if one.exponential is None:
+                    law = (
+                        case.interface_law(found)
+                        if source.law is None
+                        else open_law(source.law, one.quick)
+                    )
+                    middle = float(np.sqrt(law.attrs["pressure_min"] * law.attrs["pressure_max"]))
+                    where = f"interface {number}"
+                    read[key] = source.complete(law, ratio, middle, case.strict, where)
+            laws.append(read[key])
+        return laws
+
+    def _poissons_ratio(self, interface: BodyInterface) -> float:
+        """Mean of the bodies that an interface joins."""
+        faces = interface.sides[interface.sides[0] == GROUNDED :]
+        bodies = [self.bodies[self._find("interface", face)[0]] for face in faces]
+        return float(np.mean([body.poissons_ratio for body in bodies]))
+
+    def sliders(
+        self,
+        case: "Case",
+        laws: "Sequence[xr.Dataset | None]",
+        normal: "Mapping[int, NormalLaw] | None" = None,
+    ) -> list[Sliders]:
+        """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`.
+
+        Parameters
+        ----------
+        case : Case
+        laws : sequence of Dataset or None
+        normal : mapping of int to NormalLaw, optional
+            In place of the normal laws of some interfaces, by their numbers.
+        """
+        made, changed = [], normal or {}
+        for number, (one, law) in enumerate(zip(self.interfaces, laws, strict=True)):
+            if law is None:
+                made.append(self._stated(case, number))
+                continue
+            sound = changed.get(number) or law_from_dataset(law)
+            worn = Damaged(sound, one.damage) if one.damage else sound
+            made.append(sliders_from_dataset(law, normal=worn, slabs=SLABS))
+        return made
+
+    def _stated(self, case: "Case", number: int) -> Sliders:
+        """Law of an interface that is stated, with a friction that is given."""
+        one = self.interfaces[number]
+        source = one.over(case.interface or JointLaw())
+        if missing := source.tell_missing((), case.strict, f"interface {number}"):
+            raise CaseError(missing)
+        theory = alike_bodies(self._poissons_ratio(one))
+        stated = one.exponential
+        assert stated is not None
+        assert source.friction is not None  # else told as missing
+        normal = stated.build()
+        return Sliders(
+            Damaged(normal, one.damage) if one.damage else normal,
+            source.friction,
+            source.stiffness_ratio or theory,
+            pressures=stated.pressures,
+            slabs=SLABS,
+        )
+
+    def assumed(self, case: "Case") -> list[str]:
+        """Say what stated laws leave to theory, one sentence each."""
+        shared = case.interface or JointLaw()
+        return [
+            f"interface {number}: the stiffness ratio of "
+            f"{alike_bodies(self._poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
+            f"take the law of cells that are sheared"
+            for number, one in enumerate(self.interfaces)
+            if one.exponential is not None and one.over(shared).stiffness_ratio is None
+        ]
+
+    def build(self, case: "Case", laws: Sequence[Sliders]) -> StructureParts:
+        """Build bodies, interfaces and bolts, and the path over the loads.
+
+        Raises
+        ------
+        MultiscaleError
+            If a mesh is refused, a face does not exist, or a bolt goes through nothing.
+        """
+        meshes = [body.load() for body in self.bodies]
+        kinds = {
+            one.name: KINDS[mesh.t.shape[0]] for one, mesh in zip(self.bodies, meshes, strict=True)
+        }
+        if len(set(kinds.values())) > 1:
+            said = " and ".join(f"{name} {kind}" for name, kind in kinds.items())
+            raise CaseError(f"the bodies have elements of two kinds, {said}; mesh all by one kind")
+        pulls: list[dict[str, dict[int, np.ndarray]]] = [{} for _ in meshes]
+        forces = [sum(bolt.preload for bolt in self.bolts)] * bool(self.bolts)
+        for number, load in enumerate(self.loads):
+            body, boundary = self.place(meshes, f"the load {load.name}", load.face)
+            traction, area = load.traction_on(meshes[body], boundary)
+            pulls[body].setdefault(boundary, {})[number] = traction
+            forces.append(float(np.linalg.norm(traction)) * area)
+        for one in self.bodies:
+            for boundary in one.supports:
+                self.place(meshes, f"supports of {one.name}", f"{one.name}.{boundary}")
+        bodies = [
+            one.build(mesh, pull)
+            for one, mesh, pull in zip(self.bodies, meshes, pulls, strict=True)
+        ]
+        interfaces = []
+        for number, (joint, law) in enumerate(zip(self.interfaces, laws, strict=True)):
+            first, second = joint.sides
+            lower = (
+                GROUND if first == GROUNDED else self.place(meshes, f"interface {number}", first)
+            )
+            upper = self.place(meshes, f"interface {number}", second)
+            interfaces.append(Interface((lower[0], upper[0]), (lower[1], upper[1]), law))
+        facts = [f"Interface {number}: {one.name}." for number, one in enumerate(self.interfaces)]
+        bolts = []
+        for number, bolt in enumerate(self.bolts):
+            head, nut = (self.place(meshes, f"bolt {number}", face) for face in bolt.sides)
+            made, said = bolt.build((head[0], nut[0]), (head[1], nut[1]), bodies)
+            bolts.append(made)
+            facts.append(f"Bolt {number}, {said}: {1e-6 * made.stiffness:.4g} N/µm.")
+        times = tuple(map(float, range(len(self.loads))))
+        return StructureParts(
+            Assembly(tuple(bodies), tuple(interfaces), times, bolts=tuple(bolts)),
+            self.path(case, forces),
+            tuple(facts),
+        )
+
+    def place(self, meshes: "Sequence[Mesh]", what: str, face: str) -> tuple[int, str]:
+        """Find the number of a body and the name of its face, which its mesh must have."""
+        body, boundary = self._find(what, face)
+        known = sorted(meshes[body].boundaries)
+        if boundary not in known:
+            close = get_close_matches(boundary, known, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"its faces are {', '.join(known)}"
+            raise CaseError(
+                f"{what} names {face!r}, and the mesh of {self.bodies[body].name} has no face "
+                f"{boundary!r}; {hint}"
+            )
+        return body, boundary
+
+    def try_to_build(self, case: "Case") -> None:
+        """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
+        shared = case.interface or JointLaw()
+        frictions = [one.over(shared).friction for one in self.interfaces]
+        any_law = Exponential(1e9, 1e-6)
+        laws = [
+            Sliders(any_law, 1.0 if mu is None else mu, 1.0, pressures=(1e6, 1e8))
+            for mu in frictions
+        ]
+        require_held(self.build(case, laws).assembly)
+
+    def coarser(self) -> dict[float, Self]:
+        """Return the same bodies on their coarser meshes, by the ratio of the element sizes.
+
+        Nothing if a body has none.
+        """
+        coarse = [one.coarser for one in self.bodies]
+        if not all(coarse):
+            return {}
+        bodies = tuple(
+            one.model_copy(update={"mesh": mesh, "coarser": None})
+            for one, mesh in zip(self.bodies, coarse, strict=True)
+        )
+        fine, few = (sum(one.load().t.shape[1] for one in each) for each in (self.bodies, bodies))
+        return {(fine / few) ** (1.0 / 3.0): self.model_copy(update={"bodies": bodies})}
+
+    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
+        """Cut every body into boxes."""
+        raise CaseError("homogenise in [substructures] takes no bodies of the user")
+
+    def quick(self, case: "Case") -> Self:
+        """Return the same bodies; laws of other cases are those of quick runs."""
+        interfaces = tuple(
+            one.model_copy(update={"quick": one.law is not None}) for one in self.interfaces
+        )
+        return self.model_copy(update={"interfaces": interfaces})

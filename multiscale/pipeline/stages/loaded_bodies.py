@@ -1,0 +1,219 @@
+"""Stage: elastic bodies of the user under named loads."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.io import write_body_fields
+from multiscale.laws import NormalLaw
+from multiscale.macro.substructures import (
+    JointSize,
+    LoadPath,
+    Method,
+    add_body_fields,
+    follow_loads,
+)
+from multiscale.macro.substructures.method_choice import MethodChoice
+from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.assembly_settings import Bodies
+from multiscale.pipeline.body_budget import (
+    PARAMETERS,
+    change_friction,
+    few_steps,
+    load_answers,
+    with_joint_budget,
+)
+from multiscale.pipeline.joint_settings import SLABS, JointLaw
+from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.structure_stage import (
+    choose_solver,
+    require_known,
+    structure_stage,
+    with_too_far,
+)
+from multiscale.plotting import MOST_DRAWN, load_pictures
+from multiscale.plotting.figure import on_axes
+from multiscale.schema import with_cautions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from multiscale.macro.substructures import ProcessGroup
+
+__all__ = ["LOADED_BODIES"]
+
+NO_COARSER = (
+    "intervals do not count the error of the meshes, which is not known: give every body a coarser "
+    "mesh, of elements twice as large"
+)
+
+SEVERAL = "The interfaces have several laws, whose budgets are not carried to the answers."
+
+PICTURES = (
+    "error_budget",
+    "loads",
+    "bolts",
+    *(f"{name}_{k}" for k in range(MOST_DRAWN) for name in ("contact_zones", "pressure")),
+)
+"""Names of all figures of loaded bodies."""
+
+
+def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Follow the path over the named loads."""
+    laws = bodies.read_laws(case, found, job.read_law)
+    parts = bodies.build(case, bodies.sliders(case, laws))
+    chosen = _choose(bodies, case, job.team)
+    method = chosen.taken.method
+    result = follow_loads(parts.assembly, parts.path, method=method, extrapolate=case.extrapolate)
+    # cautions of cells of its own stand beside those of the structure
+    told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
+    for number, law in enumerate(laws):
+        further = [] if law is None else [one for one in list_cautions(law) if one not in told]
+        told += further
+        result = with_cautions(result, *(f"the law of interface {number}: {x}" for x in further))
+    result = with_cautions(result, *bodies.assumed(case))
+    shared = laws[0] if laws and all(law is laws[0] for law in laws) else None
+    if shared is not None and "error_half_width" in shared:
+        result = _with_budget(result, bodies, case, shared, parts.path, method)
+    elif any(law is not None and "error_half_width" in law for law in laws):
+        parts = replace(parts, facts=(*parts.facts, SEVERAL))
+    tightening = result["factor"].to_numpy()[:, 0]
+    bolts = list_bolts(result, tightening) if parts.assembly.bolts else []
+    counted = ["Displacements count from step 0."] if laws else []
+    solver = f"Solved by {method.name}: {chosen.why}."
+    facts = [*counted, *parts.facts, *_secants(result), *_energies(result), *bolts, solver]
+    result = result.assign_attrs(facts="\n".join(facts))
+    damages = [body.damage for body in bodies.bodies]
+    return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
+
+
+def _with_budget(
+    result: "xr.Dataset",
+    bodies: Bodies,
+    case: Case,
+    law: "xr.Dataset",
+    path: LoadPath,
+    method: Method,
+) -> "xr.Dataset":
+    """Carry the budget of the law of all interfaces to stiffnesses and to the last cycle."""
+    solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
+    whole = bool(result["converged"].values.all())
+    few = few_steps(case) if whole else 0
+    short = replace(
+        path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
+    )
+    laws = [law] * len(bodies.interfaces)
+
+    def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
+        changed = dict.fromkeys(range(len(laws)), normal)
+        sliders = bodies.sliders(case, laws, changed)
+        assembly = (structure or bodies).build(case, sliders).assembly
+        changed_law = change_friction(assembly, factors)
+        return follow_loads(changed_law, short, method=method, extrapolate=True)
+
+    shared = case.interface or JointLaw()
+    sources = [one.over(shared) for one in bodies.interfaces]
+    measured = [name for name in PARAMETERS if all(getattr(one, name) is None for one in sources)]
+    rise = path.cycle_steps if path.cycles and whole else 0
+    asked, coarser = load_answers(result, rise, few), bodies.coarser()
+    if not coarser:
+        result = with_cautions(result, NO_COARSER)
+    return with_joint_budget(result, law, solve, asked, coarser, measured)
+
+
+def _secants(result: "xr.Dataset") -> Iterator[str]:
+    """Say how stiff the structure is under each load, for small changes, at the end of the path."""
+    for load in result["load"].values:
+        one = result.sel(load=load)
+        known = np.flatnonzero(np.isfinite(one["load_stiffness"].to_numpy()))
+        if known.size:
+            at = one.isel(step=known[-1])
+            yield (
+                f"Against a small change of {load} at step {int(at['path_step'])} the structure "
+                f"has {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}, of whose compliance "
+                f"{100.0 * float(at['interface_compliance']):.3g} % is of the interfaces."
+            )
+
+
+def _energies(result: "xr.Dataset") -> Iterator[str]:
+    """Say what each interface loses in the last cycle."""
+    if "interface_energy" in result:
+        for number, lost in enumerate(result["interface_energy"].values[-1]):
+            yield f"Interface {number} loses {lost:.4g} J in the last cycle."
+
+
+def _choose(bodies: Bodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:
+    """Choose the solver of the bodies."""
+    size = _size(bodies, case)
+    return choose_solver(case, size, team)
+
+
+def _size(bodies: Bodies, case: Case) -> JointSize:
+    """Count unknowns, points of interfaces and load steps."""
+    meshes = [body.load() for body in bodies.bodies]
+    nodes = sum(mesh.p.shape[1] for mesh in meshes)
+    points = 0
+    for number, joint in enumerate(bodies.interfaces):
+        body, face = bodies.place(meshes, f"interface {number}", joint.sides[1])
+        points += np.unique(meshes[body].facets[:, meshes[body].boundaries[face]]).size
+    return JointSize(3 * nodes, points, len(meshes), len(bodies.path(case, ()).factors()))
+
+
+def _needs(bodies: Bodies, case: Case) -> Needs:
+    size, chosen = _size(bodies, case), _choose(bodies, case)
+    points = size.joint_points
+    needs = cut_needs(
+        size.unknowns,
+        joint_points=points,
+        substructures=chosen.taken.substructures,
+        coarse=chosen.taken.method.coarse,
+        slabs=SLABS if points else 0,
+    )
+    needs = replace(needs, memory=chosen.taken.memory)
+    method = Choice("method", chosen.explain())
+    path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
+    solves = Choice(
+        "intervals",
+        f"{4 if case.cycles else 3} to 6 more solves, of the steps {path}, if all interfaces have "
+        f"one law with a budget: one for each of its terms, and coarser meshes",
+    )
+    libraries = tuple(sorted({*needs.libraries, "meshio"}))
+    return replace(
+        needs, libraries=libraries, choices=(method, *needs.choices, *([solves] * bool(points)))
+    )
+
+
+def _sections(result: "xr.Dataset") -> Iterator[Section]:
+    """Show loads, bolts and interfaces."""
+    told = [
+        "Zones, pressure and outlines of the parts are seen along the normal of each interface, at "
+        "the last step that has an answer."
+    ]
+    figures = {name: on_axes(plot) for name, plot in load_pictures(result).items()}
+    yield Section("Loads and interfaces", told, figures=figures)
+    yield budget_section(result)
+
+
+LOADED_BODIES = structure_stage(
+    "loaded_bodies",
+    _solve,
+    _needs,
+    tabulate_path,
+    write_body_fields,
+    reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
+    takes=(FITTED_LAW,),
+    question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
+    prepare=lambda bodies, case: bodies.try_to_build(case),
+    check=partial(require_known, answer="load_displacement"),
+    kept="--quick keeps the meshes of the bodies, which it cannot make coarser",
+    more=_sections,
+    pictures=PICTURES,
+)

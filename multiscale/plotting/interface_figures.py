@@ -1,0 +1,69 @@
+"""Figures of bodies under named loads: their interfaces, loads and bolts.
+
+A ``result`` follows ``MACRO_RESULT`` and is of :func:`multiscale.macro.substructures.follow_loads`.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.joint_figures import plot_joint_plan
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["MOST_DRAWN", "load_pictures", "plot_bolt_forces", "plot_load_paths"]
+
+MOST_DRAWN = 4
+"""Interfaces that are drawn, from the first on."""
+
+
+def plot_load_paths(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot every load over its displacement since the first step, which cycles make a loop."""
+    ax = axes_or_current(ax)
+    moved = 1e6 * (result["load_displacement"] - result["load_displacement"][0]).values
+    for k, name in enumerate(result["load"].values):
+        ax.plot(moved[:, k], result["factor"].values[:, k], ".-", linewidth=1.0, label=str(name))
+    ax.set(xlabel="displacement along the load since step 0 (µm)", ylabel="factor of the load")
+    ax.legend(frameon=False)
+    return ax
+
+
+def plot_bolt_forces(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot the force of every bolt over the load steps."""
+    ax = axes_or_current(ax)
+    for bolt, force in enumerate(1e-3 * result["bolt_force"].values.T):
+        ax.plot(force, ".-", linewidth=1.0, label=f"bolt {bolt}")
+    ax.set(xlabel="load step", ylabel="force of the bolt (kN)")
+    ax.legend(frameon=False)
+    return ax
+
+
+def load_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]":
+    """Return what is drawn of bodies under loads, by name; interfaces at the last step known."""
+    draw: dict[str, Callable[[Axes], object]] = {"loads": lambda ax: plot_load_paths(result, ax=ax)}
+    if result.sizes.get("bolt", 0):
+        draw["bolts"] = lambda ax: plot_bolt_forces(result, ax=ax)
+    for k in range(min(MOST_DRAWN, result.sizes.get("interface", 0))):
+        known = np.flatnonzero(np.isfinite(result["interface_slip"].values[:, k]))
+        if not known.size:
+            continue
+        step = int(known[-1])
+        for name, quantity in (("contact_zones", "contact_state"), ("pressure", "pressure")):
+            draw[f"{name}_{k}"] = _plan(result, quantity, step, k)
+    return draw
+
+
+def _plan(
+    result: "xr.Dataset", quantity: str, step: int, interface: int
+) -> "Callable[[Axes], object]":
+    """Return what draws an interface at a step, under a title of its loads."""
+    factors = zip(result["load"].values, result["factor"].values[step], strict=True)
+    loads = ", ".join(f"{name} {factor:.3g}" for name, factor in factors)
+    title = f"interface {interface}, {loads}"
+    return lambda ax: plot_joint_plan(
+        result, quantity=quantity, step=step, joint=interface, title=title, ax=ax
+    )

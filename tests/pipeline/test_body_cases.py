@@ -1,0 +1,468 @@
+"""Cases of bodies with meshes of the user: what they solve, and what they refuse."""
+
+import re
+
+import meshio
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scipy.optimize import fsolve
+from scipy.spatial.transform import Rotation
+from skfem import MeshHex2, MeshTet
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.fe.boxes import box_mesh
+from multiscale.io import open_law, save_law
+from multiscale.pipeline import load_case, run, run_macro
+from multiscale.plotting import load_pictures
+from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
+from tests.support import small_steel, write_body, write_law, write_scene
+from tests.upscaling.responses import response_of
+
+LONG, WIDE, HIGH = 0.06, 0.04, 0.01
+
+TEXT = """
+title = "Cover on a housing"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "housing"
+mesh = "housing.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+supports = { bottom = "clamped" }
+[[structure.bodies]]
+name = "cover"
+mesh = "cover.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[[structure.interfaces]]
+sides = ["housing.top", "cover.bottom"]
+friction = 0.2
+stiffness_ratio = 0.8
+[structure.interfaces.exponential]
+pressure_scale = "1 GPa"
+decay_length = "0.3 um"
+pressures = ["0.1 MPa", "100 MPa"]
+[[structure.loads]]
+name = "press"
+face = "cover.top"
+pressure = "10 MPa"
+[[structure.loads]]
+name = "pull"
+face = "cover.right"
+force = ["1 kN", 0, 0]
+[statics]
+steps = [{ press = 1 }, { pull = 1 }]
+"""
+
+BOLT = """
+[[structure.bolts]]
+sides = ["cover.washer_0", "housing.washer_0"]
+diameter = "8 mm"
+preload = "20 kN"
+"""
+SIDE = ('bottom = "clamped"', 'left = "clamped"')
+MIDDLES = np.array([[0.01, 0.02], [0.05, 0.01], [0.05, 0.03]])
+"""Middles of the washers, m."""
+TIGHTEN = ("{ press = 1 }", "{ preload = 1 }")
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    """A folder with meshes, sound and not."""
+    folder = tmp_path_factory.mktemp("meshes")
+    size, above = (LONG, WIDE, HIGH), (0.0, 0.0, HIGH)
+    housing, cover = box_mesh(size, (3, 2, 1)), box_mesh(size, (2, 3, 1), origin=above)
+    write_body(folder / "housing.msh", housing)
+    write_body(folder / "cover.msh", cover)
+    for name, mesh, outer in (("base", housing, 0.0), ("plate", cover, 2.0 * HIGH)):
+        fine = box_mesh(size, (12, 8, 1), origin=tuple(mesh.p.min(axis=1)))
+        washers = {
+            f"washer_{k}": lambda x, outer=outer, at=at: (
+                (np.abs(x[2] - outer) < 1e-6) & (np.abs(x[:2] - at[:, None]).max(axis=0) < 4.9e-3)
+            )
+            for k, at in enumerate(MIDDLES)
+        }
+        write_body(folder / f"{name}.msh", fine.with_boundaries(washers))
+    write_body(folder / "away.msh", cover.translated((0.0, 0.0, 0.005)))
+    write_body(folder / "aside.msh", cover.translated((0.05, 0.0, 0.0)))
+    write_body(folder / "nameless.msh", cover, names=())
+    layers = box_mesh(size, (2, 3, 2), origin=above)
+    for name, height in (("folded", 2.5 * HIGH), ("flat", HIGH)):  # of the middle plane
+        p = layers.p.copy()
+        p[2, np.abs(p[2] - 1.5 * HIGH) < 1e-6] = height
+        write_body(folder / f"{name}.msh", type(layers)(p, layers.t), names=())
+    curved = MeshHex2.from_mesh(cover)
+    points = curved.doflocs.T
+    meshio.Mesh(points, [("hexahedron27", curved.dofs.element_dofs.T)]).write(folder / "second.vtk")
+    meshio.Mesh(np.eye(3)[:, [0, 1]] @ np.eye(2, 3), [("triangle", [[0, 1, 2]])]).write(
+        folder / "plane.vtk"
+    )
+    tets = MeshTet.init_tensor(*(np.linspace(0.0, n, 3) for n in (60.0, 40.0, 10.0)))
+    tets = tets.translated((0.0, 0.0, 10.0)).with_boundaries(
+        {"bottom": lambda x: x[2] == 10.0, "top": lambda x: x[2] == 20.0}
+    )
+    groups = {"solid": np.array([1, 3])} | {
+        name: np.array([tag, 2]) for tag, name in ((2, "bottom"), (3, "top"))
+    }
+    blocks = [("tetra", tets.t.T)]
+    blocks += [("triangle", tets.facets[:, tets.boundaries[name]].T) for name in ("bottom", "top")]
+    tags = [np.full(len(block), tag) for tag, (_, block) in enumerate(blocks, start=1)]
+    data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
+    meshio.Mesh(tets.p.T, blocks, cell_data=data, field_data=groups).write(
+        folder / "tets.msh", file_format="gmsh22", binary=False
+    )
+    return folder
+
+
+def solve(folder, *pairs, more=""):
+    """Solve the case with some of its text replaced."""
+    return run_macro(load_case(write_scene(folder, TEXT + more, *pairs)), folder / "found.nc")
+
+
+COVER = 'mesh = "cover.msh"'
+WASHERS = [
+    ('mesh = "housing.msh"', 'mesh = "base.msh"'),
+    (COVER, 'mesh = "plate.msh"'),
+    SIDE,
+    TIGHTEN,
+]
+REFUSED = {
+    "unknown face": ([('"cover.right"', '"cover.rigth"')], "", "did you mean 'right'"),
+    "unknown face of an interface": (
+        [('"cover.bottom"', '"cover.seat"')],
+        "",
+        "interface 0 names 'cover.seat', and the mesh of cover has no face 'seat'; its faces are",
+    ),
+    "unknown face of a support": ([('bottom = "clamped"', 'foot = "clamped"')], "", "no face"),
+    "unknown body": ([('"cover.right"', '"lid.right"')], "", "there is no body 'lid'"),
+    "no face": ([('"cover.right"', '"right"')], "", 'write "BODY.FACE"'),
+    "apart": (
+        [(COVER, 'mesh = "away.msh"')],
+        "",
+        "housing.top and cover.bottom of a joint do not touch .* 0.005 m apart",
+    ),
+    "little overlap": (
+        [(COVER, 'mesh = "aside.msh"')],
+        "",
+        "housing.top and cover.bottom of a joint overlap on 0.17 of the smaller one",
+    ),
+    "on a support": (
+        [('bottom = "clamped"', 'top = "clamped"')],
+        "",
+        "interface 0 lies on a support: all nodes of the boundary housing.top are held",
+    ),
+    "bolt through nothing": (
+        WASHERS,
+        BOLT.replace("housing.washer_0", "housing.washer_1"),
+        "the bolt from cover.washer_0 to housing.washer_1 goes through nothing",
+    ),
+    "bolt of no stiffness": (
+        WASHERS,
+        BOLT.replace('diameter = "8 mm"', ""),
+        "either the diameter of its shank or its stiffness",
+    ),
+    "bolts not tightened": ([SIDE], BOLT, "must tighten the bolts"),
+    "free": (
+        [("friction = 0.2", "friction = 0")],
+        "",
+        "cover is free to move along x and y and to turn about z: hold each body",
+    ),
+    "not clamped": (
+        [('bottom = "clamped"', 'bottom = "z"')],
+        "",
+        "housing is free to move along x and y and to turn about z, cover is free",
+    ),
+    "law of other pressures": (
+        [('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]')],
+        "",
+        "the answer is unknown at every step; up to 100 % of the load lies more than a factor",
+    ),
+    "no friction": ([("friction = 0.2\n", "")], "", "interface 0 has no friction"),
+    "assumed": (
+        [("stiffness_ratio = 0.8\n", ""), ("title", "strict = true\ntitle")],
+        "",
+        "interface 0 has no stiffness_ratio .* strict = true assumes nothing",
+    ),
+    "no law": (
+        [
+            ("[structure.interfaces.exponential]", "[interface]"),
+            ('pressure_scale = "1 GPa"\ndecay_length = "0.3 um"\n', ""),
+            ('pressures = ["0.1 MPa", "100 MPa"]\n', ""),
+        ],
+        "",
+        "the structure has joints but no law",
+    ),
+    "nameless": ([(COVER, 'mesh = "nameless.msh"')], "", "names no faces"),
+    "unit": (
+        [(COVER + '\nunit = "mm"', COVER)],
+        "",
+        "cover would measure 60 x 40 x 10 m, as the mesh has no unit",
+    ),
+    "folded": (
+        [(COVER, 'mesh = "folded.msh"')],
+        "",
+        "6 of 12 elements have no volume or",
+    ),
+    "flat": ([(COVER, 'mesh = "flat.msh"')], "", "6 of 12 elements have no volume or"),
+    "second order": ([(COVER, 'mesh = "second.vtk"')], "", "first order, without nodes on edges"),
+    "plane": ([(COVER, 'mesh = "plane.vtk"')], "", "the mesh of cover is plane"),
+    "absent": ([(COVER, 'mesh = "lid.msh"')], "", "no mesh file"),
+    "two kinds": (
+        [(COVER, 'mesh = "tets.msh"')],
+        "",
+        "housing hexahedra and cover tetra",
+    ),
+    "volume": ([(COVER, COVER + '\nvolume = "lid"')], "", r"its volumes are \['solid'\]"),
+    "twin bodies": ([('name = "cover"', 'name = "housing"')], "", "give the name 'housing' to one"),
+    "twin loads": ([('name = "pull"', 'name = "press"')], "", "give the name 'press' to one only"),
+    "load named preload": ([('name = "pull"', 'name = "preload"')], "", "rename it"),
+    "twin interfaces": (
+        [],
+        '[[structure.interfaces]]\nsides = ["cover.bottom", "housing.top"]\nfriction = 0.1\n',
+        "cover.bottom and housing.top meet in two interfaces",
+    ),
+    "unknown load": (
+        [("{ pull = 1 }", "{ push = 1 }")],
+        "",
+        "the load 'push', which does not exist",
+    ),
+    "load of two kinds": (
+        [('pressure = "10 MPa"', 'pressure = "10 MPa"\nforce = [0, 0, "1 N"]')],
+        "",
+        "either a traction, a force or a pressure",
+    ),
+    "axes": ([('"clamped"', '"xq"')], "", 'should be "clamped", or the axes'),
+    "misspelt key": ([("stiffness_ratio", "stifness_ratio")], "", "did you mean 'stiffness_ratio'"),
+}
+
+
+@pytest.mark.parametrize(("pairs", "more", "said"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_does_not_fit_is_refused_in_a_sentence(meshes, pairs, more, said):
+    text = TEXT.replace("[[structure.loads]]", f"{more}[[structure.loads]]", 1)
+    with pytest.raises((CaseError, ConvergenceError), match=said) as refused:
+        run_macro(load_case(write_scene(meshes, text, *pairs)), meshes / "found.nc")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_patch_of_faces_that_do_not_match_is_even(meshes):
+    """Springs in series: housing, interface, cover; see Exponential (1) for the middle one."""
+    even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
+    found = solve(meshes, *even)
+    assert found.converged.values.all()
+    np.testing.assert_allclose(found.traction[0, :, 0], -10e6, rtol=1e-6)
+    np.testing.assert_allclose(found.interface_pressure[:, 0], 10e6, rtol=1e-6)
+    area = LONG * WIDE
+    springs = area * np.array([210e9 / HIGH, 10e6 / 0.3e-6, 210e9 / HIGH])
+    stiffness = float(found.load_stiffness.sel(load="press")[0])
+    assert stiffness == pytest.approx(1.0 / np.sum(1.0 / springs), rel=1e-6)
+    share = stiffness / springs[1]
+    assert float(found.interface_compliance.sel(load="press")[0]) == pytest.approx(share, rel=1e-6)
+    secant = found.load_secant.sel(load="pull").values
+    assert np.isnan(secant[0])
+    assert 0.8 < secant[1] / float(found.load_stiffness.sel(load="pull")[1]) < 1.0
+
+
+def turned(folder, turn, elements):
+    """Write meshes of bodies that are turned; give what changes in the text, the pull with them."""
+    size, origins = (LONG, WIDE, HIGH), ((0.0, 0.0, 0.0), (0.0, 0.0, HIGH))
+    for name, number, origin in zip(("lower", "upper"), elements, origins, strict=True):
+        mesh = box_mesh(size, number, origin=origin)
+        moved = type(mesh)(turn @ mesh.p, mesh.t).with_boundaries(mesh.boundaries)
+        write_body(folder / f"{name}.msh", moved)
+    along = ", ".join(f'"{one!r} kN"' for one in turn[:, 0].tolist())
+    return [
+        ('mesh = "housing.msh"', 'mesh = "lower.msh"'),
+        (COVER, 'mesh = "upper.msh"'),
+        ('force = ["1 kN", 0, 0]', f"force = [{along}]"),
+    ]
+
+
+def same_answers(one, other):
+    """Loads and interfaces answer alike."""
+    for name in ("load_stiffness", "load_displacement", "interface_pressure", "interface_slip"):
+        scale = float(abs(one[name]).max())
+        np.testing.assert_allclose(other[name], one[name], atol=1e-5 * scale, err_msg=name)
+
+
+@pytest.mark.slow
+def test_bodies_that_are_cut_answer_the_same(meshes):
+    alike = turned(meshes, np.eye(3), [(4, 2, 1)] * 2)
+    cut = solve(meshes, *alike, more="[substructures]\nparts = [2, 1]\n")
+    same_answers(solve(meshes, *alike), cut)
+
+
+def test_bodies_that_are_turned_answer_the_same(meshes):
+    """An oblique interface, whose faces do not match."""
+    turn = Rotation.from_euler("xyz", [0.4, -0.3, 0.9]).as_matrix()
+    found = solve(meshes, *turned(meshes, turn, [(3, 2, 1), (2, 3, 1)]))
+    same_answers(solve(meshes), found)
+    pictures = load_pictures(found)
+    assert set(pictures) == {"loads", "contact_zones_0", "pressure_0"}
+    ax = Figure().add_subplot()
+    pictures["pressure_0"](ax)
+    assert ax.get_xlabel() == "along (mm)"
+
+
+def test_a_load_beyond_friction_ends_the_path_with_its_capacity(meshes):
+    found = solve(meshes, ("{ pull = 1 }", "{ pull = 4 }, { pull = 6 }"))
+    np.testing.assert_array_equal(found.converged, [1, 1, 0])
+    said = r"slide on joint 0 under a load of 5995 N, of which friction carries about 4796 N"
+    assert re.search(said, found.attrs["failure"])
+
+
+def test_a_bolt_that_the_load_opens_ends_the_path(meshes):
+    squeezed = [
+        ('face = "cover.right"', 'face = "housing.bottom"'),
+        ('force = ["1 kN", 0, 0]', 'pressure = "10 MPa"'),
+        ("{ pull = 1 }", "{ press = 1, pull = 1 }, { press = 20, pull = 20 }"),
+    ]
+    stiff = BOLT.replace('diameter = "8 mm"', 'stiffness = "3 kN/um"')
+    found = solve(meshes, *WASHERS, *squeezed, more=stiff)
+    np.testing.assert_array_equal(found.converged, [1, 1, 0])
+    assert "the load opens what bolt 0 clamps" in found.attrs["failure"]
+    assert found.bolt_force[0, 0] == pytest.approx(20e3)
+
+
+def test_a_stiffness_ratio_that_nothing_tells_is_assumed_and_said(meshes):
+    found = solve(meshes, ("stiffness_ratio = 0.8\n", ""))
+    assert "the stiffness ratio of 0.824 is assumed" in found.attrs["cautions"]
+
+
+def test_three_bolts_share_a_load_as_springs_on_a_bed(meshes):
+    """A rigid cover on the bed of the law, with three shanks: its three motions by a root search.
+
+    The bodies are 1e6 times as stiff as steel; the load lifts one edge.
+    """
+    found = solve(
+        meshes,
+        *WASHERS,
+        ('"210 GPa"', '"2.1e8 GPa"'),
+        ('"210 GPa"', '"2.1e8 GPa"'),
+        ('pressure = "10 MPa"', 'force = [0, 0, "1 kN"]'),
+        ('force = ["1 kN", 0, 0]', 'force = [0, 0, "30 kN"]'),
+        more="".join(BOLT.replace("washer_0", f"washer_{k}") for k in range(3)),
+    )
+    assert found.converged.values.all()
+    place, area = found.point_position.values, found.point_area.values
+    shank, preload = 210e9 * np.pi / 4.0 * 0.008**2 / (2.0 * HIGH), 20e3
+
+    def arms(x):
+        return np.column_stack([np.ones(len(x)), x[:, :2] - [0.5 * LONG, 0.5 * WIDE]])
+
+    lift = 30e3 * np.array([1.0, 0.5 * LONG, 0.0])  # resultant and moments of the load
+
+    scale = np.array([1e-7, 1e-6, 1e-6])  # m, 1, 1
+
+    def left(scaled, before, share=1.0):
+        motion = scale * scaled
+        force = np.full(3, preload)
+        if before is not None:
+            force = force + shank * arms(MIDDLES) @ (motion - scale * before)
+        pressed = 1e9 * np.exp(-arms(place) @ motion / 0.3e-6) * area
+        outside = np.zeros(3) if before is None else share * lift
+        return (arms(place).T @ pressed + outside - arms(MIDDLES).T @ force) / [1e3, 10.0, 10.0]
+
+    tight = fsolve(left, [10.0, 0.0, 0.0], args=(None,), xtol=1e-13)
+    lifted = tight
+    for share in np.linspace(0.0, 1.0, 21)[1:]:
+        lifted = fsolve(left, lifted, args=(tight, share), xtol=1e-13, factor=0.1)
+    np.testing.assert_allclose(left(lifted, tight), 0.0, atol=1e-6)
+    expected = preload + shank * arms(MIDDLES) @ (scale * (lifted - tight))
+    np.testing.assert_allclose(found.bolt_force[0], preload, rtol=1e-9)
+    np.testing.assert_allclose(found.bolt_force[1] - preload, expected - preload, rtol=2e-3)
+    assert found.bolt_force[1].max() > preload + 200.0 > found.bolt_force[1].min() + 250.0
+
+
+STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[structure.loads]]")]
+"""The law that the text states."""
+
+
+@pytest.mark.slow
+def test_a_law_comes_from_a_dataset_or_from_the_folder_of_a_run(meshes):
+    file = write_law(meshes / "interface_law.nc")  # in the folder of a run it has this name
+    shared = f'[interface]\nlaw = "{file.name}"\n'
+    found = [
+        run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
+        for text in (TEXT.replace(STATED, 'law = "."\n'), TEXT.replace(STATED, "") + shared)
+    ]
+    np.testing.assert_array_equal(found[0].load_stiffness, found[1].load_stiffness)
+
+
+@pytest.mark.slow
+def test_a_law_comes_from_another_case_that_is_run_once(meshes):
+    text = small_steel(2).replace("[36, 36]", "[72, 72]")
+    (meshes / "flat.toml").write_text(text, encoding="utf-8")
+    text = TEXT.replace(STATED, 'law = "flat.toml"\n')
+    quick = load_case(write_scene(meshes, text)).quick()
+    of_cells = run(quick, meshes / "run")["macro_result"]
+    (folder,) = (meshes / "run" / "laws").iterdir()
+    direct = load_case(write_scene(meshes, TEXT.replace(STATED, f'law = "{folder}"\n')))
+    expected = run_macro(direct, meshes / "found.nc")
+    np.testing.assert_array_equal(of_cells.load_stiffness, expected.load_stiffness)
+    before = [file.stat().st_mtime_ns for file in folder.rglob("*.nc")]
+    run(quick, meshes / "run", force=True)  # finds the other case finished
+    assert [file.stat().st_mtime_ns for file in folder.rglob("*.nc")] == before
+
+
+def test_a_changed_mesh_is_solved_again(meshes):
+    """The stage belongs to the content of the mesh and of the law."""
+    case = load_case(write_scene(meshes, TEXT))
+    sums = [case.checksum()]
+    file = meshes / "cover.msh"
+    before = file.read_bytes()
+    file.write_bytes(before + b"\n")
+    sums.append(case.checksum())
+    file.write_bytes(before)
+    assert sums[0] != sums[1]
+    assert case.checksum() == sums[0]
+
+
+def test_the_run_refuses_meshes_before_it_solves_cells(meshes):
+    cells = small_steel(2).replace("[structure]", "[old]")
+    cells = cells[: cells.index("[old]")]
+    text = cells + TEXT[TEXT.index("[structure]") :].replace(STATED, "")
+    case = load_case(write_scene(meshes, text, (COVER, 'mesh = "away.msh"')))
+    with pytest.raises(CaseError, match="do not touch face to face"):
+        run(case, meshes / "early")
+    assert not list((meshes / "early").rglob("*.nc"))
+
+
+@pytest.mark.slow
+def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
+    """The stiffness under the press is of springs in series: so are the changes of the law."""
+    p = np.geomspace(1e6, 200e6, 9)
+    spread = 1.0 + 0.04 * np.random.default_rng(3).standard_normal((6, 1))
+    response = response_of(0.3e-6 * np.log(1e9 / p) * spread, p, area=p[None] / 5e9 * spread)
+    law = fit_law(response, n_samples=0)
+    save_law(with_budget(law, error_budget(response, law)), meshes / "law.nc")
+    text = TEXT.replace(STATED, 'law = "law.nc"\n').replace(
+        'cover.msh"', 'cover.msh"\ncoarser = "cover.msh"'
+    )
+    text = text.replace('housing.msh"', 'housing.msh"\ncoarser = "coarse.msh"')
+    write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (2, 1, 1)))
+    even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
+    cycles = '[cycles]\nload = "pull"\ncycles = 1\nsteps = 4\n'
+    found = run_macro(load_case(write_scene(meshes, text + cycles, *even)), meshes / "found.nc")
+    names = [str(name) for name in found["quantity"].values]
+    assert names == [
+        "load_stiffness press",
+        "load_stiffness pull",
+        "slipping_load",
+        "cycle_energy",
+    ]
+    press = found.load_stiffness.sel(load="press").values[0]
+    share = float(found.interface_compliance.sel(load="press")[0])
+    of_law = law_from_dataset(open_law(meshes / "law.nc"))
+    half = found.error_half_width.sel(quantity="load_stiffness press", step=0)
+    own = open_law(meshes / "law.nc").error_half_width.sel(quantity="stiffness")
+    at = int(np.argmin(np.abs(p - 10e6)))
+    assert of_law.gap_at(np.array(10e6)) > 0.0
+    for term in ("sampling", "fit"):
+        expected = share * float(own.sel(error_term=term)[at])
+        assert float(half.sel(error_term=term)) == pytest.approx(expected, rel=0.5)
+    low, high = found.load_stiffness_mean_law.sel(load="press").values[:, 0]
+    assert low < press < high
