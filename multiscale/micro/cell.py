@@ -27,6 +27,9 @@ __all__ = [
     "depth_caution",
 ]
 
+STEEPEST = 0.5
+"""Root mean square slope up to which a compliance is expanded in the slopes."""
+
 Linear = Elastic | GradedElastic
 LayerLaw = Linear | NeoHookean | J2 | Prony
 
@@ -157,7 +160,9 @@ class PeriodicLayer:
 class FlatCell(PeriodicLayer):
     """A flat elastic layer, above which the surface only makes the gap.
 
-    Fast, and right for small slopes. Beside the parameters of :class:`PeriodicLayer`:
+    Fast, and right for small slopes: against the conforming cell it errs by the first order in the
+    slope, or by the second where its compliance is expanded. Beside the parameters of
+    :class:`PeriodicLayer`:
 
     Parameters
     ----------
@@ -165,12 +170,15 @@ class FlatCell(PeriodicLayer):
         Underside of the rigid obstacle on the same grid; a flat if not given.
     hardness : float, optional
         Largest local pressure, Pa: the cheap plastic limit.
+    slope_order : int
+        Order of the error in the slope: 1, or 2 with :func:`~.slope_expansion.expanded_compliance`.
 
     A law that is not linear and moduli that vary within a layer are refused.
     """
 
     obstacle: Surface | None = None
     hardness: float | None = None
+    slope_order: int = 1
     recovers_stress: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -188,6 +196,29 @@ class FlatCell(PeriodicLayer):
         if self.hardness is not None and not 0.0 < self.hardness < np.inf:
             raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
         self._check_obstacle(self.obstacle)
+        if self.slope_order not in (1, 2):
+            raise CaseError(f"slope_order of a flat cell must be 1 or 2, got {self.slope_order}")
+        if self.slope_order == 2:
+            self._check_expansion()
+
+    def _check_expansion(self) -> None:
+        """Refuse what the expansion in the slopes is not derived for."""
+        lame, shear = self.layer_moduli
+        if self.obstacle is not None or np.ptp(lame) > 0.0 or np.ptp(shear) > 0.0:
+            raise CaseError(
+                "slope_order = 2 is derived for one material below a flat obstacle; leave out the "
+                "obstacle and moduli of layers, or set slope_order to 1"
+            )
+        if (slope := rms_slope(self.surface)) > STEEPEST:
+            raise CaseError(
+                f"slope_order = 2 expands in slopes, and the surface has a root mean square slope "
+                f"of {slope:.3g}, beyond {STEEPEST:g}; use the conforming geometry"
+            )
+        if self.depth < 0.5 * (period := max(self.surface.size)):
+            raise CaseError(
+                f"slope_order = 2 is derived for a half-space, and the depth of {self.depth:.3g} m "
+                f"is less than half of the period of {period:.3g} m; raise the depth"
+            )
 
 
 @dataclass(frozen=True, eq=False)

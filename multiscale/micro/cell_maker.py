@@ -31,6 +31,7 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     bulk: BulkLaw | None = None,
     friction_coefficient: float = 0.0,
     opposite: SecondBody | None = None,
+    slope_order: int = 1,
 ) -> GridCell:
     """Make the kind of cell that is asked for.
 
@@ -49,6 +50,8 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
         Law at large strain, with the moduli above; small strain if not given.
     opposite : SecondBody, optional
         Makes the obstacle deformable, as ``second`` of :class:`FiniteCell`.
+    slope_order : int
+        As of :class:`FlatCell`; other cells are exact in the slope.
 
     Returns
     -------
@@ -91,9 +94,11 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
                 "a flat cell has neither friction nor a law at large strain; use the conforming "
                 "geometry"
             )
-        return FlatCell(surface, depth, layers, law, obstacle, hardness)
+        return FlatCell(surface, depth, layers, law, obstacle, hardness, slope_order)
     if hardness is not None:
         raise CaseError("a hardness caps the pressure of a flat cell only; use geometry='flat'")
+    if slope_order != 1:
+        raise CaseError("slope_order belongs to flat cells, as others follow the surface")
     if bulk is None and friction_coefficient == 0.0 and opposite is None:
         return GraphCell(surface, depth, layers, law, obstacle)
     return FiniteCell(surface, depth, layers, law, obstacle, friction_coefficient, opposite)

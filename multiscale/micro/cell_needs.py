@@ -84,6 +84,11 @@ class CellPart(StrEnum):
         "local pressure stays below the hardness",
         "no hardness is given, or the metal flows by itself",
     )
+    SLOPE_EXPANSION = (
+        "slope expansion",
+        "compliance to first order in the slopes: six transforms where the flat one has two",
+        "the mesh follows the surface, however steep",
+    )
 
 
 def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool = False) -> Needs:
@@ -129,14 +134,20 @@ def _(cell: FlatCell, recovered: bool, kept: dict[str, Any]) -> Needs:
     return Needs(
         kinematics="small strain, roughness as gap of a flat layer",
         choices=_choices(
-            {CellPart.HARDNESS_CAP: cell.hardness is not None},
+            {
+                CellPart.HARDNESS_CAP: cell.hardness is not None,
+                CellPart.SLOPE_EXPANSION: cell.slope_order == 2,
+            },
             {
                 CellPart.STIFFNESS: "a flat cell solves on its surface alone",
                 CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
+                CellPart.SLOPE_EXPANSION: CellPart.SLOPE_EXPANSION.why
+                if cell.slope_order == 2
+                else "slopes are taken as small: errors are of their first order (slope_order)",
             },
         ),
         libraries=("numba",),
-        memory=8 * nx * ny * 22,
+        memory=8 * nx * ny * (22 if cell.slope_order == 1 else 33),
         **kept,
     )
 

@@ -1,5 +1,6 @@
 """The flat cell: small slopes, one unknown per contact node, no unknowns in the depth."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -10,6 +11,7 @@ from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance
+from multiscale.micro.slope_expansion import expanded_compliance
 
 __all__ = ["assemble_flat_cell", "flat_gap"]
 
@@ -38,7 +40,10 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     normal[:, 2] = 1.0
 
     gap, closing = obstacle - heights, np.ones((nx, ny))
-    respond = partial(filter_surface, symbol=symbol)
+    respond: Callable[[np.ndarray], np.ndarray] = partial(filter_surface, symbol=symbol)
+    if cell.slope_order == 2:
+        nu = float(np.mean(cell.law.poissons_ratio))
+        respond = expanded_compliance(cell.surface, symbol, float(cell.layer_moduli[1][0]), nu)
     cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(
