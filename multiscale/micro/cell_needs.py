@@ -84,6 +84,11 @@ class CellPart(StrEnum):
         "local pressure stays below the hardness",
         "no hardness is given, or the metal flows by itself",
     )
+    COATING = (
+        "coating",
+        "layers of other materials at the top of a body",
+        "every body is of one material, or graded by its law",
+    )
     SLOPE_EXPANSION = (
         "slope expansion",
         "compliance to first order in the slopes: six transforms where the flat one has two",
@@ -136,6 +141,8 @@ def _(cell: FlatCell, recovered: bool, kept: dict[str, Any]) -> Needs:
         choices=_choices(
             {
                 CellPart.HARDNESS_CAP: cell.hardness is not None,
+                CellPart.SECOND_BODY: cell.second is not None,
+                CellPart.COATING: any(body.coating for body in cell.bodies),
                 CellPart.SLOPE_EXPANSION: cell.slope_order == 2,
             },
             {
@@ -165,6 +172,7 @@ def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
                 CellPart.STRESS_RECOVERY: recovered,
+                CellPart.COATING: bool(cell.coating),
             }
         ),
         libraries=("numba", "scikit-fem") if recovered else ("numba",),
@@ -220,6 +228,7 @@ def _(cell: FiniteCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.TILT: cell.nearly_incompressible,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None or pair,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
+                CellPart.COATING: any(body.coating for body in cell.bodies),
             },
             {CellPart.MEAN_DILATATION: _MEAN.format("F-bar")} if averages and large else {},
         ),

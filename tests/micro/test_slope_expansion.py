@@ -84,7 +84,7 @@ flat = partial(Cell, geometry="flat", slope_order=2)
         (lambda: flat(bumps(0.6), 1.0, 4, 1.0, 0.3), "slope of 0.6.*, beyond 0.5"),
         (lambda: flat(bumps(0.1), 0.3, 4, 1.0, 0.3), "less than half of the period"),
         (lambda: flat(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "one material"),
-        (lambda: flat(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.1)), "flat obstacle"),
+        (lambda: flat(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.1)), "below a rigid flat"),
         (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, slope_order=2), "belongs to flat cells"),
         (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, geometry="flat", slope_order=3), "1 or 2"),
         (lambda: assemble_gap_cell(flat(bumps(0.1), 1.0, 4, 1.0, 0.3)), "slope_order = 1 only"),

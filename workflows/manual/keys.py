@@ -72,8 +72,15 @@ def _tables(
     yield head, keys[1:] if "kind" in head else keys, model
     for models in dict.fromkeys(inner.values()):
         names = tuple(name for name in inner if inner[name] == models)
+        here = tuple(name + "[]" if _listed(model, name) else name for name in names)
         for one in models:
-            yield from _tables(one, (*at, names, ("NAME",)) if "laws" in names else (*at, names))
+            yield from _tables(one, (*at, here, ("NAME",)) if "laws" in names else (*at, here))
+
+
+def _listed(model: type[Settings], name: str) -> bool:
+    """Whether a key is a list."""
+    kind, _ = _parts(model.model_fields[name].rebuild_annotation())
+    return get_origin(kind) is tuple
 
 
 def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
@@ -81,7 +88,9 @@ def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
     kind = model.model_fields.get("kind")
     values = get_args(kind.annotation) if kind else ()
     said = f', `kind = "{values[0]}"`' if len(values) == 1 else ""
-    paths = ", ".join(f"`[{'.'.join(path)}]`" for path in product(*at))
+    # a name that ends in brackets is a list of tables
+    named = (".".join(path) for path in product(*at))
+    paths = ", ".join(f"`[[{one[:-2]}]]`" if one.endswith("[]") else f"`[{one}]`" for one in named)
     return f"**{paths}**{said}: " if at else ""
 
 
@@ -136,7 +145,7 @@ def _models(hint: Any) -> list[type[Settings]]:
         return chosen
     if isinstance(kind, type) and issubclass(kind, Settings):
         return [kind]
-    if get_origin(kind) in (Union, UnionType, dict):
+    if get_origin(kind) in (Union, UnionType, dict, tuple):
         return [model for one in get_args(kind) for model in _models(one)]
     return []
 
@@ -155,7 +164,9 @@ def _value(hint: Any) -> str:
     kind, metadata = _parts(hint)
     bounds = _bounds(metadata)
     if get_origin(kind) is Literal:
-        return " or ".join(f'`"{value}"`' for value in get_args(kind))
+        marks = ['"' if isinstance(value, str) else "" for value in get_args(kind)]
+        said = zip(marks, get_args(kind), strict=True)
+        return " or ".join(f"`{mark}{value}{mark}`" for mark, value in said)
     if get_origin(kind) in (Union, UnionType):
         return " or ".join(map(_value, get_args(kind)))
     if get_origin(kind) is tuple:
