@@ -85,6 +85,7 @@ class PeriodicLayer:
     layers: int
     law: LayerLaw
     coating: tuple[Coating, ...] = field(default=(), kw_only=True)
+    small_slopes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.law, LayerLaw):
@@ -231,6 +232,7 @@ class FlatCell(PeriodicLayer):
     hardness: float | None = None
     slope_order: int = 1
     second: "SecondBody | None" = None
+    small_slopes: ClassVar[bool] = True
     recovers_stress: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -424,6 +426,7 @@ class MeshCell:
     law: Linear
     periodic: bool = True
     obstacle: Surface | None = None
+    small_slopes: ClassVar[bool] = False
     recovers_stress: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

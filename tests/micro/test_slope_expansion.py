@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, solve_cell
 from multiscale.micro.gap_control import assemble_gap_cell
 from multiscale.micro.slope_expansion import expanded_compliance
-from tests.support import egg_box, rough_square, wave
+from tests.support import egg_box, rough_square, slow, wave
 
 
 def bumps(slope):
@@ -41,6 +41,28 @@ def test_conforming_minus_expanded_is_of_second_order_in_the_slope():
     np.testing.assert_allclose(first, 0.85, atol=0.1)
     np.testing.assert_allclose(second, 2.0, atol=0.4)
     assert np.all(differences[1] < 0.25 * differences[0])
+
+
+@slow
+@pytest.mark.parametrize("poissons_ratio", [0.0, 0.3])
+def test_the_second_order_holds_over_the_slopes_of_a_rough_surface(poissons_ratio):
+    slopes, kinds = np.array([1e-5, 0.0125, 0.025, 0.05, 0.1, 0.2, 0.4]), []
+    for kind in ({"geometry": "conforming"}, {"slope_order": 1}, {"slope_order": 2}):
+        gaps = []
+        for slope in slopes:
+            surface, flat = rough_square(64, 1.0, 0.25, slope, seed=3), {"geometry": "flat"}
+            cell = Cell(surface, 1.0, 12, 1.0, poissons_ratio, **(flat | kind))
+            path = Path(pressure=(0.3 * slope,))
+            gaps.append(solve_cell(cell, path, tolerance=1e-7)["mean_gap"].item() / slope)
+        kinds.append(np.array(gaps[1:]) / gaps[0] - 1.0)
+    first, second = (kinds[0] - one for one in kinds[1:])
+    rates = [np.log2(one[1:] / one[:-1]) for one in (first, second)]
+    assert np.all((rates[0] > 0.6) & (rates[0] < 1.05)), rates
+    assert np.all((rates[1][:4] > 1.5) & (rates[1][:4] < 2.3)), rates
+    # the term of the error budget is the change by the expansion, times twice the slope
+    bound = 2.0 * slopes[1:] * np.abs(kinds[2] - kinds[1]) / (1.0 + kinds[2])
+    assert np.all(np.abs(first) < 1.25 * np.abs(kinds[2] - kinds[1]) / (1.0 + kinds[2]))
+    assert np.all(np.abs(second) < 1.25 * bound)
 
 
 def test_the_expanded_compliance_is_symmetric():
