@@ -72,7 +72,7 @@ class CellSettings(GridSettings):
     slope_order: Literal[1, 2] = Field(
         1,
         description="Order of the error of flat cells in the slope, against conforming cells: 2 "
-        "expands their compliance, in three times the transforms.",
+        "expands their compliance, in six transforms instead of two.",
     )
 
     @property

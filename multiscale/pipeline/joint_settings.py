@@ -176,6 +176,12 @@ class RoughInterface(LawSource):
         if missing := self.tell_missing(known, strict):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:
+            if coated := law.attrs.get("coatings"):
+                raise CaseError(
+                    f"the law of the joints has no stiffness_ratio, and theory knows none for the "
+                    f"coatings of {coated}; shear the cells by [micro.shear], or give "
+                    f"stiffness_ratio in [interface]"
+                )
             theory = 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
             law = assume_shear(law, stiffness_ratio=theory)
         return state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)

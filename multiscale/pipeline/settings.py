@@ -292,13 +292,6 @@ class Case(Settings):
                 "has coatings; shear the cells by [micro.shear], or give stiffness_ratio in "
                 "[interface]"
             )
-        for number, body in enumerate(self.bodies, start=1):
-            thick = sum(one.thickness for one in body.coating)
-            if thick >= (depth := self.cell.given_depth):
-                raise ValueError(
-                    f"the coatings of body_{number} are {thick:g} m thick, and the cells only "
-                    f"{depth:g} m deep; raise depth in [cell]"
-                )
 
     def without_coatings(self) -> Self:
         """Return the case of the bodies below their coatings."""

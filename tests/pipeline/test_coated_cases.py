@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro.flat_cell import flat_gap
 from multiscale.pipeline import load_case, run
+from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
+from multiscale.pipeline.stages import sheared_cells
 from multiscale.surfaces.surface import Surface
 
 COATING = """
@@ -105,6 +108,33 @@ def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
     assert len(coating_caution(case_of(tmp_path, conforming, both))) == 1  # alike bodies
 
 
+def test_a_coating_thicker_than_the_cells_are_deep_is_refused(tmp_path):
+    with pytest.raises(CaseError, match="m leaves nothing of the body"):
+        symbol(case_of(tmp_path, ('"10 um"', '"200 um"')))
+
+
+def test_sheared_cells_have_the_coatings_of_both_bodies(tmp_path):
+    shear = '[micro.shear]\nfriction_coefficient = 0.3\npressures = ["40 MPa"]\n[law]'
+    case = case_of(tmp_path, ("[law]", shear))
+    pair = sheared_cells._pair(case, (flat_surface(case),) * 2)
+    assert [body.coating for body in pair.bodies] == [case.body_1.stack, ()]
+    assert pair.bodies[0].moduli[1][-1] == pytest.approx(350e9 / 2.5)
+
+
+def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
+    text = shipped_cases()["bolted_lap"].read_text(encoding="utf-8")
+    start, end = text.index("[micro.shear]"), text.index("[structure]")
+    bare = text[:start] + text[end:].replace("[statics]", "friction = 0.2\n[statics]")
+    (tmp_path / "bare.toml").write_text(bare)
+    (tmp_path / "coated.toml").write_text(bare.replace("[body_2]", COATING + "[body_2]", 1))
+    case = load_case(tmp_path / "bare.toml")
+    with pytest.raises(CaseError, match="the stiffness_ratio of theory is derived for bodies of o"):
+        load_case(tmp_path / "coated.toml")
+    law = xr.Dataset(attrs={"coatings": "body_1"})
+    with pytest.raises(CaseError, match="theory knows none for the coatings of body_1"):
+        case.interface.complete(law, 0.3, strict=False)
+
+
 def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):
     pressures = '"60 MPa", "120 MPa", "300 MPa", "600 MPa"'
     case = case_of(tmp_path, ('"5 MPa", "15 MPa", "40 MPa", "120 MPa"', pressures))
@@ -121,7 +151,6 @@ METAL = ("[cell]", 'hardness = "2 GPa"\n[cell]')
     ("changes", "sentence"),
     [
         pytest.param([CONFORMING, METAL], "conforming cells that flow are of one", id="metal"),
-        pytest.param([('"10 um"', '"200 um"')], "0.0002 m thick, and the cells only", id="thick"),
         pytest.param([('"10 um"', '"0 um"')], "thickness", id="none"),
         pytest.param([("[micro]", "slope_order = 2\n[micro]")], "of one material", id="order"),
         pytest.param(

@@ -111,6 +111,7 @@ def run_micro(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
         surface_modulus=surface_modulus(case),
+        coatings=" and ".join(f"body_{k}" for k, one in enumerate(case.bodies, 1) if one.coating),
         longest_wave=longest_wave(case),
         cell_size=max(case.cell.size),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
