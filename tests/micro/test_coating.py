@@ -116,7 +116,14 @@ def test_planes_of_a_mesh_follow_coatings_which_the_conforming_cell_answers_as_t
     assert abs(changed / gaps[0] - 1.0) > 0.1
 
 
-def test_two_bodies_at_large_sliding_have_coatings_of_their_own():
+def test_a_cell_that_slides_keeps_its_coating():
+    cell = Cell(wave((16, 2), 1e-5), 1.0, 8, 1.0, 0.3, coating=(Coating(0.2, 4.0, 0.2),))
+    still = solve_cell(cell, Path(pressure=(2e-5,)))
+    moving = solve_cell(cell, Path(pressure=(2e-5,), slide=((0.0, 0.0),)))
+    assert moving["mean_gap"].item() == pytest.approx(still["mean_gap"].item(), rel=1e-6)
+
+
+def test_two_deformable_bodies_have_coatings_of_their_own():
     surface, film = rough_square(16, 1.0, 0.5, 0.01), (Coating(0.2, 5.0, 0.3),)
     under = Surface(np.zeros((16, 16)), (1.0, 1.0))
     path = Path(pressure=(1e-3,))
