@@ -5,6 +5,7 @@ from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro.cell import FiniteCell, FlatCell, GraphCell, MeshCell, SecondBody
 from multiscale.micro.cell_maker import Cell
 from multiscale.micro.cell_solver import solve_cell
+from multiscale.micro.coating import Coating
 from multiscale.micro.ensemble import run_ensemble
 from multiscale.micro.path import Path
 from multiscale.micro.shear import shear_path
@@ -15,6 +16,7 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "Cell",
+    "Coating",
     "FiniteCell",
     "FlatCell",
     "GraphCell",

@@ -1,6 +1,6 @@
 """The kinds of cells: geometry, material and obstacle of each."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -9,6 +9,14 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro import bonded_layer
+from multiscale.micro.coating import (
+    Coating,
+    coating_faces,
+    elements_of,
+    follow_faces,
+    moduli_by_layer,
+)
+from multiscale.micro.graph_mesh import graded_planes
 from multiscale.surfaces.statistics import nayak_parameter, rms_height, rms_slope
 from multiscale.surfaces.surface import Surface
 
@@ -26,6 +34,12 @@ __all__ = [
     "SecondBody",
     "depth_caution",
 ]
+
+FEWEST_ELEMENTS = 3
+"""Layers of elements from which a coating is resolved."""
+
+STEEPEST = 0.5
+"""Root mean square slope up to which a compliance is expanded in the slopes."""
 
 Linear = Elastic | GradedElastic
 LayerLaw = Linear | NeoHookean | J2 | Prony
@@ -56,6 +70,9 @@ class PeriodicLayer:
         Layers of elements, graded towards the top.
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
         Graded moduli have the shape (layers,), from the base up, or (nx, layers, ny).
+    coating : tuple of Coating
+        Layers of other materials at the top, outermost first, on a body of one Elastic law. Node
+        planes of a mesh move onto their lower faces.
 
     Raises
     ------
@@ -67,6 +84,8 @@ class PeriodicLayer:
     depth: float
     layers: int
     law: LayerLaw
+    coating: tuple[Coating, ...] = field(default=(), kw_only=True)
+    small_slopes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.law, LayerLaw):
@@ -87,6 +106,13 @@ class PeriodicLayer:
             raise CaseError(f"the depth of the cell must be positive (m), got {self.depth:g}")
         if self.layers < 2:
             raise CaseError(f"the cell needs at least 2 layers, got {self.layers}")
+        one = np.ndim(self.law.youngs_modulus) == np.ndim(self.law.poissons_ratio) == 0
+        if self.coating and (self.law.finite_strain or not one):
+            raise CaseError(
+                f"a coating lies on a body of one elastic material, and the law of the cell is "
+                f"{type(self.law).__name__}; leave out the coating, or give Elastic"
+            )
+        coating_faces(self.coating, self.depth)  # checks itself
 
     @property
     def bodies(self) -> tuple["PeriodicLayer", ...]:
@@ -99,8 +125,18 @@ class PeriodicLayer:
         return max(np.ndim(self.law.youngs_modulus), np.ndim(self.law.poissons_ratio)) > 1
 
     @property
+    def planes(self) -> np.ndarray:
+        """Heights of the node planes from the base up, shape (layers + 1,), m."""
+        planes = graded_planes(self.depth, self.layers, min(self.surface.spacing))
+        if not self.coating:
+            return planes
+        return follow_faces(planes, coating_faces(self.coating, self.depth))
+
+    @property
     def moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Lame's parameters (lambda, mu) of each layer or element, Pa."""
+        if self.coating:
+            return self.moduli_between(self.planes)
 
         def spread(value: float | np.ndarray) -> np.ndarray:
             array = np.asarray(value, dtype=float)
@@ -112,6 +148,11 @@ class PeriodicLayer:
 
         return lame_parameters(spread(self.law.youngs_modulus), spread(self.law.poissons_ratio))
 
+    def moduli_between(self, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lame's parameters (lambda, mu) of a coated body between planes on its faces, Pa."""
+        below = float(self.law.youngs_modulus), float(self.law.poissons_ratio)
+        return lame_parameters(*moduli_by_layer(self.coating, below, planes))
+
     @property
     def layer_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Lame's parameters (lambda, mu) of each layer, Pa; the mean over its elements."""
@@ -121,7 +162,8 @@ class PeriodicLayer:
     @property
     def nearly_incompressible(self) -> bool:
         """Whether the preconditioner is tilted, and elements take a mean change of volume."""
-        return float(np.max(self.law.poissons_ratio)) >= 0.4
+        ratios = [float(np.max(self.law.poissons_ratio))]
+        return max(ratios + [one.poissons_ratio for one in self.coating]) >= 0.4
 
     @property
     def mean_dilatation(self) -> bool:
@@ -132,7 +174,18 @@ class PeriodicLayer:
         """Return what a user should know before trusting the results, one sentence each."""
         period = max(self.surface.size)
         found = [depth_caution(body.depth, period) for body in self.bodies]
-        return [caution for caution in found if caution]
+        return [caution for caution in found if caution] + self.element_cautions()
+
+    def element_cautions(self) -> list[str]:
+        """Say which coatings get too few elements."""
+        return [
+            f"a coating of {one.thickness:.3g} m gets {count} layer(s) of elements, and "
+            f"{FEWEST_ELEMENTS} or more follow how it bends; raise layers and points"
+            for body in self.bodies
+            if body.coating
+            for one, count in zip(body.coating, elements_of(body.coating, body.planes), strict=True)
+            if count < FEWEST_ELEMENTS
+        ]
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
         """Return the statistics of the surface that a response keeps, and its heights, m."""
@@ -157,7 +210,9 @@ class PeriodicLayer:
 class FlatCell(PeriodicLayer):
     """A flat elastic layer, above which the surface only makes the gap.
 
-    Fast, and right for small slopes. Beside the parameters of :class:`PeriodicLayer`:
+    Fast, and right for small slopes: against the conforming cell it errs by the first order in the
+    slope, or by the second where its compliance is expanded. Beside the parameters of
+    :class:`PeriodicLayer`:
 
     Parameters
     ----------
@@ -165,22 +220,29 @@ class FlatCell(PeriodicLayer):
         Underside of the rigid obstacle on the same grid; a flat if not given.
     hardness : float, optional
         Largest local pressure, Pa: the cheap plastic limit.
+    slope_order : int
+        Order of the error in the slope: 1, or 2 with :func:`~.slope_expansion.expanded_compliance`.
+    second : SecondBody, optional
+        Makes the obstacle deformable: the compliances of both bodies add up.
 
     A law that is not linear and moduli that vary within a layer are refused.
     """
 
     obstacle: Surface | None = None
     hardness: float | None = None
+    slope_order: int = 1
+    second: "SecondBody | None" = None
+    small_slopes: ClassVar[bool] = True
     recovers_stress: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.law.finite_strain:
+        if any(body.law.finite_strain for body in self.bodies):
             raise CaseError(
                 "a flat cell has neither friction nor a law at large strain; use the conforming "
                 "geometry"
             )
-        if self.heterogeneous:
+        if any(body.heterogeneous for body in self.bodies):
             raise CaseError(
                 "a flat cell has one modulus in each layer, not in each element; use the "
                 "conforming geometry"
@@ -188,6 +250,38 @@ class FlatCell(PeriodicLayer):
         if self.hardness is not None and not 0.0 < self.hardness < np.inf:
             raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
         self._check_obstacle(self.obstacle)
+        if self.slope_order not in (1, 2):
+            raise CaseError(f"slope_order of a flat cell must be 1 or 2, got {self.slope_order}")
+        if self.slope_order == 2:
+            self._check_expansion()
+
+    def _check_expansion(self) -> None:
+        """Refuse what the expansion in the slopes is not derived for."""
+        one = not self.coating and not np.any([np.ptp(value) for value in self.layer_moduli])
+        if self.obstacle is not None or self.second is not None or not one:
+            raise CaseError(
+                "slope_order = 2 is derived for one material below a rigid flat; leave out "
+                "obstacle, second body, coatings and moduli of layers, or set slope_order to 1"
+            )
+        if (slope := rms_slope(self.surface)) > STEEPEST:
+            raise CaseError(
+                f"slope_order = 2 expands in slopes, and the surface has a root mean square slope "
+                f"of {slope:.3g}, beyond {STEEPEST:g}; use the conforming geometry"
+            )
+        if self.depth < 0.5 * (period := max(self.surface.size)):
+            raise CaseError(
+                f"slope_order = 2 is derived for a half-space, and the depth of {self.depth:.3g} m "
+                f"is less than half of the period of {period:.3g} m; raise the depth"
+            )
+
+    @property
+    def bodies(self) -> tuple[PeriodicLayer, ...]:
+        """The deformable bodies; the second is as flat as the first."""
+        return (self,) if self.second is None else (self, self.second.layer(self.surface))
+
+    def element_cautions(self) -> list[str]:
+        """Say nothing: there are no elements."""
+        return []
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,11 +320,18 @@ class SecondBody:
     layers : int
         Layers of elements, graded towards the underside.
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
+    coating : tuple of Coating
+        As of :class:`PeriodicLayer`.
     """
 
     depth: float
     layers: int
     law: LayerLaw
+    coating: tuple[Coating, ...] = ()
+
+    def layer(self, surface: Surface) -> PeriodicLayer:
+        """Return the body under a surface, in its own frame, whose z points out of it."""
+        return PeriodicLayer(surface, self.depth, self.layers, self.law, coating=self.coating)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,9 +387,9 @@ class FiniteCell(PeriodicLayer):
         """The second body in its own frame, whose z points out of its surface."""
         if self.second is None:
             raise ValueError("the obstacle of this cell is rigid")
-        under, body = self.obstacle, self.second
+        under = self.obstacle
         heights = np.zeros_like(self.surface.heights) if under is None else -under.heights
-        return PeriodicLayer(Surface(heights, self.surface.size), body.depth, body.layers, body.law)
+        return self.second.layer(Surface(heights, self.surface.size))
 
     @property
     def bodies(self) -> tuple[PeriodicLayer, ...]:
@@ -325,6 +426,7 @@ class MeshCell:
     law: Linear
     periodic: bool = True
     obstacle: Surface | None = None
+    small_slopes: ClassVar[bool] = False
     recovers_stress: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

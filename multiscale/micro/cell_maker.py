@@ -14,6 +14,7 @@ from multiscale.micro.cell import (
     LayerLaw,
     SecondBody,
 )
+from multiscale.micro.coating import Coating
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["Cell"]
@@ -31,6 +32,8 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     bulk: BulkLaw | None = None,
     friction_coefficient: float = 0.0,
     opposite: SecondBody | None = None,
+    slope_order: int = 1,
+    coating: tuple[Coating, ...] = (),
 ) -> GridCell:
     """Make the kind of cell that is asked for.
 
@@ -48,7 +51,11 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     bulk : NeoHookean, J2 or Prony, optional
         Law at large strain, with the moduli above; small strain if not given.
     opposite : SecondBody, optional
-        Makes the obstacle deformable, as ``second`` of :class:`FiniteCell`.
+        Makes the obstacle deformable, as ``second`` of :class:`FlatCell` and :class:`FiniteCell`.
+    slope_order : int
+        As of :class:`FlatCell`; other cells are exact in the slope.
+    coating : tuple of Coating
+        Layers of other materials at the top of the first body, outermost first.
 
     Returns
     -------
@@ -81,19 +88,20 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     if geometry not in ("conforming", "flat"):
         raise CaseError(f"geometry must be 'conforming' or 'flat', got {geometry!r}")
     if geometry == "flat":
-        if opposite is not None:
-            raise CaseError(
-                "a flat cell has no second body; use the conforming geometry, or the composite "
-                "surface and a material with the contact modulus of both"
-            )
         if friction_coefficient != 0.0:
             raise CaseError(
                 "a flat cell has neither friction nor a law at large strain; use the conforming "
                 "geometry"
             )
-        return FlatCell(surface, depth, layers, law, obstacle, hardness)
+        order, second = slope_order, opposite
+        return FlatCell(
+            surface, depth, layers, law, obstacle, hardness, order, second, coating=coating
+        )
     if hardness is not None:
         raise CaseError("a hardness caps the pressure of a flat cell only; use geometry='flat'")
+    if slope_order != 1:
+        raise CaseError("slope_order belongs to flat cells, as others follow the surface")
     if bulk is None and friction_coefficient == 0.0 and opposite is None:
-        return GraphCell(surface, depth, layers, law, obstacle)
-    return FiniteCell(surface, depth, layers, law, obstacle, friction_coefficient, opposite)
+        return GraphCell(surface, depth, layers, law, obstacle, coating=coating)
+    mu = friction_coefficient
+    return FiniteCell(surface, depth, layers, law, obstacle, mu, opposite, coating=coating)

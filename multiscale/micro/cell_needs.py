@@ -84,6 +84,16 @@ class CellPart(StrEnum):
         "local pressure stays below the hardness",
         "no hardness is given, or the metal flows by itself",
     )
+    COATING = (
+        "coating",
+        "layers of other materials at the top of a body",
+        "every body is of one material, or graded by its law",
+    )
+    SLOPE_EXPANSION = (
+        "slope expansion",
+        "compliance to first order in the slopes: six transforms where the flat one has two",
+        "the mesh follows the surface, however steep",
+    )
 
 
 def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool = False) -> Needs:
@@ -129,14 +139,22 @@ def _(cell: FlatCell, recovered: bool, kept: dict[str, Any]) -> Needs:
     return Needs(
         kinematics="small strain, roughness as gap of a flat layer",
         choices=_choices(
-            {CellPart.HARDNESS_CAP: cell.hardness is not None},
+            {
+                CellPart.HARDNESS_CAP: cell.hardness is not None,
+                CellPart.SECOND_BODY: cell.second is not None,
+                CellPart.COATING: any(body.coating for body in cell.bodies),
+                CellPart.SLOPE_EXPANSION: cell.slope_order == 2,
+            },
             {
                 CellPart.STIFFNESS: "a flat cell solves on its surface alone",
                 CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
+                CellPart.SLOPE_EXPANSION: CellPart.SLOPE_EXPANSION.why
+                if cell.slope_order == 2
+                else "slopes are taken as small: errors are of their first order (slope_order)",
             },
         ),
         libraries=("numba",),
-        memory=8 * nx * ny * 22,
+        memory=8 * nx * ny * (22 if cell.slope_order == 1 else 33),
         **kept,
     )
 
@@ -154,6 +172,7 @@ def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
                 CellPart.STRESS_RECOVERY: recovered,
+                CellPart.COATING: bool(cell.coating),
             }
         ),
         libraries=("numba", "scikit-fem") if recovered else ("numba",),
@@ -209,6 +228,7 @@ def _(cell: FiniteCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.TILT: cell.nearly_incompressible,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None or pair,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
+                CellPart.COATING: any(body.coating for body in cell.bodies),
             },
             {CellPart.MEAN_DILATATION: _MEAN.format("F-bar")} if averages and large else {},
         ),

@@ -105,7 +105,8 @@ def _(cell: FlatCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
 @_follower.register
 def _(cell: GraphCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
     if path.slide is not None:  # normals turn as the obstacle passes
-        moving = FiniteCell(cell.surface, cell.depth, cell.layers, cell.law, cell.obstacle)
+        fields = cell.surface, cell.depth, cell.layers, cell.law, cell.obstacle
+        moving = FiniteCell(*fields, coating=cell.coating)
         return _follower(moving, path, recover_stress)
     with _compiled():
         from multiscale.micro.graph_cell import assemble_graph_cell

@@ -6,6 +6,8 @@ from concurrent.futures import Executor
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
@@ -64,7 +66,7 @@ def run_ensemble(
     MultiscaleError
         If a worker process died; finished cells are kept.
     """
-    return run_realisations(
+    response = run_realisations(
         _solve_realisation,
         [
             (
@@ -80,6 +82,12 @@ def run_ensemble(
         identity=identity,
         progress=progress,
     )
+    if any(cell.small_slopes for cell in cells):
+        return response
+    nothing = np.zeros(response.sizes["step"])
+    errors = {f"{name}_slope_error": nothing for name in ("mean_gap", "contact_fraction")}
+    told = "nothing: the mesh follows the surface"
+    return MICRO_RESPONSE.assign(response, errors).assign_attrs(small_slopes=told)
 
 
 def run_realisations(

@@ -1,15 +1,17 @@
 """The flat cell: small slopes, one unknown per contact node, no unknowns in the depth."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from multiscale.micro.cell import FlatCell
+from multiscale.micro.cell import FlatCell, PeriodicLayer
+from multiscale.micro.coating import coating_faces
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
-from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.lateral_fft import filter_surface
 from multiscale.micro.layered import layered_compliance
+from multiscale.micro.slope_expansion import expanded_compliance
 
 __all__ = ["assemble_flat_cell", "flat_gap"]
 
@@ -23,10 +25,19 @@ def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
     """
     heights, spacing = cell.surface.heights, cell.surface.spacing
     area = spacing[0] * spacing[1]
-    planes = graded_planes(cell.depth, cell.layers, min(spacing))
-    symbol = layered_compliance(heights.shape, cell.surface.size, planes, *cell.layer_moduli) / area
+    symbol = np.sum([_compliance(body) for body in cell.bodies], axis=0) / area
     obstacle = np.zeros_like(heights) if cell.obstacle is None else cell.obstacle.heights
     return obstacle + np.max(heights - obstacle), area, symbol
+
+
+def _compliance(body: PeriodicLayer) -> np.ndarray:
+    """Symbol of the compliance of one body, m/Pa; coatings have their exact thickness."""
+    shape, size = body.surface.heights.shape, body.surface.size
+    if not body.coating:
+        return layered_compliance(shape, size, body.planes, *body.layer_moduli)
+    faces = coating_faces(body.coating, body.depth)[::-1]
+    planes = np.concatenate([[0.0], faces, [body.depth]])
+    return layered_compliance(shape, size, planes, *body.moduli_between(planes))
 
 
 def assemble_flat_cell(cell: FlatCell) -> CellProblem:
@@ -38,7 +49,10 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     normal[:, 2] = 1.0
 
     gap, closing = obstacle - heights, np.ones((nx, ny))
-    respond = partial(filter_surface, symbol=symbol)
+    respond: Callable[[np.ndarray], np.ndarray] = partial(filter_surface, symbol=symbol)
+    if cell.slope_order == 2:
+        nu = float(np.mean(cell.law.poissons_ratio))
+        respond = expanded_compliance(cell.surface, symbol, float(cell.layer_moduli[1][0]), nu)
     cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(

@@ -214,7 +214,8 @@ def assemble_gap_cell(cell: FlatCell) -> GapCell:
     Raises
     ------
     CaseError
-        If the cell is not flat, has a hardness or fits its obstacle exactly.
+        If the cell is not flat, has a hardness or a ``slope_order`` of 2, or fits its obstacle
+        exactly.
     """
     if not isinstance(cell, FlatCell):
         raise CaseError(
@@ -225,6 +226,11 @@ def assemble_gap_cell(cell: FlatCell) -> GapCell:
         raise CaseError(
             "a cell with a hardness is not held at a gap; leave the hardness out, or fit a law to "
             "its response"
+        )
+    if cell.slope_order != 1:
+        raise CaseError(
+            "a cell is held at a gap with slope_order = 1 only: of higher order the mean of the "
+            "compliance is not of the bulk alone"
         )
     obstacle, area, symbol = flat_gap(cell)
     symbol[0, 0] = 0.0  # the mean belongs to the bulk

@@ -12,7 +12,7 @@ from multiscale.micro.contact_state import CellProblem, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.flat_reference import Reference, flat_reference, surface_slopes
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.lateral_fft import factorise_flat_cell, filter_surface
 from multiscale.micro.layered import layered_compliance
 
@@ -31,7 +31,7 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     """
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
-    mesh = GraphMesh(surface, graded_planes(cell.depth, cell.layers, min(spacing)))
+    mesh = GraphMesh(surface, cell.planes)
     lame, shear = cell.moduli
     reference = flat_reference(cell, mesh)
     if cell.obstacle is None:  # its heights at first touch, and its normals (x, 3, y)
@@ -76,7 +76,7 @@ def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
     for spacing in cell.surface.spacing:
         discrete, exact = np.zeros((2, n // 2 + 1))
         for body in cell.bodies:
-            planes = graded_planes(body.depth, body.layers, min(body.surface.spacing))
+            planes = body.planes
             inverse = factorise_flat_cell(
                 (n, 1),
                 (spacing, spacing),

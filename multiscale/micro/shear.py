@@ -105,7 +105,7 @@ def shear_path(
     scale = mu * DECAY * float(np.linalg.norm(heights)) / kappa
     if not scale > 0.0:
         raise CaseError("the surfaces are flat, so that nothing slips before all of it does")
-    compliance = sum(body.depth * np.mean(1.0 / body.layer_moduli[1]) for body in cell.bodies)
+    compliance = sum(np.sum(np.diff(body.planes) / body.layer_moduli[1]) for body in cell.bodies)
     rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way of a leg
 
     turn = int(np.argmin(np.abs(reach * rise - cycle)))  # the step at which a cycle begins

@@ -1,6 +1,7 @@
 """From a case to its cells: surfaces of both bodies, and one elastic body that stands for both."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.io import read_surface
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro import FiniteCell, SecondBody
+from multiscale.micro import Coating, FiniteCell, FlatCell, SecondBody
 from multiscale.micro.cell import GridCell
 from multiscale.micro.cell_maker import Cell
 from multiscale.pipeline.case_tables import CellSettings
@@ -22,15 +23,22 @@ from multiscale.surfaces.surface import Surface
 __all__ = [
     "RoughSide",
     "cell_of",
+    "coating_caution",
+    "composite_coating",
     "composite_material",
     "longest_wave",
     "make_cells",
     "measured_cells",
     "rough_sides",
     "smooth_pair",
+    "surface_modulus",
     "two_bodies",
     "two_surfaces",
 ]
+
+
+ALIKE = 1e-3
+"""Relative error of the compliance of a wave below which one body is taken to stand for both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +54,17 @@ def composite_material(case: Case) -> tuple[float, float]:
 
     Its contact modulus belongs to the pair, :math:`1/E^* = \sum (1-\nu_i^2)/E_i`. For small slopes
     and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
-    weighted by compliance.
+    weighted by compliance. Coatings do not count.
     """
-    pair = [(body.youngs_modulus, body.poissons_ratio) for body in case.bodies]
+    return _composite(*((body.youngs_modulus, body.poissons_ratio) for body in case.bodies))
+
+
+def surface_modulus(case: Case) -> float:
+    """Contact modulus of what touches, Pa: of the outermost layers of both bodies."""
+    return contact_modulus(*(body.moduli[0] for body in case.bodies))
+
+
+def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
@@ -95,20 +111,83 @@ def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
 
 def cell_of(case: Case, surface: Surface) -> GridCell:
     """Build the cell of a case under one composite surface."""
-    material = composite_material(case)
     flat = case.cell.geometry == "flat"
+    if flat and case.coated:
+        return _coated_pair(case, surface)
+    material = composite_material(case)
     bulk = None  # elastic
     if case.softer is not None and case.yield_stress is not None:
         bulk = J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
     return Cell(
         surface,
-        case.cell.depth if case.cell.depth is not None else max(case.cell.size),
+        case.cell.given_depth,
         case.cell.layers,
         *material,
         geometry=case.cell.geometry,
         hardness=case.hardness if flat else None,
         bulk=bulk,
+        slope_order=case.cell.slope_order,
+        coating=composite_coating(case),
     )
+
+
+def _coated_pair(case: Case, surface: Surface) -> FlatCell:
+    """Build the flat cell of two bodies with coatings, whose compliances add up exactly."""
+    depth, layers = case.cell.given_depth, case.cell.layers
+    lower, upper = (
+        SecondBody(depth, layers, Elastic(body.youngs_modulus, body.poissons_ratio), body.stack)
+        for body in case.bodies
+    )
+    return FlatCell(
+        surface,
+        depth,
+        layers,
+        lower.law,
+        hardness=case.hardness,
+        second=upper,
+        coating=lower.coating,
+    )
+
+
+def composite_coating(case: Case) -> tuple[Coating, ...]:
+    r"""Coatings of the body that stands for both: at each depth the composite of both materials.
+
+    The compliance of waves that are long or short against the coatings is exact, of all waves
+    where both bodies are alike; see :func:`coating_caution`.
+    """
+    below = [np.cumsum([0.0, *(one.thickness for one in body.coating)]) for body in case.bodies]
+    faces = np.unique(np.concatenate(below))
+    found = []
+    for top, bottom in pairwise(faces):
+        middle = 0.5 * (top + bottom)
+        pair = [
+            body.moduli[int(np.searchsorted(tops, middle)) - 1]
+            for body, tops in zip(case.bodies, below, strict=True)
+        ]
+        found.append(Coating(float(bottom - top), *_composite(*pair)))
+    return tuple(found)
+
+
+def coating_caution(case: Case) -> list[str]:
+    """Say how far one meshed, coated body is from both; flat cells add up both, without a mesh."""
+    from multiscale.micro.flat_cell import flat_gap
+
+    if not case.coated or case.cell.geometry == "flat":
+        return []
+    n = max(case.cell.points)
+    line = Surface(np.zeros((n, 1)), (max(case.cell.size), case.cell.spacing))
+    one, both = cell_of(case, line), _coated_pair(case, line)
+    alone = FlatCell(line, one.depth, one.layers, one.law, coating=one.coating)
+    own, exact = (flat_gap(cell)[2][1:, 0] for cell in (alone, both))
+    error = float(np.max(np.abs(own / exact - 1.0)))
+    found = one.element_cautions()
+    if error <= ALIKE:
+        return found
+    return [
+        *found,
+        f"one coated body stands for both: some wave is {100.0 * error:.2g} % off in compliance; "
+        f'geometry = "flat" in [cell] adds up both bodies',
+    ]
 
 
 def rough_sides(case: Case) -> list[RoughSide]:
@@ -174,9 +253,10 @@ def two_bodies(
     surfaces: tuple[Surface, Surface],
     laws: tuple[Elastic | NeoHookean | J2, Elastic | NeoHookean | J2],
     friction_coefficient: float,
+    coatings: tuple[tuple[Coating, ...], tuple[Coating, ...]] = ((), ()),
 ) -> FiniteCell:
     """Build the cell of two deformable bodies under their surfaces, heights out of each body."""
-    depth = cell.depth if cell.depth is not None else max(cell.size)
+    depth = cell.given_depth
     (lower, upper), (law, other) = surfaces, laws
     return FiniteCell(
         lower,
@@ -185,5 +265,6 @@ def two_bodies(
         law,
         obstacle=Surface(-upper.heights, upper.size),
         friction_coefficient=friction_coefficient,
-        second=SecondBody(depth, cell.layers, other),
+        second=SecondBody(depth, cell.layers, other, coatings[1]),
+        coating=coatings[0],
     )

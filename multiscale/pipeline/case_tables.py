@@ -69,6 +69,25 @@ class CellSettings(GridSettings):
         description="Whether the mesh follows the surface, or the surface is the gap of a flat "
         "layer: fast, for small slopes.",
     )
+    slope_order: Literal[1, 2] = Field(
+        1,
+        description="Order of the error of flat cells in the slope, against conforming cells: 2 "
+        "expands their compliance, in six transforms instead of two.",
+    )
+
+    @property
+    def given_depth(self) -> float:
+        """Depth of the layer, m."""
+        return self.depth if self.depth is not None else max(self.size)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.slope_order != 1 and self.geometry != "flat":
+            raise ValueError(
+                "slope_order belongs to flat cells, as conforming ones follow the surface; leave "
+                'it out, or set geometry = "flat"'
+            )
+        return self
 
 
 class ShearSettings(Settings):

@@ -194,6 +194,12 @@ class JointLaw(LawSource):
         if missing := self.tell_missing(known, strict, where):
             raise CaseError(missing)
         if self.stiffness_ratio is None and "stiffness_ratio" not in known:
+            if coated := law.attrs.get("coatings"):
+                raise CaseError(
+                    f"the law of the joints has no stiffness_ratio, and theory knows none for the "
+                    f"coatings of {coated}; shear the cells by [micro.shear], or give "
+                    f"stiffness_ratio in {where}"
+                )
             law = assume_shear(law, stiffness_ratio=alike_bodies(poissons_ratio))
         law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
         return with_cautions(law, *_say_lay(law))

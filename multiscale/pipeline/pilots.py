@@ -130,7 +130,7 @@ def _spectrum(case: Case) -> SyntheticSurface:
 def _is_plain(case: Case) -> bool:
     """Whether cells are flat, elastic, square and under one surface that stored ones stand for."""
     rough = [body.surface for body in case.bodies if body.surface is not None]
-    if len(rough) > 1 or case.cell.geometry != "flat" or case.hardness is not None:
+    if len(rough) > 1 or case.cell.geometry != "flat" or case.hardness is not None or case.coated:
         return False
     one = _spectrum(case)
     return (

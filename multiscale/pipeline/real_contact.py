@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.micro import contact_modulus
-from multiscale.pipeline.case_cells import composite_material
+from multiscale.pipeline.case_cells import surface_modulus
 from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, with_cautions
@@ -64,7 +63,7 @@ def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
     told, hardness, caution = _flow(case), case.hardness, ""
     reached = f"the mean real pressure reaches {readable(f'{largest:.3g} Pa')}"
     if hardness is None:
-        modulus = contact_modulus(composite_material(case))
+        modulus = surface_modulus(case)
         if largest > ELASTIC * modulus and not case.elastic:
             caution = (
                 f"{reached}, {largest / modulus:.2g} of the contact modulus, and nothing flows: a "
@@ -85,9 +84,9 @@ def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
 def _flow(case: Case) -> str:
     if case.hardness is None:
         return "The answer is elastic: no body has a hardness, and nothing flows."
-    alike = case.body_1.hardness == case.body_2.hardness
+    alike = case.body_1.surface_hardness == case.body_2.surface_hardness
     number = 1 + case.bodies.index(case.softer) if case.softer else 0
-    which = "both bodies" if alike else f"body_{number}, the softer body,"
+    which = "both bodies" if alike else f"body_{number}, the softer body"
     hardness = f"the hardness of {1e-9 * case.hardness:g} GPa of {which}"
     if case.yield_stress is None:
         return f"The local pressure is cut off at {hardness}; all else is elastic."

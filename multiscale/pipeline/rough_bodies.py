@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
+from multiscale.micro.coating import Coating
 from multiscale.pipeline.toml_model import (
     Count,
     Length,
@@ -17,7 +18,7 @@ from multiscale.pipeline.toml_model import (
     with_unit,
 )
 
-__all__ = ["TABOR", "InstrumentSurface", "RoughBody", "SyntheticSurface"]
+__all__ = ["TABOR", "CoatingSettings", "InstrumentSurface", "RoughBody", "SyntheticSurface"]
 
 TABOR, INDENTED = 2.8, 0.08
 """Hardness over flow stress, and plastic strain of that under a Vickers indenter (D. Tabor, The
@@ -91,6 +92,19 @@ Rough = Annotated[
 ]
 
 
+class CoatingSettings(Settings):
+    """One layer of another material on a body, outermost first, bonded and everywhere as thick."""
+
+    thickness: Length = Field(description="Thickness, m.")
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    hardness: Pressure | None = Field(
+        None,
+        description="Hardness, Pa, the largest local pressure of flat cells; if not given, the "
+        "hardness of the layer below, or of the body, counts.",
+    )
+
+
 class RoughBody(Settings):
     """One of the two bodies."""
 
@@ -108,6 +122,7 @@ class RoughBody(Settings):
     hardening_modulus: Hardening | None = Field(
         None, description="Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."
     )
+    coating: tuple[CoatingSettings, ...] = ()
 
     @field_validator("hardening_modulus")
     @classmethod
@@ -131,6 +146,25 @@ class RoughBody(Settings):
                 f"{given / TABOR / INDENTED:.3g} GPa"
             )
         return self
+
+    @property
+    def surface_hardness(self) -> float | None:
+        """Hardness of the outermost layer that has one, or of the body below, Pa."""
+        given = [one.hardness for one in self.coating if one.hardness is not None]
+        return given[0] if given else self.hardness
+
+    @property
+    def stack(self) -> tuple[Coating, ...]:
+        """The coatings of a cell."""
+        return tuple(
+            Coating(one.thickness, one.youngs_modulus, one.poissons_ratio) for one in self.coating
+        )
+
+    @property
+    def moduli(self) -> tuple[tuple[float, float], ...]:
+        """Young's moduli, Pa, and Poisson's ratios, from the outermost layer to the body."""
+        outer = [(one.youngs_modulus, one.poissons_ratio) for one in self.coating]
+        return (*outer, (self.youngs_modulus, self.poissons_ratio))
 
     @property
     def yield_stress(self) -> float | None:

@@ -45,7 +45,7 @@ from multiscale.pipeline.link_settings import (
     Statics,
     TensegrityGrid,
 )
-from multiscale.pipeline.rough_bodies import RoughBody
+from multiscale.pipeline.rough_bodies import CoatingSettings, RoughBody
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
 from multiscale.schema import INTERFACE_LAW
 from multiscale.units import readable
@@ -186,6 +186,7 @@ class Case(Settings):
         if self.body_1.surface is None and self.body_2.surface is None:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
         self._check_metal()
+        self._check_coating()
         self._check_shear()
         self._check_coarser()
         if self.slide is not None:
@@ -276,13 +277,17 @@ class Case(Settings):
                     f"hardening_modulus of body_{number} means nothing to flat cells, which cap "
                     f'the pressure; set geometry = "conforming" in [cell], or leave it out'
                 )
-            ratio = (body.hardness or 0.0) / body.youngs_modulus
-            if ratio > HARDEST:
-                raise ValueError(
-                    f"hardness of body_{number} is {1e-9 * (body.hardness or 0.0):g} GPa, "
-                    f"{ratio:.2g} of its youngs_modulus, and nothing is harder than {HARDEST:g}; "
-                    f"that of a metal is about a hundredth, and a body that does not flow has none"
-                )
+            parts: tuple[RoughBody | CoatingSettings, ...] = (body, *body.coating)
+            for one in parts:
+                ratio = (one.hardness or 0.0) / one.youngs_modulus
+                where = f"body_{number}" if one is body else f"a coating of body_{number}"
+                if ratio > HARDEST:
+                    raise ValueError(
+                        f"hardness of {where} is {1e-9 * (one.hardness or 0.0):g} GPa, "
+                        f"{ratio:.2g} of its youngs_modulus, and nothing is harder than "
+                        f"{HARDEST:g}; the hardness of a metal is about a hundredth, and a body "
+                        f"that does not flow has none"
+                    )
         if self.elastic and self.hardness is not None:
             raise ValueError("elastic = true and a hardness exclude each other; leave one out")
         if self.micro.unload is not False and (flat or self.hardness is None):
@@ -295,6 +300,44 @@ class Case(Settings):
                 "unload in [micro] and a target in [accuracy] exclude each other: a planner loads "
                 "its cells alone"
             )
+
+    def _check_coating(self) -> None:
+        """Refuse coatings where something is not derived for them."""
+        if not self.coated:
+            return
+        hard = any(body.hardness or body.surface_hardness for body in self.bodies)
+        if self.cell.geometry != "flat" and hard:
+            raise ValueError(
+                "conforming cells that flow are of one material, and there are coatings and a "
+                'hardness; set geometry = "flat" in [cell], or leave out one of them'
+            )
+        if self.cell.slope_order != 1:
+            raise ValueError(
+                "slope_order = 2 is derived for bodies of one material, and a body has coatings; "
+                "leave out one of them"
+            )
+        if self.slide is not None:
+            raise ValueError(
+                "[slide] moves bodies of one material, and a body has coatings; leave out one"
+            )
+        joint = self.interface
+        by_theory = isinstance(joint, RoughInterface) and joint.stiffness_ratio is None
+        if by_theory and self.micro.shear is None:
+            raise ValueError(
+                "the stiffness_ratio of theory is derived for bodies of one material, and a body "
+                "has coatings; shear the cells by [micro.shear], or give stiffness_ratio in "
+                "[interface]"
+            )
+
+    def without_coatings(self) -> Self:
+        """Return the case of the bodies below their coatings."""
+        bare = [body.model_copy(update={"coating": ()}) for body in self.bodies]
+        return self.model_copy(update={"body_1": bare[0], "body_2": bare[1]})
+
+    @property
+    def coated(self) -> bool:
+        """Whether a body has coatings."""
+        return any(body.coating for body in self.bodies)
 
     @property
     def tables(self) -> frozenset[str]:
@@ -326,13 +369,13 @@ class Case(Settings):
     @property
     def hardness(self) -> float | None:
         """Hardness of the softer body, Pa, if one is given."""
-        return None if self.softer is None else self.softer.hardness
+        return None if self.softer is None else self.softer.surface_hardness
 
     @property
     def softer(self) -> RoughBody | None:
-        """The body of least hardness, if one is given."""
-        given = [body for body in self.bodies if body.hardness is not None]
-        return min(given, key=lambda body: body.hardness or 0.0, default=None)
+        """The body of least hardness at its surface, if one is given."""
+        given = [body for body in self.bodies if body.surface_hardness is not None]
+        return min(given, key=lambda body: body.surface_hardness or 0.0, default=None)
 
     @property
     def yield_stress(self) -> float | None:
@@ -443,6 +486,12 @@ class Case(Settings):
                 found.append(
                     f"the shortest wave of body_{number} has {cutoff / spacing:.1f} points; "
                     f"gap and contact area need {POINTS_PER_WAVE} or more"
+                )
+            if body.hardness is not None and (body.surface_hardness or 0.0) > body.hardness:
+                thick = readable(f"{sum(one.thickness for one in body.coating):.3g} m")
+                found.append(
+                    f"the hardness of the coating of body_{number} alone cuts off local pressures; "
+                    f"spots wider than its {thick} press the softer body below, which is not seen"
                 )
         if self.cell.depth is not None and (
             shallow := depth_caution(self.cell.depth, max(self.cell.size))

@@ -51,6 +51,7 @@ def with_braking_budget(
         "cell size": Term(OTHERS.format("cells of one size", "another size")),
         "micro discretisation": Term(OTHERS.format("cells on one grid", "other points")),
         "increments": Term("nothing: rubber does not flow", nothing),
+        "small slopes": Term("not known: the half-space of the rubber takes slopes as small"),
         "surface": Term(
             "nothing: the roads are made from a spectrum, which the cells hold whole", nothing
         ),

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_error_budget"]
 
+COLOURS = (*(f"C{k}" for k in range(10)), "0.3", "0.7")  # of the terms
+
 SMALLEST_SHARE = 0.02
 """Ratio to the largest total below which a bar has no caption."""
 
@@ -46,7 +48,7 @@ def plot_error_budget(
     for k, term in enumerate(one["error_term"].values):
         if not np.any(half[k] > 0.0):  # unknown or zero
             continue
-        ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=f"C{k}", label=str(term))
+        ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=COLOURS[k], label=str(term))
         bottom = bottom + share[k] * total
     for term in filter(None, str(budget.attrs.get("unknown", "")).split(", ")):
         ax.bar(0, 0.0, color="none", edgecolor="0.5", hatch="///", label=f"{term}: not known")

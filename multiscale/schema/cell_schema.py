@@ -81,6 +81,12 @@ MICRO_RESPONSE = Schema(
         "contact_fraction_increment_error": Variable(
             ("step",), "1", "error of the area by the increments of a body that flows, relative"
         ),
+        "mean_gap_slope_error": Variable(
+            ("step",), "1", "error of the gap by slopes that are taken as small, relative"
+        ),
+        "contact_fraction_slope_error": Variable(
+            ("step",), "1", "error of the area by slopes that are taken as small, relative"
+        ),
         "time": Variable(("step",), "s", "time at the end of the step"),
         "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
         "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),

@@ -18,6 +18,7 @@ from multiscale.upscaling.budget_terms import (
     sampling_term,
     scatter_term,
     separation_term,
+    slope_term,
 )
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.response_observations import normal_observations
@@ -46,6 +47,7 @@ ERROR_TERMS = (
     "cell size",
     "micro discretisation",
     "increments",
+    "small slopes",
     "surface",
     "friction bed",
     "scale separation",
@@ -130,6 +132,8 @@ def error_budget(
     - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
     - *increments*: of cells that flow, what halved increments of one realisation tell, of first
       order; nothing where no body flows;
+    - *small slopes*: of flat cells, what the expansion of their compliance in the slopes changes in
+      one realisation; nothing where the mesh follows the surface;
     - *surface*: what the cells lack of the height and the slope of measured maps, see
       :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
     - *scale separation*: the pressure is not even over a wave, with
@@ -166,6 +170,7 @@ def error_budget(
             "not known: pass resolutions, the same realisations on coarser grids"
         ),
         "increments": increment_term(response),
+        "small slopes": slope_term(response),
         "surface": surface_term(response, law, p),
         "friction bed": NORMAL_ALONE,
         "scale separation": Term("not known: pass scales from compare_scales"),

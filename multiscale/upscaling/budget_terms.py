@@ -33,6 +33,7 @@ __all__ = [
     "sampling_term",
     "scatter_term",
     "separation_term",
+    "slope_term",
     "students",
 ]
 
@@ -266,15 +267,30 @@ def increment_term(response: "xr.Dataset") -> Term:
     if "mean_gap_increment_error" not in response.variables:
         told = "not known: no cell was solved with halved increments too"
         return Term(told, np.full((3, gap.pressure.size), np.nan))
+    return _term_of_errors(response, "increment", "halved in one realisation")
+
+
+def slope_term(response: "xr.Dataset") -> Term:
+    """Half-widths from slopes that the cells take as small, and how they were told."""
+    if "mean_gap_slope_error" not in response.variables:
+        return Term("not known: solve one flat cell with slope_order 1 and 2, or conforming cells")
+    return _term_of_errors(response, "slope", str(response.attrs["small_slopes"]))
+
+
+def _term_of_errors(response: "xr.Dataset", cause: str, how: str) -> Term:
+    """Half-widths from relative errors of gap and area at the steps of a response."""
+    gap = normal_observations(response)
     error, area = (
-        response[f"{name}_increment_error"].to_numpy()[gap.order]
+        response[f"{name}_{cause}_error"].to_numpy()[gap.order]
         for name in ("mean_gap", "contact_fraction")
     )
     mean, x = np.nanmean(gap.masked, axis=0), np.log(gap.pressure)
     slope = np.gradient(mean, x) / np.gradient(mean * (1.0 + error), x)  # of pressure over gap
     term = SAFETY * np.abs([error, area, slope - 1.0])
-    worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
-    return Term(f"halved in one realisation: up to {worst} of gap, area and stiffness", term)
+    if np.any(term > 0.0):
+        worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
+        how += f": up to {worst} of gap, area and stiffness"
+    return Term(how, term)
 
 
 def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:

@@ -28,6 +28,9 @@ def plain_cell(n=N, **changes):
         pytest.param({"geometry": "flat"}, set(), id="flat"),
         pytest.param({"geometry": "flat", "hardness": 1.0}, {CellPart.HARDNESS_CAP}, id="hardness"),
         pytest.param(
+            {"geometry": "flat", "slope_order": 2}, {CellPart.SLOPE_EXPANSION}, id="expanded"
+        ),
+        pytest.param(
             {"poissons_ratio": 0.45},
             {CellPart.STIFFNESS, CellPart.LAYER_FACTORS, CellPart.MEAN_DILATATION, CellPart.TILT},
             id="nearly-incompressible",
@@ -51,9 +54,11 @@ def test_each_feature_is_built_only_where_it_is_used(changes, built):
     assert all(f"builds {name}" in needs.explain() for name in built)
 
 
-@pytest.mark.parametrize("geometry", ["conforming", "flat"])
-def test_the_memory_said_is_the_memory_taken(geometry):
-    cell = plain_cell(96, geometry=geometry)
+@pytest.mark.parametrize(
+    ("geometry", "order"), [("conforming", 1), ("flat", 1), ("flat", 2)], ids=str
+)
+def test_the_memory_said_is_the_memory_taken(geometry, order):
+    cell = plain_cell(96, geometry=geometry, slope_order=order)
     path = Path(pressure=(0.01,))
     solve_cell(cell, path)  # compiles
     tracemalloc.start()

@@ -6,11 +6,15 @@ import pytest
 from multiscale.cli import run_command
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset, open_response, read_surface
+from multiscale.micro import Cell, run_ensemble
+from multiscale.micro import Path as LoadPath
 from multiscale.pipeline import case_cells, load_case, make_cells, run
 from multiscale.pipeline.case_cells import composite_material
+from multiscale.pipeline.stages.cells import with_slope_errors
 from multiscale.schema import MACRO_RESULT
 from multiscale.surfaces import rms_height, rms_slope
 from multiscale.units import to_si
+from tests.support import rough_square
 
 
 @pytest.fixture
@@ -242,3 +246,25 @@ width = "20 mm"
 [statics]
 preloads = ["20 MPa"]
 """
+
+
+def test_flat_cells_say_what_their_slopes_leave_and_conforming_cells_leave_nothing(tmp_path):
+    surface = rough_square(32, 1.0, 0.25, 0.1)
+    path = LoadPath(pressure=(0.01, 0.03))
+
+    def errors(**kind):
+        cell = Cell(surface, 1.0, 6, 1.0, 0.3, **kind)
+        response = run_ensemble([cell], path)
+        return with_slope_errors(response, cell, tmp_path / str(kind), "one")
+
+    first, second = (errors(geometry="flat", slope_order=order) for order in (1, 2))
+    expected = 0.2 * first["mean_gap_slope_error"]
+    np.testing.assert_allclose(second["mean_gap_slope_error"], expected, rtol=1e-6)
+    assert np.all(first["mean_gap_slope_error"] > 1e-3)
+    exact = errors(geometry="conforming")
+    assert not exact["mean_gap_slope_error"].any()
+    assert exact.attrs["small_slopes"] == "nothing: the mesh follows the surface"
+    thin = Cell(surface, 0.4, 6, 1.0, 0.3, geometry="flat")
+    unknown = with_slope_errors(run_ensemble([thin], path), thin, tmp_path / "thin", "one")
+    assert unknown["mean_gap_slope_error"].isnull().all()
+    assert "not known: slope_order = 2 is derived for a half-space" in unknown.attrs["small_slopes"]

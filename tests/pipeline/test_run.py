@@ -129,6 +129,7 @@ def test_the_datasets_open_as_one_tree_and_agree(finished):
         "sampling",
         "fit",
         "increments",
+        "small slopes",
         "surface",
         "scale separation",
         "few cells",

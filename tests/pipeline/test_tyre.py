@@ -227,7 +227,9 @@ def test_a_braking_force_has_an_error_budget(finished):
     assert np.all(known.drop_sel(error_term=absent) > 0.0)
     total = np.sqrt((known**2).sum("error_term"))
     np.testing.assert_allclose(result["error_total"].squeeze("quantity"), total)
-    assert result.attrs["unknown"] == "cell size, micro discretisation, scale separation"
+    assert (
+        result.attrs["unknown"] == "cell size, micro discretisation, small slopes, scale separation"
+    )
 
 
 def test_a_tread_far_beyond_the_pressures_of_its_roads_has_no_force(finished):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, graph_cell, solve_cell
+from multiscale.micro import Cell, Path, Surface, cell, solve_cell
 from multiscale.micro.contact_area import HALF_SPACE
-from multiscale.micro.finite import finite_cell
 from multiscale.micro.graph_cell import element_edges
 from tests.closed_forms import mindlin
 from tests.support import egg_box, observed_rate, rough_square, slow
@@ -15,10 +14,9 @@ from tests.support import egg_box, observed_rate, rough_square, slow
 @pytest.fixture
 def uniform_layers(monkeypatch):
     """The tables were made on layers of equal thickness."""
-    for module in (finite_cell, graph_cell):
-        monkeypatch.setattr(
-            module, "graded_planes", lambda depth, layers, _: np.linspace(0.0, depth, layers + 1)
-        )
+    monkeypatch.setattr(
+        cell, "graded_planes", lambda depth, layers, _: np.linspace(0.0, depth, layers + 1)
+    )
 
 
 def pressures(bulk, approaches):

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, graph_cell, solve_cell
-from multiscale.micro.finite import finite_cell
+from multiscale.micro import Cell, Path, cell, solve_cell
 from tests.support import egg_box
 
 APPROACH = (0.01, 0.02, 0.03, 0.04)
@@ -48,12 +47,11 @@ def forces(n, layers, bulk=None):
 @pytest.fixture
 def same_layers(monkeypatch):
     """Put the layers where the other codes have them."""
-    for module in (finite_cell, graph_cell):
-        monkeypatch.setattr(
-            module,
-            "graded_planes",
-            lambda depth, layers, _: depth * (1.0 - (1.0 - np.arange(layers + 1) / layers) ** 1.6),
-        )
+    monkeypatch.setattr(
+        cell,
+        "graded_planes",
+        lambda depth, layers, _: depth * (1.0 - (1.0 - np.arange(layers + 1) / layers) ** 1.6),
+    )
 
 
 @pytest.mark.parametrize("code", [GETFEM, KRATOS], ids=["GetFEM", "Kratos"])

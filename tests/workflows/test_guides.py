@@ -30,7 +30,7 @@ def results_in_xarray(names):
 
 
 def laws(names):
-    assert names["budget"].attrs["unknown"] == "cell size, scale separation"
+    assert names["budget"].attrs["unknown"] == "cell size, small slopes, scale separation"
     assert "*SURFACE BEHAVIOR" in Path("rough_joint.inp").read_text()
 
 

@@ -173,7 +173,9 @@ def _value(hint: Any) -> str:
     kind, metadata = _parts(hint)
     bounds = _bounds(metadata)
     if get_origin(kind) is Literal:
-        return " or ".join(f'`"{value}"`' for value in get_args(kind))
+        marks = ['"' if isinstance(value, str) else "" for value in get_args(kind)]
+        said = zip(marks, get_args(kind), strict=True)
+        return " or ".join(f"`{mark}{value}{mark}`" for mark, value in said)
     if get_origin(kind) in (Union, UnionType):
         return " or ".join(map(_value, get_args(kind)))
     if get_origin(kind) is tuple:

@@ -36,6 +36,9 @@ SHOWN = {
     "ground_steel_plastic": lambda run, ax: plotting.plot_unloading(
         run["micro_response"], run["interface_law"], ax=ax
     ),
+    "coated_steel": lambda run, ax: plotting.plot_area_law(
+        run["micro_response"], run["interface_law"], ax=ax
+    ),
     "bolted_lap": lambda run, ax: plotting.plot_hysteresis(run["macro_result"], ax=ax),
     "road_texture": lambda run, ax: plotting.plot_area_law(
         run["micro_response"], run["interface_law"], ax=ax

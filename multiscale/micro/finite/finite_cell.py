@@ -14,7 +14,7 @@ from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellScene, RigidScene
 from multiscale.micro.finite.two_bodies import Halves, Underside, join_bodies
 from multiscale.micro.flat_reference import Reference, flat_inverse, flat_reference
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.lateral_fft import LateralInverse
 from multiscale.surfaces.surface import Surface
 
@@ -48,8 +48,7 @@ def make_scene(cell: FiniteCell) -> CellScene:
 
 
 def _mesh(cell: PeriodicLayer) -> GraphMesh:
-    planes = graded_planes(cell.depth, cell.layers, min(cell.surface.spacing))
-    return GraphMesh(cell.surface, planes)
+    return GraphMesh(cell.surface, cell.planes)
 
 
 def _weights(inverse: LateralInverse) -> tuple[float, float]:

@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
+from multiscale.micro.cell import FlatCell, GridCell
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
     cell_of,
+    coating_caution,
     composite_material,
     longest_wave,
     measured_cells,
+    surface_modulus,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -28,7 +32,7 @@ from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
 from multiscale.schema import FIELDS, MICRO_RESPONSE
-from multiscale.surfaces import Roughness
+from multiscale.surfaces import Roughness, rms_slope
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -99,11 +103,15 @@ def run_micro(
             identity=identity,
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
+    bare = cell_of(case.without_coatings(), cells[0].surface)
+    response = with_slope_errors(response, bare, file.parent / "micro-slope-order", identity)
     if fields:
         write_fields(case, file.parent, file.parent)
     response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
+        surface_modulus=surface_modulus(case),
+        coatings=" and ".join(f"body_{k}" for k, one in enumerate(case.bodies, 1) if one.coating),
         longest_wave=longest_wave(case),
         cell_size=max(case.cell.size),
         bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
@@ -111,6 +119,7 @@ def run_micro(
         cautions="\n".join(
             [
                 *case.cautions(),
+                *coating_caution(case),
                 *caution_steep(
                     response, "composite surface", "one elastic body no longer stands for two"
                 ),
@@ -152,6 +161,32 @@ def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, 
         one, half = (found[name].to_numpy()[0] for found in (response, halved))
         errors[f"{name}_increment_error"] = 2.0 * (one - half) / half
     return errors
+
+
+def with_slope_errors(
+    response: "xr.Dataset", cell: GridCell, folder: Path, identity: str
+) -> "xr.Dataset":
+    """Return a response with what slopes taken as small make of it, by one of its realisations.
+
+    A flat cell is solved to both orders in the slope. The first order errs by the difference, the
+    second by about twice the root mean square slope times the difference.
+    """
+    if not isinstance(cell, FlatCell):
+        return response  # says already that there are none
+    names = ("mean_gap", "contact_fraction")
+    path = LoadPath(pressure=tuple(response["nominal_pressure"].to_numpy()))
+    try:
+        orders = [replace(cell, slope_order=order) for order in (1, 2)]
+    except CaseError as error:
+        errors, told = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
+    else:
+        found = run_ensemble(orders, path, folder=folder, identity=identity)
+        share = 1.0 if cell.slope_order == 1 else 2.0 * rms_slope(cell.surface)
+        changes = {name: found[name].to_numpy() for name in names}
+        errors = {name: share * (one - two) / two for name, (one, two) in changes.items()}
+        told = "expanded in the slopes in one realisation, without coatings"
+    values = {f"{name}_slope_error": error for name, error in errors.items()}
+    return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
 
 
 def _increments(response: "xr.Dataset") -> list[str]:
@@ -295,5 +330,5 @@ CELLS: Stage = Stage(
     sections=_sections,
     pictures=("surface", "contact_map"),
     work=count_cells,
-    folders=("micro", "micro-halved-increments", "plan"),
+    folders=("micro", "micro-halved-increments", "micro-slope-order", "plan"),
 )

@@ -86,7 +86,8 @@ def _as_sheared(case: Case) -> Case:
 
 def _pair(case: Case, surfaces: tuple[Surface, Surface]) -> FiniteCell:
     lower, upper = (Elastic(body.youngs_modulus, body.poissons_ratio) for body in case.bodies)
-    return two_bodies(case.cell, surfaces, (lower, upper), case.micro.shear.friction_coefficient)
+    mu, coatings = case.micro.shear.friction_coefficient, (case.body_1.stack, case.body_2.stack)
+    return two_bodies(case.cell, surfaces, (lower, upper), mu, coatings)
 
 
 def _needs(case: Case) -> Needs:

@@ -1,0 +1,118 @@
+"""The flat cell to second order in the slope: against the conforming cell, and its operator."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.micro import Cell, Path, solve_cell
+from multiscale.micro.gap_control import assemble_gap_cell
+from multiscale.micro.slope_expansion import expanded_compliance
+from tests.support import egg_box, rough_square, wave
+
+
+def bumps(slope):
+    return egg_box(8, slope / (np.sqrt(2.0) * np.pi))
+
+
+def correction(surface, poissons_ratio):
+    """C_1 alone, of an elastic body with the shear modulus 1/2."""
+    nx, ny = surface.heights.shape
+    return expanded_compliance(surface, np.zeros((nx, ny // 2 + 1)), 0.5, poissons_ratio)
+
+
+def changed_gap(**kind):
+    """Gap over slope, less the one of vanishing slopes, which takes away the error of elements."""
+    gaps = []
+    for slope in (1e-5, 0.08, 0.16):
+        cell = Cell(egg_box(32, slope / (np.sqrt(2.0) * np.pi)), 1.0, 10, 1.0, 0.3, **kind)
+        path = Path(pressure=(0.4 * slope,))
+        gaps.append(solve_cell(cell, path, tolerance=1e-6)["mean_gap"].values[0] / slope)
+    return np.subtract(gaps[1:], gaps[0])
+
+
+def test_conforming_minus_expanded_is_of_second_order_in_the_slope():
+    conforming = changed_gap(geometry="conforming")
+    differences = [
+        np.abs(conforming - changed_gap(geometry="flat", slope_order=order)) for order in (1, 2)
+    ]
+    first, second = (np.log2(one[1] / one[0]) for one in differences)
+    np.testing.assert_allclose(first, 0.85, atol=0.1)
+    np.testing.assert_allclose(second, 2.0, atol=0.4)
+    assert np.all(differences[1] < 0.25 * differences[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poissons_ratio", [0.0, 0.3])
+def test_the_second_order_holds_over_the_slopes_of_a_rough_surface(poissons_ratio):
+    slopes, kinds = np.array([1e-5, 0.0125, 0.025, 0.05, 0.1, 0.2, 0.4]), []
+    for kind in ({"geometry": "conforming"}, {"slope_order": 1}, {"slope_order": 2}):
+        gaps = []
+        for slope in slopes:
+            surface, flat = rough_square(64, 1.0, 0.25, slope, seed=3), {"geometry": "flat"}
+            cell = Cell(surface, 1.0, 12, 1.0, poissons_ratio, **(flat | kind))
+            path = Path(pressure=(0.3 * slope,))
+            gaps.append(solve_cell(cell, path, tolerance=1e-7)["mean_gap"].item() / slope)
+        kinds.append(np.array(gaps[1:]) / gaps[0] - 1.0)
+    first, second = (kinds[0] - one for one in kinds[1:])
+    rates = [np.log2(one[1:] / one[:-1]) for one in (first, second)]
+    assert np.all((rates[0] > 0.6) & (rates[0] < 1.05)), rates
+    assert np.all((rates[1][1:4] > 1.5) & (rates[1][1:4] < 2.4)), rates
+    # the term of the error budget is the change by the expansion, times twice the slope
+    bound = 2.0 * slopes[1:] * np.abs(kinds[2] - kinds[1]) / (1.0 + kinds[2])
+    assert np.all(np.abs(first) < 1.25 * np.abs(kinds[2] - kinds[1]) / (1.0 + kinds[2]))
+    assert np.all(np.abs(second) < 1.25 * bound)
+
+
+def test_the_expanded_compliance_is_symmetric():
+    surface = rough_square(24, 0.5, 0.25, 0.4)
+    moved, rng = correction(surface, 0.1), np.random.default_rng(1)
+    one, other = rng.standard_normal((2, 24, 24))
+    assert np.vdot(one, moved(other)) == pytest.approx(np.vdot(other, moved(one)), rel=1e-12)
+    assert abs(np.vdot(one, moved(other))) > 1e-3 * np.linalg.norm(moved(other))
+
+
+def test_the_energy_of_the_correction_is_stress_and_strain_of_the_flat_top_times_the_height():
+    n, nu = 32, 0.2
+    surface = rough_square(n, 1.0, 0.25, 0.3)
+    x = np.broadcast_to(np.cos(2.0 * np.pi * np.arange(n) / n)[:, None], (n, n))
+    force = x + 2.0 * x.T + 0.5
+    f = force * n**2  # Pa
+    own = (1.0 - 2.0 * nu) * np.stack([x, 2.0 * x.T]) * n**2  # strains along x and along y
+    in_plane = np.sum(own, axis=0)
+    lame = nu / (1.0 - 2.0 * nu)
+    normal = (f - lame * in_plane) / (lame + 1.0)
+    stresses = lame * (in_plane + normal) + own
+    expected = np.mean(surface.heights * (f * normal - np.sum(stresses * own, axis=0)))  # (2)
+    assert np.vdot(force, correction(surface, nu)(force)) == pytest.approx(expected, rel=1e-10)
+
+
+def test_slopes_change_nothing_where_volume_stays_and_the_mean_alone_in_plane_strain():
+    force = np.random.default_rng(2).random((24, 24))
+    still = correction(rough_square(24, 0.5, 0.25, 0.3), 0.5)(force)
+    np.testing.assert_allclose(still, 0.0, atol=1e-12)
+    ridge, along = wave((24, 24), 0.01), force[:, :1] + np.zeros((24, 24))
+    mean = np.mean(along) * ridge.heights + np.mean(ridge.heights * along)
+    np.testing.assert_allclose(correction(ridge, 0.2)(along), 0.6 * 24**2 * mean, rtol=1e-10)
+
+
+flat = partial(Cell, geometry="flat", slope_order=2)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: flat(bumps(0.6), 1.0, 4, 1.0, 0.3), "slope of 0.6.*, beyond 0.5"),
+        (lambda: flat(bumps(0.1), 0.3, 4, 1.0, 0.3), "less than half of the period"),
+        (lambda: flat(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "one material"),
+        (lambda: flat(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.1)), "below a rigid flat"),
+        (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, slope_order=2), "belongs to flat cells"),
+        (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, geometry="flat", slope_order=3), "1 or 2"),
+        (lambda: assemble_gap_cell(flat(bumps(0.1), 1.0, 4, 1.0, 0.3)), "slope_order = 1 only"),
+    ],
+    ids=["steep", "thin", "layers", "obstacle", "conforming", "third", "gap"],
+)
+def test_what_is_not_expanded_is_refused(make, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        make()

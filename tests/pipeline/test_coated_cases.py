@@ -1,0 +1,171 @@
+"""Cases whose bodies have coatings: their cells, what they refuse, and what they say."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.micro.flat_cell import flat_gap
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus
+from multiscale.pipeline.pilots import stored_pilots, surface_at_large
+from multiscale.pipeline.stages import sheared_cells
+from multiscale.surfaces.surface import Surface
+
+COATING = """
+[[body_1.coating]]
+thickness = "10 um"
+youngs_modulus = "350 GPa"
+poissons_ratio = 0.25
+"""
+
+TEXT = f"""
+title = "Oxide on ground steel"
+[body_1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[body_1.surface]
+rms_slope = 0.05
+hurst_exponent = 0.8
+long_cutoff = "200 um"
+short_cutoff = "50 um"
+{COATING}
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[cell]
+size = ["200 um", "200 um"]
+points = [32, 32]
+geometry = "flat"
+[micro]
+realisations = 3
+pressures = ["5 MPa", "15 MPa", "40 MPa", "120 MPa"]
+[law]
+samples = 20
+"""
+
+
+def case_of(tmp_path, *changes):
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "case.toml").write_text(text)
+    return load_case(tmp_path / "case.toml")
+
+
+def flat_surface(case):
+    return Surface(np.zeros(case.cell.points), case.cell.size)
+
+
+def symbol(case):
+    return flat_gap(cell_of(case, flat_surface(case)))[2].flat[1:]
+
+
+def test_waves_longer_than_an_oxide_see_the_steel_and_shorter_ones_the_oxide(tmp_path):
+    case = case_of(tmp_path)
+    bare, coated = symbol(case.without_coatings()), symbol(case)
+    assert np.all(coated < bare)
+    assert 0.85 < coated[0] / bare[0] < 1.0
+    oxide = contact_modulus((350e9, 0.25), (210e9, 0.3))
+    assert surface_modulus(case) == pytest.approx(oxide)
+    assert coated[15] / bare[15] == pytest.approx(
+        contact_modulus((210e9, 0.3), (210e9, 0.3)) / oxide, rel=0.1
+    )
+    alike = ("350 GPa", "210 GPa"), ("0.25", "0.3")
+    np.testing.assert_allclose(symbol(case_of(tmp_path, *alike)), bare, rtol=1e-4)
+
+
+def test_a_coated_case_has_a_law_with_bands_and_a_budget(tmp_path):
+    results = run(case_of(tmp_path), tmp_path / "out")
+    law = results.interface_law
+    assert law.sizes["sample"] == 20
+    assert np.isfinite(law["error_total"].sel(quantity=["mean_gap", "stiffness"])).all()
+    assert "without coatings" in law.attrs["how_small_slopes"]
+
+
+def test_the_hardness_of_the_coating_caps_local_pressures(tmp_path):
+    hard = COATING + 'hardness = "12 GPa"\n'
+    own = ("0.3\n[body_1.surface]", '0.3\nhardness = "2 GPa"\n[body_1.surface]')
+    case = case_of(tmp_path, (COATING, hard), own)
+    assert case.hardness == 12e9
+    assert cell_of(case, flat_surface(case)).hardness == 12e9
+    assert [one for one in case.cautions() if "spots wider than its 10 µm" in one]
+    below = case_of(tmp_path, own)
+    assert below.hardness == 2e9
+    assert not [one for one in below.cautions() if "spots wider" in one]
+
+
+def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
+    conforming = ('geometry = "flat"', 'geometry = "conforming"')
+    assert coating_caution(case_of(tmp_path)) == []
+    told = coating_caution(case_of(tmp_path, conforming))
+    assert "gets 2 layer(s) of elements" in told[0]
+    assert "some wave is 0.4" in told[1]
+    both = (COATING, COATING + COATING.replace("body_1", "body_2"))
+    assert len(coating_caution(case_of(tmp_path, conforming, both))) == 1  # alike bodies
+
+
+def test_a_coating_thicker_than_the_cells_are_deep_is_refused(tmp_path):
+    with pytest.raises(CaseError, match="m leaves nothing of the body"):
+        symbol(case_of(tmp_path, ('"10 um"', '"200 um"')))
+
+
+def test_sheared_cells_have_the_coatings_of_both_bodies(tmp_path):
+    shear = '[micro.shear]\nfriction_coefficient = 0.3\npressures = ["40 MPa"]\n[law]'
+    case = case_of(tmp_path, ("[law]", shear))
+    pair = sheared_cells._pair(case, (flat_surface(case),) * 2)
+    assert [body.coating for body in pair.bodies] == [case.body_1.stack, ()]
+    assert pair.bodies[0].moduli[1][-1] == pytest.approx(350e9 / 2.5)
+
+
+def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
+    text = shipped_cases()["bolted_lap"].read_text(encoding="utf-8")
+    start, end = text.index("[micro.shear]"), text.index("[structure]")
+    bare = text[:start] + text[end:].replace("[statics]", "friction = 0.2\n[statics]")
+    (tmp_path / "bare.toml").write_text(bare)
+    (tmp_path / "coated.toml").write_text(bare.replace("[body_2]", COATING + "[body_2]", 1))
+    case = load_case(tmp_path / "bare.toml")
+    with pytest.raises(CaseError, match="the stiffness_ratio of theory is derived for bodies of o"):
+        load_case(tmp_path / "coated.toml")
+    law = xr.Dataset(attrs={"coatings": "body_1"})
+    with pytest.raises(CaseError, match="theory knows none for the coatings of body_1"):
+        case.interface.complete(law, 0.3, strict=False)
+
+
+def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):
+    pressures = '"60 MPa", "120 MPa", "300 MPa", "600 MPa"'
+    case = case_of(tmp_path, ('"5 MPa", "15 MPa", "40 MPa", "120 MPa"', pressures))
+    large = surface_at_large(case)
+    assert stored_pilots(case.without_coatings(), large) is not None
+    assert stored_pilots(case, large) is None
+
+
+CONFORMING = ('geometry = "flat"\n', "")
+METAL = ("[cell]", 'hardness = "2 GPa"\n[cell]')
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        pytest.param([CONFORMING, METAL], "conforming cells that flow are of one", id="metal"),
+        pytest.param([('"10 um"', '"0 um"')], "thickness", id="none"),
+        pytest.param([("[micro]", "slope_order = 2\n[micro]")], "of one material", id="order"),
+        pytest.param(
+            [CONFORMING, ("[law]", '[slide]\ndistance = "10 um"\n[law]')],
+            r"\[slide\] moves bodies of one material",
+            id="slide",
+        ),
+        pytest.param(
+            [("0.25\n", '0.25\nhardness = "50 GPa"\n')],
+            "hardness of a coating of body_1 is 50 GPa",
+            id="hardness",
+        ),
+        pytest.param([("thickness", "thicknes")], "did you mean 'thickness'", id="misspelt"),
+    ],
+)
+def test_what_coatings_do_not_go_with_is_refused(tmp_path, changes, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        case_of(tmp_path, *changes)
