@@ -2,7 +2,14 @@
 
 from multiscale.laws import wlf_shift
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro.cell import FiniteCell, FlatCell, GraphCell, MeshCell, SecondBody
+from multiscale.micro.cell import (
+    CellSides,
+    FiniteCell,
+    FlatCell,
+    GraphCell,
+    MeshCell,
+    SecondBody,
+)
 from multiscale.micro.cell_maker import Cell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.ensemble import run_ensemble
@@ -15,6 +22,7 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = [
     "Cell",
+    "CellSides",
     "FiniteCell",
     "FlatCell",
     "GraphCell",

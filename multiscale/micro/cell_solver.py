@@ -47,7 +47,7 @@ def solve_cell(
     cell : FlatCell, GraphCell, FiniteCell or MeshCell
     path : Path
     keep_fields : bool
-        Keep pressure and gap at every surface node; not on a general mesh.
+        Keep pressure and gap at every surface node, or at the points of a cell on a mesh.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
@@ -74,12 +74,12 @@ def solve_cell(
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)
     if keep_fields:
-        if isinstance(cell, MeshCell):
+        if cell.field_shape is None:
             raise CaseError(
-                "keep_fields keeps values on the grid of a surface, and a general mesh has none; "
-                "leave it out"
+                "keep_fields keeps values on a grid, and this general mesh has none; give the cell "
+                "points, or leave it out"
             )
-        shapes |= dict.fromkeys(("pressure", "gap"), cell.surface.heights.T.shape)
+        shapes |= dict.fromkeys(("pressure", "gap"), cell.field_shape[::-1])
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
@@ -115,8 +115,8 @@ def _(cell: GraphCell, path: Path, recover_stress: bool) -> Callable[..., Steps]
 
 @_follower.register
 def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
-    from multiscale.micro.mesh_cell import assemble_mesh_cell
-
+    with _compiled():
+        from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell
     _check_still(path)
     return partial(_press, assemble_mesh_cell(cell, recover_stress=recover_stress))
 
@@ -221,8 +221,11 @@ def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[st
         step["recovered_traction"] = averages.average_traction(force[None], area)
     if fields:
         deformed = problem.surface_height + moved[:, 2]
-        step["pressure"] = (state.force * problem.normal[:, 2] / weight).T
-        step["gap"] = (problem.obstacle_height - state.approach - deformed).T
+        gap = problem.obstacle_height - state.approach - deformed
+        closed = state.force > 0.0  # below overhangs the projected area is none, or negative
+        pressure = np.zeros_like(state.force)
+        np.divide(state.force * problem.normal[:, 2], weight, out=pressure, where=closed)
+        step["pressure"], step["gap"] = (problem.field(one).T for one in (pressure, gap))
     return step
 
 

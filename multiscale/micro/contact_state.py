@@ -35,6 +35,8 @@ class CellProblem:
         Largest contact force of a node, N.
     edges : tuple of EdgeLayer
         Edges of contact on the grid of nodes, along x and y.
+    field : callable
+        Values on the grid of fields, (nx, ny), from values at contact nodes.
     """
 
     solve: Callable[..., "ContactState"]
@@ -46,6 +48,7 @@ class CellProblem:
     recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
     cap: float = np.inf
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
+    field: Callable[[np.ndarray], np.ndarray] = np.asarray
 
     @property
     def nominal_area(self) -> float:

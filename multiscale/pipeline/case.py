@@ -38,6 +38,7 @@ FILES = (
     ("body_2", "surface", "file"),
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
     ("interface", "law"),
+    ("cell", "mesh"),
 )
 """Keys that name files."""
 

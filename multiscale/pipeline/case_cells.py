@@ -1,6 +1,7 @@
 """From a case to its cells: surfaces of both bodies, and one elastic body that stands for both."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ from multiscale.io import read_surface
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro import FiniteCell, SecondBody
-from multiscale.micro.cell import GridCell
+from multiscale.micro.cell import AnyCell, CellSides, MeshCell
 from multiscale.micro.cell_maker import Cell
+from multiscale.micro.mesh.file_cell import cell_from_file
+from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
@@ -25,6 +28,7 @@ __all__ = [
     "composite_material",
     "longest_wave",
     "make_cells",
+    "make_surfaces",
     "measured_cells",
     "rough_sides",
     "smooth_pair",
@@ -48,24 +52,29 @@ def composite_material(case: Case) -> tuple[float, float]:
     and without friction nothing else of the elastic constants enters; Poisson's ratio is the mean
     weighted by compliance.
     """
-    pair = [(body.youngs_modulus, body.poissons_ratio) for body in case.bodies]
+    return _composite(*((body.youngs_modulus, body.poissons_ratio) for body in case.bodies))
+
+
+def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
+    """Young's modulus, Pa, and Poisson's ratio of the body that stands for two."""
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
 
 
 def longest_wave(case: Case) -> float:
-    """Longest wavelength of the roughness of both bodies, m; the cell for a measured map."""
+    """Longest wavelength of the roughness of both bodies, m; the cell for a map or a mesh."""
     synthetic = [
         body.surface.long_cutoff
         for body in case.bodies
         if body.surface is not None and not isinstance(body.surface, InstrumentSurface)
     ]
     measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
-    return max([*synthetic, *([max(case.cell.size)] if measured else [])])
+    whole = measured or case.cell.mesh is not None
+    return max([*synthetic, *([max(case.cell.size)] if whole else [])])
 
 
-def make_cells(case: Case) -> list[GridCell]:
+def make_cells(case: Case) -> list[AnyCell]:
     """Build the cell of each realisation.
 
     Raises
@@ -76,7 +85,19 @@ def make_cells(case: Case) -> list[GridCell]:
     return measured_cells(case)[0]
 
 
-def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
+def make_surfaces(case: Case) -> list[Surface]:
+    """Make the composite surface of each realisation.
+
+    Raises
+    ------
+    CaseError
+        As :func:`make_cells`.
+    """
+    rough = [side.surfaces for side in rough_sides(case) if side.surfaces]
+    return [pair[0] if len(pair) == 1 else composite(*pair) for pair in zip(*rough, strict=True)]
+
+
+def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
     """Build the cell of each realisation, and say of each measured body what the cells hold of it.
 
     Raises
@@ -84,6 +105,8 @@ def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
     CaseError
         As :func:`make_cells`.
     """
+    if case.cell.mesh is not None:
+        return [_mesh_of_file(case, case.cell.mesh)], {}
     sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case), 1)}
     rough = [side.surfaces for side in sides.values() if side.surfaces]
     cells = [
@@ -93,22 +116,60 @@ def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
     return cells, {name: side.measured for name, side in sides.items() if side.measured is not None}
 
 
-def cell_of(case: Case, surface: Surface) -> GridCell:
-    """Build the cell of a case under one composite surface."""
-    material = composite_material(case)
+def cell_of(case: Case, surface: Surface) -> AnyCell:
+    """Build the cell of a case under one composite surface; a mesh from a file has its own."""
+    if case.cell.mesh is not None:
+        return _mesh_of_file(case, case.cell.mesh)
+    material, depth = composite_material(case), case.cell.depth or max(case.cell.size)
+    if case.cell.geometry == "mesh":
+        element, sides = _elements(case.cell)
+        law, layers = Elastic(*material), case.cell.layers
+        return graph_mesh_cell(surface, depth, layers, law, element, sides=sides)
     flat = case.cell.geometry == "flat"
     bulk = None  # elastic
     if case.softer is not None and case.yield_stress is not None:
         bulk = J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
     return Cell(
         surface,
-        case.cell.depth if case.cell.depth is not None else max(case.cell.size),
+        depth,
         case.cell.layers,
         *material,
         geometry=case.cell.geometry,
         hardness=case.hardness if flat else None,
         bulk=bulk,
     )
+
+
+def _elements(cell: CellSettings) -> tuple[ElementKind, CellSides]:
+    return ElementKind(cell.element or "hex8"), CellSides(cell.sides or "periodic")
+
+
+def _mesh_of_file(case: Case, path: Path) -> MeshCell:
+    """Build the cell on the mesh of a file; the moduli of its volumes stand for both bodies."""
+    settings, other = case.cell, (case.body_2.youngs_modulus, case.body_2.poissons_ratio)
+    volumes = {
+        name: Elastic(*_composite((one.youngs_modulus, one.poissons_ratio), other))
+        for name, one in (settings.volumes or {}).items()
+    }
+    element, sides = _elements(settings)
+    cell = cell_from_file(
+        path,
+        Elastic(*composite_material(case)),
+        element,
+        scale=settings.unit or 1.0,
+        volumes=volumes,
+        contact=settings.contact_face or "top",
+        base=settings.base_face or "bottom",
+        sides=sides,
+        points=settings.points,
+    )
+    size = np.ptp(cell.mesh.p, axis=1)[:2]
+    if not np.allclose(size, settings.size, rtol=1e-6, atol=0.0):
+        raise CaseError(
+            f"{path} measures {size[0]:.6g} m x {size[1]:.6g} m along x and y, and size in [cell] "
+            f"is {settings.size[0]:.6g} m x {settings.size[1]:.6g} m; correct size or unit"
+        )
+    return cell
 
 
 def rough_sides(case: Case) -> list[RoughSide]:

@@ -44,6 +44,9 @@ __all__ = [
     "write_fields",
 ]
 
+COMPOSITE = "composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes"
+MESHED = "mesh against a rigid flat; each volume has 1/E* = sum (1 - nu^2)/E of itself and body_2"
+
 STEEP = 0.3  # root mean square slope
 
 HEAD = (
@@ -106,7 +109,7 @@ def run_micro(
         contact_modulus=contact_modulus(composite_material(case)),
         longest_wave=longest_wave(case),
         cell_size=max(case.cell.size),
-        bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
+        bodies=(COMPOSITE if case.cell.mesh is None else MESHED),
         identity=identity,
         cautions="\n".join(
             [
