@@ -14,9 +14,10 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
-from multiscale.micro.contact_area import contact_fraction
+from multiscale.micro.contact_area import contact_areas
 from multiscale.micro.contact_state import CellProblem, ContactState
 from multiscale.micro.path import Path
+from multiscale.micro.spots import grid_neighbours, spot_averages
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ logger = logging.getLogger(__name__)
 
 _EXTRA = ("slip_fraction", "friction_work", "flowing_fraction", "increments")
 
+SPOTS = {"spot_area": (), "spot_traction": (3,), "spot_traction_by_normal": (3,)}
+
 Steps = list[dict[str, Any]]
 
 
@@ -36,6 +39,7 @@ def solve_cell(
     path: Path,
     *,
     keep_fields: bool = False,
+    keep_spots: bool = False,
     recover_stress: bool = False,
     tolerance: float = 1e-8,
     checkpoint: Checkpoint | None = None,
@@ -48,6 +52,9 @@ def solve_cell(
     path : Path
     keep_fields : bool
         Keep pressure and gap at every surface node, or at the points of a cell on a mesh.
+    keep_spots : bool
+        Keep area and share in the averages of every contact spot, largest first, as
+        ``spot_area``, ``spot_traction`` and ``spot_traction_by_normal``; NaN beyond the last spot.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
@@ -84,7 +91,10 @@ def solve_cell(
         logger.warning("caution: %s", caution)
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         follow = _follower(cell, path, recover_stress)
-        steps = follow(path, fields=keep_fields, tolerance=tolerance, checkpoint=checkpoint)
+        kept = {"fields": keep_fields, "spots": keep_spots}
+        steps = follow(path, **kept, tolerance=tolerance, checkpoint=checkpoint)
+    if keep_spots:
+        _pad_spots(steps)
     return _dataset(steps, path, shapes)
 
 
@@ -142,6 +152,7 @@ def _press(
     path: Path,
     *,
     fields: bool,
+    spots: bool,
     tolerance: float,
     checkpoint: Checkpoint | None,
 ) -> Steps:
@@ -160,7 +171,7 @@ def _press(
         )
         converged = found.status is Status.CONVERGED
         state = found if converged else state
-        step = _average(problem, found, fields) if converged else {}
+        step = _average(problem, found, fields=fields, spots=spots) if converged else {}
         steps.append(
             step
             | {
@@ -200,22 +211,29 @@ def _compiled() -> Iterator[None]:
         ) from error
 
 
-def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[str, Any]:
+def _average(
+    problem: CellProblem, state: ContactState, *, fields: bool, spots: bool
+) -> dict[str, Any]:
     """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx)."""
     area, weight = problem.nominal_area, problem.weight
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
     moved = problem.surface_displacement(state.displacement)
     mean = np.array([np.sum(weight * moved[:, k]) / area for k in (2, 0, 1)])
+    real = contact_areas(
+        state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
+    )
     step = {
         "traction": averages.average_traction(nodal, area),
         "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
         "mean_gap": averages.mean_gap(
             problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
         ),
-        "contact_fraction": contact_fraction(
-            state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
-        ),
+        "contact_fraction": max(float(np.sum(real)) / area, 0.0),
     }
+    if spots:
+        beside = problem.neighbours() if problem.neighbours else grid_neighbours(weight.shape)
+        active = state.force.ravel() > 0.0
+        step |= spot_averages(nodal, nodal, real.ravel(), active, beside, area)
     if problem.recover is not None:
         force = problem.recover(state.displacement, state.active)
         step["recovered_traction"] = averages.average_traction(force[None], area)
@@ -229,6 +247,17 @@ def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[st
     return step
 
 
+def _pad_spots(steps: Steps) -> None:
+    """Give the spots of all steps one number of rows; rows without a spot are NaN."""
+    most = max((len(step["spot_area"]) for step in steps if "spot_area" in step), default=0)
+    for name, shape in SPOTS.items():
+        for step in steps:
+            padded = np.full((most, *shape), np.nan)
+            found = step.get(name, padded[:0])
+            padded[: len(found)] = found
+            step[name] = padded
+
+
 def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
     """Join the steps with the fields asked for beside; values that a failed step lacks are NaN."""
     shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
@@ -236,6 +265,7 @@ def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr
     known = {name for step in steps for name in step}
     shapes |= {name: () for name in _EXTRA if name in known}
     shapes |= {name: (3,) for name in ("traction_by_normal",) if name in known}
+    shapes |= {name: np.shape(steps[0][name]) for name in SPOTS if name in known}
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()

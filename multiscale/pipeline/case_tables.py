@@ -190,6 +190,10 @@ class MicroSettings(Settings):
     unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = Field(
         False, description="Whether to unload through the same pressures, or the falling ones, Pa."
     )
+    spots: bool = Field(
+        False,
+        description="Whether the response keeps area and force of every contact spot.",
+    )
     shear: ShearSettings = ABSENT
 
     _rise = field_validator("pressures")(must_rise)

@@ -32,7 +32,7 @@ def written(path, cell=CELL, *, rough=True, realisations=2, **tables):
         "body_1": steel | ({"surface": surface} if rough else {}),
         "body_2": steel,
         "cell": cell,
-        "micro": {"realisations": realisations, "pressures": PRESSURES},
+        "micro": {"realisations": realisations, "pressures": PRESSURES, "spots": True},
         "law": {"samples": 0},
     } | tables
     path.write_text(tomli_w.dumps(content), encoding="utf-8")
@@ -86,6 +86,8 @@ def test_a_mesh_with_overhang_and_inclusion_goes_through_the_chain(tmp_path):
         np.testing.assert_allclose(response["traction"][0, :, 0], -p, rtol=1e-8)
         area = response["contact_fraction"].values  # of the cap, whose corners bend away
         assert np.all((area > 25 / 64) & (area <= 36 / 64))
+        spots = response["spot_area"].sum("spot").values * 1e12  # of a cell of 1 um2
+        np.testing.assert_allclose(spots, area, rtol=1e-12)
         gap = response["mean_gap"].values[0]
         stiffness.append((p[-1] - p[0]) / (gap[0] - gap[-1]))
         fields = open_dataset(tmp_path / str(k) / "fields" / "fields.nc")

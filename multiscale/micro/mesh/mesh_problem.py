@@ -76,6 +76,7 @@ def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellP
         unknowns.weight,
         surface_displacement=lambda u: unknowns.coefficients @ (expand @ u).reshape(-1, 3),
         recover=recover if recover_stress else None,
+        neighbours=unknowns.neighbours,
         field=field,
     )
     if cell.layer is None:
@@ -197,6 +198,7 @@ def _on_grid(
         surface_displacement=lambda u: np.moveaxis(problem.surface_displacement(u)[there], 2, 1),
         recover=None if recover is None else lambda u, active: recover(u, active[place]),
         edges=element_edges(layer),
+        neighbours=None,
         field=np.asarray,
     )
 

@@ -90,6 +90,11 @@ class CellUnknowns:
     weight: np.ndarray
     facets: np.ndarray
 
+    def neighbours(self) -> np.ndarray:
+        """Pairs of contact nodes of one facet, shape (2, pairs)."""
+        first, second = np.triu_indices(len(self.facets), 1)
+        return np.stack([self.facets[first].ravel(), self.facets[second].ravel()])
+
 
 def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
     """Give numbers to the unknowns of a cell.

@@ -92,6 +92,7 @@ def run_micro(
         folder=file.parent / "micro",
         identity=identity,
         keep_fields=True,
+        keep_spots=case.micro.spots,
         progress=progress,
     )
     if case.yield_stress is not None:
@@ -288,7 +289,7 @@ CELLS: Stage = Stage(
     tables=("micro",),
     reads={
         **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
-        "micro": {"realisations", "pressures", "seed", "unload"},
+        "micro": {"realisations", "pressures", "seed", "unload", "spots"},
     },
     run=lambda case, found, job: run_micro(
         case, job.out / CELLS.file, executor=job.executor, progress=job.progress
