@@ -8,7 +8,9 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
 from multiscale.micro.cell import CellSides
+from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.mesh import mesh_size
 from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from tests.support import egg_box, keep_ignoring_broken_pipes, rough_square
 
@@ -154,6 +156,24 @@ def test_uniform_displacement_and_traction_bound_the_energy_of_periodic_sides():
     assert 0.5 * upper < lower < 0.99 * energy[CellSides.PERIODIC]
     assert lower < 0.999 * energy[CellSides.SLIDING]
     assert max(energy[CellSides.PERIODIC], energy[CellSides.SLIDING]) < 0.95 * upper
+
+
+@pytest.mark.parametrize("sides", [CellSides.PERIODIC, CellSides.DISPLACEMENT])
+@pytest.mark.parametrize("kind", [ElementKind.HEX8, ElementKind.TET10])
+def test_multigrid_and_factors_have_one_answer(kind, sides, monkeypatch):
+    surface = rough_square(8, 1.0, 0.5, 0.1, seed=2)
+    cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), kind, sides=sides)
+    factors = solve_cell(cell, PATH, keep_fields=True)
+    monkeypatch.setattr(mesh_size, "MOST_FACTORED", 0)
+    assert "multigrid" in cell_needs(cell).built
+    multigrid = solve_cell(cell, PATH, keep_fields=True)
+    assert multigrid["converged"].values.all()
+    assert np.all(multigrid["linear_iterations"] > 4)
+    for name in ("pressure", "mean_gap", "traction"):
+        scale = np.max(np.abs(factors[name].values))
+        np.testing.assert_allclose(multigrid[name], factors[name], atol=1e-6 * scale)
+    by_approach = Path(approach=tuple(-multigrid["displacement_jump"].values[0, :, 0] + 0.01))
+    assert solve_cell(cell, by_approach)["converged"].values.all()
 
 
 def test_a_gmsh_cell_with_a_buried_void_is_softer_than_one_without(box_with_void):

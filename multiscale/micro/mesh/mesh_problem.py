@@ -10,12 +10,14 @@ from scipy import sparse
 
 from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.fe.mesh_file import check_orientation
+from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import CellSides, MeshCell, PeriodicLayer
 from multiscale.micro.contact_state import CellProblem, ContactState, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.graph_cell import element_edges
+from multiscale.micro.mesh.mesh_size import mesh_size
 from multiscale.micro.mesh.seen import sight
 from multiscale.micro.mesh.unknowns import CellUnknowns, cell_unknowns, mean_strain
 from multiscale.numerics.factorisation import factorise
@@ -119,8 +121,15 @@ def _solver(
     stiffness: sparse.csr_array,
     normal: np.ndarray,
 ) -> Callable[..., ContactState]:
-    """Choose what solves contact: factors of the stiffness."""
+    """Choose what solves contact: factors of the stiffness, or multigrid where it is large."""
     number = unknowns.number
+    if mesh_size(cell).multigrid:
+        from multiscale.micro.mesh.multigrid_contact import LargeBody, solve_large_contact
+
+        place, size = unknowns.place, float(np.ptp(basis.doflocs))
+        modes = rigid_motions(basis.doflocs.T[place // 3] / size, place % 3)
+        large = LargeBody(stiffness, modes, place, number[:, 2])
+        return lambda gap, closing, **question: solve_large_contact(large, gap, **question)
     rows, component = np.nonzero(np.broadcast_to(number[:, 2:] >= 0, normal.shape) & (number >= 0))
     shape = (len(number), stiffness.shape[0])
     trace = sparse.csr_array(
