@@ -13,6 +13,8 @@ from multiscale.micro.cell import (
 from multiscale.micro.cell_maker import Cell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.ensemble import run_ensemble
+from multiscale.micro.mesh.file_cell import cell_from_file
+from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from multiscale.micro.path import Path
 from multiscale.micro.shear import shear_path
 from multiscale.micro.slide import slide_cell
@@ -23,6 +25,7 @@ from multiscale.surfaces.surface import Surface
 __all__ = [
     "Cell",
     "CellSides",
+    "ElementKind",
     "FiniteCell",
     "FlatCell",
     "GraphCell",
@@ -31,7 +34,9 @@ __all__ = [
     "RelaxingSolid",
     "SecondBody",
     "Surface",
+    "cell_from_file",
     "contact_modulus",
+    "graph_mesh_cell",
     "run_ensemble",
     "self_affine",
     "shear_path",

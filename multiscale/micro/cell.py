@@ -313,7 +313,13 @@ class FiniteCell(PeriodicLayer):
 
 
 class CellSides(StrEnum):
-    """What the sides of a cell on a mesh do."""
+    """What the sides of a cell on a mesh do.
+
+    Periodic sides move alike, sliding ones stay in their planes. Sides of uniform displacement move
+    down in proportion to z and not across; the force on their highest node is the resultant of all
+    of them. Sides of uniform traction are bent freely at no mean strain in the plane. At a given
+    approach the energies of the last two bound the energy of periodic sides from above and below.
+    """
 
     PERIODIC = "periodic"
     SLIDING = "sliding"
@@ -357,7 +363,6 @@ class MeshCell:
     obstacle: Surface | None = None
     layer: PeriodicLayer | None = None
     points: tuple[int, int] | None = None
-    recovers_stress: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.law, Linear):
@@ -384,6 +389,11 @@ class MeshCell:
                 f"sides of uniform {self.sides.value} go with a flat obstacle; choose periodic or "
                 f"sliding sides, or put the roughness on the mesh"
             )
+
+    @property
+    def recovers_stress(self) -> bool:
+        """Whether all contact forces come from stresses: sides that move as one have others."""
+        return self.sides is not CellSides.DISPLACEMENT
 
     @property
     def field_shape(self) -> tuple[int, int] | None:

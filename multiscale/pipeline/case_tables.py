@@ -119,6 +119,8 @@ class CellSettings(GridSettings):
         stray = [name for name in of_file if name in given]
         if self.mesh is None and stray:
             raise ValueError(f"{stray[0]} says something of a file; name it with mesh")
+        if self.mesh is not None and self.depth is not None:
+            raise ValueError("the file mesh has a depth of its own; leave out depth")
         if self.mesh is not None and self.unit is None:
             raise ValueError('the file mesh needs the length of its unit, such as unit = "1 um"')
         uneven = any(n % 4 for n in self.points) or self.layers % 2

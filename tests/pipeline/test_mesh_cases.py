@@ -121,6 +121,7 @@ def test_a_pore_below_the_surface_makes_a_cell_softer(tmp_path):
             r"no volume named \['core'\]",
             id="volume",
         ),
+        pytest.param({"depth": "1 um"}, "has a depth of its own", id="depth"),
         pytest.param({"unit": None}, r"needs the length of its unit", id="unit"),
         pytest.param(
             {"geometry": "flat", "mesh": None, "unit": None, "element": "hex8"},

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from multiscale.micro.contact_state import CellProblem, ContactState, obstacle_n
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.mesh.mesh_size import mesh_size
-from multiscale.micro.mesh.seen import sight
+from multiscale.micro.mesh.seen import Sight, sight
 from multiscale.micro.mesh.unknowns import CellUnknowns, cell_unknowns, mean_strain
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
@@ -63,10 +63,13 @@ def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellP
         moved = (expand @ u).reshape(-1, 3).T
         return recovered_force(cell.mesh, cell.element, moved, vertices, lame, shear)
 
+    @cache
+    def look() -> Sight:
+        return sight(cell)
+
     def field(values: np.ndarray) -> np.ndarray:
-        spread = np.zeros(basis.N)
+        spread, seen = np.zeros(basis.N), look()
         spread[nodes] = values
-        seen = sight(cell)
         there = seen.interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
         return np.asarray(there.reshape(seen.height.shape))
 

@@ -29,7 +29,7 @@ from multiscale.numerics.krylov import conjugate_gradients
 __all__ = ["LargeBody", "solve_large_contact"]
 
 LOOSE = 1e-3  # residual with which active sets are changed
-SLOW = 60  # iterations of one system, after which the next active set gets cycles of its own
+SLOW = 40  # iterations of one system, after which the next active set gets cycles of its own
 LINEAR_LIMIT = 4000
 
 
@@ -113,7 +113,8 @@ def _cycle(body: LargeBody, free: np.ndarray) -> Callable[[np.ndarray], np.ndarr
     def apply(residual: np.ndarray) -> np.ndarray:
         whole = np.zeros(size)
         whole[at] = residual
-        return np.asarray(precondition.matvec(whole))[at]
+        moved: np.ndarray = precondition.matvec(whole)[at]
+        return moved
 
     return apply
 
