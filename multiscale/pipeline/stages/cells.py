@@ -46,6 +46,10 @@ __all__ = [
 
 COMPOSITE = "composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes"
 MESHED = "mesh against a rigid flat; each volume has 1/E* = sum (1 - nu^2)/E of itself and body_2"
+MESH_CAUTION = (
+    "each volume of the mesh has the moduli of itself and body_2 together, against a rigid flat: "
+    "this is right where body_2 is much stiffer, or like the mesh at every depth"
+)
 
 STEEP = 0.3  # root mean square slope
 
@@ -115,8 +119,12 @@ def run_micro(
         cautions="\n".join(
             [
                 *case.cautions(),
-                *caution_steep(
-                    response, "composite surface", "one elastic body no longer stands for two"
+                *(
+                    [MESH_CAUTION]
+                    if case.cell.mesh is not None
+                    else caution_steep(
+                        response, "composite surface", "one elastic body no longer stands for two"
+                    )
                 ),
                 *(f"{name}: {one}" for name in measured for one in measured[name].cautions),
                 *_increments(response),
