@@ -12,12 +12,7 @@ from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = [
-    "assemble_elasticity",
-    "displacement_basis",
-    "elastic_matrix",
-    "stiffness_matrix",
-]
+__all__ = ["assemble_elasticity", "displacement_basis", "elastic_matrix", "stiffness_matrix"]
 
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
