@@ -17,6 +17,7 @@ FAMILIES = (
     "grains",
     "joints",
     "laws",
+    "meshes",
     "micro",
     "nonsmooth",
     "strain",

@@ -1,6 +1,6 @@
 """Meshes with named boundaries, from gmsh or any file that meshio reads."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,8 @@ SOLIDS = ("hexahedron", "tetra", "quad", "triangle")
 FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
 """Facets of these elements."""
 
+DIMENSIONS = {"hexahedron": 3, "tetra": 3, "quad": 2, "triangle": 2, "line": 1}
+
 
 @dataclass(frozen=True)
 class MeshArrays:
@@ -34,12 +36,15 @@ class MeshArrays:
         Corners in the order of VTK.
     boundaries : dict of str to ndarray of int, shape (facets, corners)
         Corners of the facets of every named boundary.
+    volumes : dict of str to ndarray of int, shape (elements,)
+        Elements of every named set of them.
     """
 
     kind: str
     points: np.ndarray
     cells: np.ndarray
     boundaries: dict[str, np.ndarray]
+    volumes: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def open_mesh(path: Path) -> "Mesh":
@@ -100,15 +105,14 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
             f"without nodes on edges), got {sorted(found)}"
         )
     kind = solids[0]
-    cells = found[kind]
+    cells, volumes = found[kind], _named_blocks(mesh, kind, corners=False)
     if volume:
-        volumes = _named_elements(mesh, kind)
         if volume not in volumes:
             raise CaseError(
                 f"{path}: no volume {volume!r} of {kind} elements is named; its volumes are "
                 f"{sorted(volumes)}"
             )
-        cells = volumes[volume]
+        cells, volumes = cells[volumes[volume]], {}
     used, renumbered = np.unique(cells, return_inverse=True)
     points = mesh.points[used].T
     if kind in ("triangle", "quad"):
@@ -119,24 +123,35 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
     number[used] = np.arange(len(used))
     boundaries = {
         name: number[facets]
-        for name, facets in _named_elements(mesh, FACETS[kind]).items()
+        for name, facets in _named_blocks(mesh, FACETS[kind], corners=True).items()
         if len(facets) and np.all(number[facets] >= 0)
     }
     return MeshArrays(
-        kind, np.ascontiguousarray(points), renumbered.reshape(cells.shape), boundaries
+        kind,
+        np.ascontiguousarray(points),
+        renumbered.reshape(cells.shape),
+        boundaries,
+        volumes,
     )
 
 
-def _named_elements(mesh: Any, kind: str) -> dict[str, np.ndarray]:
-    """Elements of one kind, shape (elements, corners), by the name of their group."""
+def _named_blocks(mesh: Any, kind: str, *, corners: bool) -> dict[str, np.ndarray]:
+    """Elements of one kind by the name of their group: their corners, or their numbers."""
     members = {name: sets for name, sets in mesh.cell_sets.items() if ":" not in name}
     groups = mesh.cell_data.get("gmsh:physical")
     if groups is not None:  # older gmsh formats store numbers, and the names elsewhere
-        for name, (tag, _) in mesh.field_data.items():
+        for name, (tag, dimension) in mesh.field_data.items():
+            if dimension != DIMENSIONS[kind]:  # groups of several dimensions may share a number
+                continue
             members.setdefault(name, [np.flatnonzero(group == tag) for group in groups])
     named: dict[str, list[np.ndarray]] = {}
     for name, sets in members.items():
+        before = 0
         for block, chosen in zip(mesh.cells, sets, strict=True):
-            if block.type == kind and chosen is not None and len(chosen):
-                named.setdefault(name, []).append(block.data[np.asarray(chosen, dtype=int)])
+            if block.type != kind:
+                continue
+            if chosen is not None and len(chosen):
+                index = np.asarray(chosen, dtype=int)
+                named.setdefault(name, []).append(block.data[index] if corners else before + index)
+            before += len(block.data)
     return {name: np.concatenate(parts) for name, parts in named.items()}

@@ -7,7 +7,7 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = ["average_traction", "mean_gap", "recovered_force"]
+__all__ = ["average_traction", "mean_gap", "recovered_force", "to_components"]
 
 
 def average_traction(force: np.ndarray, nominal_area: float) -> np.ndarray:
@@ -28,7 +28,12 @@ def average_traction(force: np.ndarray, nominal_area: float) -> np.ndarray:
         :math:`\langle t_N\rangle` (contact negative),
         :math:`\langle t_T^1\rangle, \langle t_T^2\rangle` along x and y, Pa.
     """
-    return np.asarray(np.sum(force, axis=0)[[2, 0, 1]] / nominal_area)  # (2), (3)
+    return to_components(np.sum(force, axis=0)) / nominal_area  # (2), (3)
+
+
+def to_components(vector: np.ndarray) -> np.ndarray:
+    """Order components x, y, z along the last axis as normal, along x, along y."""
+    return np.asarray(vector[..., [2, 0, 1]])
 
 
 def mean_gap(obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray) -> float:

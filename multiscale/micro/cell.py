@@ -1,6 +1,7 @@
 """The kinds of cells: geometry, material and obstacle of each."""
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AnyCell",
+    "CellSides",
     "FiniteCell",
     "FlatCell",
     "GraphCell",
@@ -54,6 +56,12 @@ def depth_caution(depth: float, period: float) -> str | None:
         f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
         f"{100.0 * (1.0 - share):.2g} % too stiff"
     )
+
+
+def _surface_record(surface: Surface, heights: bool) -> dict[str, np.ndarray]:
+    statistics = (rms_height, rms_slope, nayak_parameter)
+    kept = {one.__name__: np.array([one(surface)]) for one in statistics}
+    return kept | ({"height": surface.heights.T[None]} if heights else {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +121,11 @@ class PeriodicLayer:
                 f"{type(self.law).__name__}; leave out the coating, or give Elastic"
             )
         coating_faces(self.coating, self.depth)  # checks itself
+
+    @property
+    def field_shape(self) -> tuple[int, int]:
+        """Points along x and y of the fields that can be kept."""
+        return self.surface.heights.shape[0], self.surface.heights.shape[1]
 
     @property
     def bodies(self) -> tuple["PeriodicLayer", ...]:
@@ -189,9 +202,7 @@ class PeriodicLayer:
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
         """Return the statistics of the surface that a response keeps, and its heights, m."""
-        statistics = (rms_height, rms_slope, nayak_parameter)
-        kept = {one.__name__: np.array([one(self.surface)]) for one in statistics}
-        return kept | ({"height": self.surface.heights.T[None]} if heights else {})
+        return _surface_record(self.surface, heights)
 
     def _check_obstacle(self, obstacle: Surface | None) -> None:
         """Refuse a rigid obstacle on another grid."""
@@ -402,6 +413,21 @@ class FiniteCell(PeriodicLayer):
         return any(body.law.flows for body in self.bodies)
 
 
+class CellSides(StrEnum):
+    """What the sides of a cell on a mesh do.
+
+    Periodic sides move alike, sliding ones stay in their planes. Sides of uniform displacement move
+    down in proportion to z and not across; the force on their highest node is the resultant of all
+    of them. Sides of uniform traction are bent freely at no mean strain in the plane. At a given
+    approach the energies of the last two bound the energy of periodic sides from above and below.
+    """
+
+    PERIODIC = "periodic"
+    SLIDING = "sliding"
+    DISPLACEMENT = "displacement"
+    TRACTION = "traction"
+
+
 @dataclass(frozen=True, eq=False)
 class MeshCell:
     """An elastic body on any scikit-fem mesh, pressed by a rigid obstacle: the general path.
@@ -409,25 +435,36 @@ class MeshCell:
     Parameters
     ----------
     mesh : Mesh
-        Three-dimensional, with boundaries named ``"base"`` (clamped), ``"top"`` (contact) and
-        ``"sides"``.
+        Three-dimensional, between planes x = const and y = const, with boundaries named ``"base"``
+        (clamped) and ``"top"`` (contact). The top may overhang.
     element : Element
         Scalar element for each displacement component, for instance ``ElementTetP2()``.
     law : Elastic or GradedElastic
         Graded moduli have the shape (elements,).
-    periodic : bool
-        Whether opposite sides move together (their nodes must match) or slide in their plane.
+    sides : CellSides
+        Periodic sides, whose nodes must match; sides that slide in their planes; or uniform
+        displacement and uniform traction, between whose answers that of periodic sides lies.
     obstacle : Surface, optional
         Underside of the rigid obstacle; a flat if not given.
+    layer : PeriodicLayer, optional
+        The layer that the mesh discretises, if its contact nodes are the points of a surface.
+    points : tuple of int, optional
+        Points along x and y of the fields that are kept of a mesh without such a layer.
+
+    Raises
+    ------
+    CaseError
+        If a boundary is missing or the moduli do not fit the mesh.
     """
 
     mesh: "Mesh"
     element: "Element"
     law: Linear
-    periodic: bool = True
+    sides: CellSides = CellSides.PERIODIC
     obstacle: Surface | None = None
+    layer: PeriodicLayer | None = None
+    points: tuple[int, int] | None = None
     small_slopes: ClassVar[bool] = False
-    recovers_stress: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.law, Linear):
@@ -437,7 +474,7 @@ class MeshCell:
             )
         check_moduli(self.law.youngs_modulus, self.law.poissons_ratio, least=0.0)
         found = sorted(self.mesh.boundaries or {})
-        missing = sorted({"base", "top", "sides"} - set(found))
+        missing = sorted({"base", "top"} - set(found))
         if missing:
             raise CaseError(f"the mesh has no boundary named {missing}; found {found}")
         for name, value in (
@@ -449,14 +486,34 @@ class MeshCell:
                     f"give one {name} or one per element ({self.mesh.nelements}), got "
                     f"{np.shape(value)}"
                 )
+        if self.obstacle is not None and self.sides in (CellSides.DISPLACEMENT, CellSides.TRACTION):
+            raise CaseError(
+                f"sides of uniform {self.sides.value} go with a flat obstacle; choose periodic or "
+                f"sliding sides, or put the roughness on the mesh"
+            )
+
+    @property
+    def recovers_stress(self) -> bool:
+        """Whether all contact forces come from stresses: sides that move as one have others."""
+        return self.sides is not CellSides.DISPLACEMENT
+
+    @property
+    def field_shape(self) -> tuple[int, int] | None:
+        """Points along x and y of the fields that can be kept, if any."""
+        return self.points if self.layer is None else self.layer.field_shape
 
     def cautions(self) -> list[str]:
-        """Return what a user should know before trusting the results: nothing is known here."""
-        return []
+        """Return what a user should know before trusting the results, one sentence each."""
+        return [] if self.layer is None else self.layer.cautions()
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
-        """Return nothing: a mesh has no surface on a grid."""
-        return {}
+        """Return statistics of the surface that a response keeps, and its heights, m."""
+        if self.field_shape is None:
+            return {}
+        from multiscale.micro.mesh.seen import seen_surface
+
+        seen = seen_surface(self) if self.layer is None else self.layer.surface
+        return _surface_record(seen, heights)
 
 
 GridCell = FlatCell | GraphCell | FiniteCell

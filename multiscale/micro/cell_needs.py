@@ -5,6 +5,8 @@ from enum import StrEnum
 from functools import singledispatch
 from typing import Any
 
+import numpy as np
+
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell, PeriodicLayer
 from multiscale.needs import Choice, Needs
 
@@ -47,6 +49,16 @@ class CellPart(StrEnum):
         "friction",
         "three unknowns at a node in contact, one normal and two along the surface",
         "without friction a node in contact has one unknown, the normal one",
+    )
+    FACTORS = (
+        "factors",
+        "of the stiffness, computed once: the cell is small",
+        "the stiffness is applied, or too large for its factors",
+    )
+    MULTIGRID = (
+        "multigrid",
+        "the stiffness is too large for factors; coarse spaces hold the rigid motions",
+        "the stiffness has factors, or another inverse speeds up the iteration",
     )
     SECOND_BODY = "opposite body", "a second deformable body", "the counterface is rigid"
     LAYER_FACTORS = (
@@ -183,12 +195,20 @@ def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
 
 @_needs.register
 def _(cell: MeshCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+    from multiscale.micro.mesh.mesh_size import mesh_size
+
+    size = mesh_size(cell)
     return Needs(
-        kinematics="small strain, the mesh follows the surface",
+        kinematics="small strain on a finite-element mesh, rigid flat obstacle"
+        if cell.obstacle is None
+        else "small strain on a finite-element mesh, rigid rough obstacle",
         choices=_choices(
             {
                 CellPart.STIFFNESS: True,
+                CellPart.FACTORS: not size.multigrid,
+                CellPart.MULTIGRID: size.multigrid,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
+                CellPart.ELEMENT_MODULI: np.ndim(cell.law.youngs_modulus) > 0,
                 CellPart.STRESS_RECOVERY: recovered,
             },
             {
@@ -198,8 +218,8 @@ def _(cell: MeshCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.MEAN_DILATATION: "the element is the user's choice",
             },
         ),
-        libraries=("numba", "scikit-fem"),
-        memory=8 * 3 * cell.mesh.nvertices * 81 * 4,  # rows of 81 entries, and factors
+        libraries=("numba", "pyamg", "scikit-fem") if size.multigrid else ("numba", "scikit-fem"),
+        memory=size.memory,
         **kept,
     )
 

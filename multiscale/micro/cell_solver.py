@@ -14,9 +14,10 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro import averages
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
-from multiscale.micro.contact_area import contact_fraction
+from multiscale.micro.contact_area import contact_areas
 from multiscale.micro.contact_state import CellProblem, ContactState
 from multiscale.micro.path import Path
+from multiscale.micro.spots import grid_neighbours, spot_averages
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ logger = logging.getLogger(__name__)
 
 _EXTRA = ("slip_fraction", "friction_work", "flowing_fraction", "increments")
 
+SPOTS = {"spot_area": (), "spot_traction": (3,), "spot_traction_by_normal": (3,)}
+
 Steps = list[dict[str, Any]]
 
 
@@ -36,6 +39,7 @@ def solve_cell(
     path: Path,
     *,
     keep_fields: bool = False,
+    keep_spots: bool = False,
     recover_stress: bool = False,
     tolerance: float = 1e-8,
     checkpoint: Checkpoint | None = None,
@@ -47,7 +51,10 @@ def solve_cell(
     cell : FlatCell, GraphCell, FiniteCell or MeshCell
     path : Path
     keep_fields : bool
-        Keep pressure and gap at every surface node; not on a general mesh.
+        Keep pressure and gap at every surface node, or at the points of a cell on a mesh.
+    keep_spots : bool
+        Keep area and share in the averages of every contact spot, largest first, as
+        ``spot_area``, ``spot_traction`` and ``spot_traction_by_normal``; NaN beyond the last spot.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
@@ -74,17 +81,20 @@ def solve_cell(
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)
     if keep_fields:
-        if isinstance(cell, MeshCell):
+        if cell.field_shape is None:
             raise CaseError(
-                "keep_fields keeps values on the grid of a surface, and a general mesh has none; "
-                "leave it out"
+                "keep_fields keeps values on a grid, and this general mesh has none; give the cell "
+                "points, or leave it out"
             )
-        shapes |= dict.fromkeys(("pressure", "gap"), cell.surface.heights.T.shape)
+        shapes |= dict.fromkeys(("pressure", "gap"), cell.field_shape[::-1])
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         follow = _follower(cell, path, recover_stress)
-        steps = follow(path, fields=keep_fields, tolerance=tolerance, checkpoint=checkpoint)
+        kept = {"fields": keep_fields, "spots": keep_spots}
+        steps = follow(path, **kept, tolerance=tolerance, checkpoint=checkpoint)
+    if keep_spots:
+        _pad_spots(steps)
     return _dataset(steps, path, shapes)
 
 
@@ -116,8 +126,8 @@ def _(cell: GraphCell, path: Path, recover_stress: bool) -> Callable[..., Steps]
 
 @_follower.register
 def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
-    from multiscale.micro.mesh_cell import assemble_mesh_cell
-
+    with _compiled():
+        from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell
     _check_still(path)
     return partial(_press, assemble_mesh_cell(cell, recover_stress=recover_stress))
 
@@ -143,6 +153,7 @@ def _press(
     path: Path,
     *,
     fields: bool,
+    spots: bool,
     tolerance: float,
     checkpoint: Checkpoint | None,
 ) -> Steps:
@@ -161,7 +172,7 @@ def _press(
         )
         converged = found.status is Status.CONVERGED
         state = found if converged else state
-        step = _average(problem, found, fields) if converged else {}
+        step = _average(problem, found, fields=fields, spots=spots) if converged else {}
         steps.append(
             step
             | {
@@ -201,30 +212,51 @@ def _compiled() -> Iterator[None]:
         ) from error
 
 
-def _average(problem: CellProblem, state: ContactState, fields: bool) -> dict[str, Any]:
+def _average(
+    problem: CellProblem, state: ContactState, *, fields: bool, spots: bool
+) -> dict[str, Any]:
     """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx)."""
     area, weight = problem.nominal_area, problem.weight
     nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
     moved = problem.surface_displacement(state.displacement)
     mean = np.array([np.sum(weight * moved[:, k]) / area for k in (2, 0, 1)])
+    real = contact_areas(
+        state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
+    )
     step = {
         "traction": averages.average_traction(nodal, area),
         "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
         "mean_gap": averages.mean_gap(
             problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
         ),
-        "contact_fraction": contact_fraction(
-            state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
-        ),
+        "contact_fraction": max(float(np.sum(real)) / area, 0.0),
     }
+    if spots:
+        beside = problem.neighbours() if problem.neighbours else grid_neighbours(weight.shape)
+        active = state.force.ravel() > 0.0
+        step |= spot_averages(nodal, nodal, real.ravel(), active, beside, area)
     if problem.recover is not None:
         force = problem.recover(state.displacement, state.active)
         step["recovered_traction"] = averages.average_traction(force[None], area)
     if fields:
         deformed = problem.surface_height + moved[:, 2]
-        step["pressure"] = (state.force * problem.normal[:, 2] / weight).T
-        step["gap"] = (problem.obstacle_height - state.approach - deformed).T
+        gap = problem.obstacle_height - state.approach - deformed
+        closed = state.force > 0.0  # below overhangs the projected area is none, or negative
+        pressure = np.zeros_like(state.force)
+        np.divide(state.force * problem.normal[:, 2], weight, out=pressure, where=closed)
+        step["pressure"], step["gap"] = (problem.field(one).T for one in (pressure, gap))
     return step
+
+
+def _pad_spots(steps: Steps) -> None:
+    """Give the spots of all steps one number of rows; rows without a spot are NaN."""
+    most = max((len(step["spot_area"]) for step in steps if "spot_area" in step), default=0)
+    for name, shape in SPOTS.items():
+        for step in steps:
+            padded = np.full((most, *shape), np.nan)
+            found = step.get(name, padded[:0])
+            padded[: len(found)] = found
+            step[name] = padded
 
 
 def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
@@ -234,6 +266,7 @@ def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr
     known = {name for step in steps for name in step}
     shapes |= {name: () for name in _EXTRA if name in known}
     shapes |= {name: (3,) for name in ("traction_by_normal",) if name in known}
+    shapes |= {name: np.shape(steps[0][name]) for name in SPOTS if name in known}
     values: dict[str, Any] = {
         name: np.array([step.get(name, np.full(shape, np.nan)) for step in steps])[None]
         for name, shape in shapes.items()

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["HALF_SPACE", "EdgeLayer", "contact_fraction", "edge_layer"]
+__all__ = ["HALF_SPACE", "EdgeLayer", "contact_areas", "contact_fraction", "edge_layer"]
 
 TINY = np.finfo(float).tiny
 LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure, 1 at a smooth edge
@@ -124,8 +124,20 @@ def contact_fraction(
 
     .. math:: s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k.    \tag{3}
     """
+    area = contact_areas(force, weight, edges=edges, flowing=flowing)
+    return max(float(np.sum(area)) / float(np.sum(weight)), 0.0)
+
+
+def contact_areas(
+    force: np.ndarray,
+    weight: np.ndarray,
+    *,
+    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE),
+    flowing: np.ndarray | bool = False,
+) -> np.ndarray:
+    """Real contact area that each node stands for, m2; see :func:`contact_fraction`."""
     active = force > 0.0
-    area = float(np.sum(weight[active]))
+    area = np.where(active, weight, 0.0)
     if force.ndim == 2 and active.any() and not active.all():
         square = np.where(active, force / np.max(force), 0.0) ** 2
         may_flow = np.broadcast_to(flowing, force.shape)
@@ -142,8 +154,8 @@ def contact_fraction(
                     full &= (inwards[k] > 0.0) & np.roll(may_flow, k * side, axis)[outer]
                     shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
                     place = np.where(full, 0.5 - k + sum(shares), place)  # (3)
-                area += float(np.sum(share[outer] * (place - 0.5)))
-    return max(area / float(np.sum(weight)), 0.0)
+                area[outer] += share[outer] * (place - 0.5)
+    return area
 
 
 def _fall(square: np.ndarray, axis: int) -> np.ndarray:

@@ -35,6 +35,11 @@ class CellProblem:
         Largest contact force of a node, N.
     edges : tuple of EdgeLayer
         Edges of contact on the grid of nodes, along x and y.
+    neighbours : callable
+        Pairs of contact nodes that are next to each other, shape (2, pairs), counted in their
+        order; a periodic grid's if not given.
+    field : callable
+        Values on the grid of fields, (nx, ny), from values at contact nodes.
     """
 
     solve: Callable[..., "ContactState"]
@@ -46,6 +51,8 @@ class CellProblem:
     recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
     cap: float = np.inf
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
+    neighbours: Callable[[], np.ndarray] | None = None
+    field: Callable[[np.ndarray], np.ndarray] = np.asarray
 
     @property
     def nominal_area(self) -> float:

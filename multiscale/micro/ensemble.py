@@ -33,6 +33,7 @@ def run_ensemble(
     folder: FilePath | None = None,
     identity: str = "",
     keep_fields: bool = False,
+    keep_spots: bool = False,
     progress: Callable[[int], None] = lambda finished: None,
 ) -> "xr.Dataset":
     """Solve many cells along one path.
@@ -51,6 +52,8 @@ def run_ensemble(
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
         Keep the heights and the local fields of realisation 0, in its file.
+    keep_spots : bool
+        Keep the contact spots of all realisations, as :func:`solve_cell` does.
     progress : callable
         Gets the number of finished realisations.
 
@@ -73,6 +76,7 @@ def run_ensemble(
                 cell,
                 path,
                 keep_fields and k == 0,
+                keep_spots,
                 folder and Checkpoint(_steps_of(_file_of(folder, k)), identity),
             )
             for k, cell in enumerate(cells)
@@ -134,6 +138,9 @@ def run_realisations(
         .assign_coords(realisation=[k])
         for k in numbers
     ]
+    most = max(one.sizes.get("spot", 0) for one in ordered)
+    if most:  # realisations have different numbers of spots
+        ordered = [one.reindex(spot=range(most)) for one in ordered]
     joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
     ended = "\n".join(
         f"realisation {k}: {results[k].attrs['ended']}"
@@ -185,8 +192,13 @@ def _steps_of(file: FilePath) -> FilePath:
 
 
 def _solve_realisation(
-    cell: AnyCell, path: Path, keep_fields: bool, checkpoint: Checkpoint | None
+    cell: AnyCell,
+    path: Path,
+    keep_fields: bool,
+    keep_spots: bool,
+    checkpoint: Checkpoint | None,
 ) -> "xr.Dataset":
     """Solve one cell and add its statistics."""
-    response = solve_cell(cell, path, keep_fields=keep_fields, checkpoint=checkpoint)
+    kept = {"keep_fields": keep_fields, "keep_spots": keep_spots}
+    response = solve_cell(cell, path, **kept, checkpoint=checkpoint)
     return MICRO_RESPONSE.assign(response, cell.surface_record(heights=keep_fields))

@@ -41,6 +41,7 @@ FILES = (
     *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness")),
     ("structure", "interfaces", "law"),
     *(("interface", key) for key in ("law", "damage_file")),
+    ("cell", "mesh"),
 )
 """Keys that name files, of tables and of lists of tables."""
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,10 @@ from multiscale.io import read_surface
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro import Coating, FiniteCell, FlatCell, SecondBody
-from multiscale.micro.cell import GridCell
+from multiscale.micro.cell import AnyCell, CellSides, GridCell, MeshCell
 from multiscale.micro.cell_maker import Cell
+from multiscale.micro.mesh.file_cell import cell_from_file
+from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
@@ -28,6 +31,7 @@ __all__ = [
     "composite_material",
     "longest_wave",
     "make_cells",
+    "make_surfaces",
     "measured_cells",
     "rough_sides",
     "smooth_pair",
@@ -65,23 +69,25 @@ def surface_modulus(case: Case) -> float:
 
 
 def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
+    """Young's modulus, Pa, and Poisson's ratio of the body that stands for two."""
     compliance = [(1.0 - nu**2) / modulus for modulus, nu in pair]
     nu = float(np.average([nu for _, nu in pair], weights=compliance))
     return contact_modulus(*pair) * (1.0 - nu**2), nu
 
 
 def longest_wave(case: Case) -> float:
-    """Longest wavelength of the roughness of both bodies, m; the cell for a measured map."""
+    """Longest wavelength of the roughness of both bodies, m; the cell for a map or a mesh."""
     synthetic = [
         body.surface.long_cutoff
         for body in case.bodies
         if body.surface is not None and not isinstance(body.surface, InstrumentSurface)
     ]
     measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
-    return max([*synthetic, *([max(case.cell.size)] if measured else [])])
+    whole = measured or case.cell.mesh is not None
+    return max([*synthetic, *([max(case.cell.size)] if whole else [])])
 
 
-def make_cells(case: Case) -> list[GridCell]:
+def make_cells(case: Case) -> list[AnyCell]:
     """Build the cell of each realisation.
 
     Raises
@@ -92,7 +98,19 @@ def make_cells(case: Case) -> list[GridCell]:
     return measured_cells(case)[0]
 
 
-def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
+def make_surfaces(case: Case) -> list[Surface]:
+    """Make the composite surface of each realisation.
+
+    Raises
+    ------
+    CaseError
+        As :func:`make_cells`.
+    """
+    rough = [side.surfaces for side in rough_sides(case) if side.surfaces]
+    return [pair[0] if len(pair) == 1 else composite(*pair) for pair in zip(*rough, strict=True)]
+
+
+def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
     """Build the cell of each realisation, and say of each measured body what the cells hold of it.
 
     Raises
@@ -100,6 +118,8 @@ def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
     CaseError
         As :func:`make_cells`.
     """
+    if case.cell.mesh is not None:
+        return [_mesh_of_file(case, case.cell.mesh)], {}
     sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case), 1)}
     rough = [side.surfaces for side in sides.values() if side.surfaces]
     cells = [
@@ -109,8 +129,18 @@ def measured_cells(case: Case) -> tuple[list[GridCell], dict[str, Measured]]:
     return cells, {name: side.measured for name, side in sides.items() if side.measured is not None}
 
 
-def cell_of(case: Case, surface: Surface) -> GridCell:
-    """Build the cell of a case under one composite surface."""
+def cell_of(case: Case, surface: Surface) -> AnyCell:
+    """Build the cell of a case under one composite surface; a mesh from a file has its own."""
+    if case.cell.mesh is not None:
+        return _mesh_of_file(case, case.cell.mesh)
+    if case.cell.geometry == "mesh":
+        element, sides = _elements(case.cell)
+        law, depth = Elastic(*composite_material(case)), case.cell.given_depth
+        return graph_mesh_cell(surface, depth, case.cell.layers, law, element, sides=sides)
+    return _grid_cell(case, surface)
+
+
+def _grid_cell(case: Case, surface: Surface) -> GridCell:
     flat = case.cell.geometry == "flat"
     if flat and case.coated:
         return _coated_pair(case, surface)
@@ -123,7 +153,7 @@ def cell_of(case: Case, surface: Surface) -> GridCell:
         case.cell.given_depth,
         case.cell.layers,
         *material,
-        geometry=case.cell.geometry,
+        geometry="flat" if flat else "conforming",
         hardness=case.hardness if flat else None,
         bulk=bulk,
         slope_order=case.cell.slope_order,
@@ -176,7 +206,7 @@ def coating_caution(case: Case) -> list[str]:
         return []
     n = max(case.cell.points)
     line = Surface(np.zeros((n, 1)), (max(case.cell.size), case.cell.spacing))
-    one, both = cell_of(case, line), _coated_pair(case, line)
+    one, both = _grid_cell(case, line), _coated_pair(case, line)
     alone = FlatCell(line, one.depth, one.layers, one.law, coating=one.coating)
     own, exact = (flat_gap(cell)[2][1:, 0] for cell in (alone, both))
     error = float(np.max(np.abs(own / exact - 1.0)))
@@ -188,6 +218,38 @@ def coating_caution(case: Case) -> list[str]:
         f"one coated body stands for both: some wave is {100.0 * error:.2g} % off in compliance; "
         f'geometry = "flat" in [cell] adds up both bodies',
     ]
+
+
+def _elements(cell: CellSettings) -> tuple[ElementKind, CellSides]:
+    return ElementKind(cell.element or "hex8"), CellSides(cell.sides or "periodic")
+
+
+def _mesh_of_file(case: Case, path: Path) -> MeshCell:
+    """Build the cell on the mesh of a file; the moduli of its volumes stand for both bodies."""
+    settings, other = case.cell, (case.body_2.youngs_modulus, case.body_2.poissons_ratio)
+    volumes = {
+        name: Elastic(*_composite((one.youngs_modulus, one.poissons_ratio), other))
+        for name, one in (settings.volumes or {}).items()
+    }
+    element, sides = _elements(settings)
+    cell = cell_from_file(
+        path,
+        Elastic(*composite_material(case)),
+        element,
+        scale=settings.unit or 1.0,
+        volumes=volumes,
+        contact=settings.contact_face or "top",
+        base=settings.base_face or "bottom",
+        sides=sides,
+        points=settings.points,
+    )
+    size = np.ptp(cell.mesh.p, axis=1)[:2]
+    if not np.allclose(size, settings.size, rtol=1e-6, atol=0.0):
+        raise CaseError(
+            f"{path} measures {size[0]:.6g} m x {size[1]:.6g} m along x and y, and size in [cell] "
+            f"is {settings.size[0]:.6g} m x {settings.size[1]:.6g} m; correct size or unit"
+        )
+    return cell
 
 
 def rough_sides(case: Case) -> list[RoughSide]:

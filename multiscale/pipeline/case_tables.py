@@ -2,6 +2,7 @@
 
 import re
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, field_validator, model_validator
@@ -13,6 +14,7 @@ from multiscale.pipeline.toml_model import (
     Number,
     Positive,
     Pressure,
+    Ratio,
     Settings,
     must_rise,
 )
@@ -27,6 +29,7 @@ __all__ = [
     "MicroSettings",
     "ShearSettings",
     "SlideSettings",
+    "VolumeSettings",
 ]
 
 ABSENT: Any = None
@@ -57,6 +60,13 @@ class GridSettings(Settings):
         return self.model_copy(update={"points": points})
 
 
+class VolumeSettings(Settings):
+    """Elastic moduli of a named volume of the mesh of a cell."""
+
+    youngs_modulus: Pressure = Field(description="Young's modulus of the volume, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio of the volume.")
+
+
 class CellSettings(GridSettings):
     """The representative surface element."""
 
@@ -64,15 +74,41 @@ class CellSettings(GridSettings):
         None, description="Depth of the layer, m; the longer edge if not given."
     )
     layers: Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
-    geometry: Literal["conforming", "flat"] = Field(
+    geometry: Literal["conforming", "flat", "mesh"] = Field(
         "conforming",
         description="Whether the mesh follows the surface, or the surface is the gap of a flat "
-        "layer: fast, for small slopes.",
+        "layer (fast, for small slopes), or the cell is a mesh of finite elements of any kind.",
     )
     slope_order: Literal[1, 2] = Field(
         1,
         description="Order of the error of flat cells in the slope, against conforming cells: 2 "
         "expands their compliance, in six transforms instead of two.",
+    )
+
+    element: Literal["hex8", "hex27", "tet4", "tet10"] | None = Field(
+        None,
+        description='Element of a mesh, by its number of nodes; `"hex8"` if not given. Elements of '
+        "second order take points that are multiples of four.",
+    )
+    mesh: Path | None = Field(
+        None,
+        description="File of gmsh, or any that meshio reads, with the mesh of body 1 in place of a "
+        "surface. It fills the cell along x and y; overhangs and pores are allowed.",
+    )
+    unit: Length | None = Field(None, description="Length of one unit of the file `mesh`, m.")
+    contact_face: str | None = Field(
+        None, description='Name of the contact face in the file `mesh`; `"top"` if not given.'
+    )
+    base_face: str | None = Field(
+        None, description='Name of the clamped face in the file `mesh`; `"bottom"` if not given.'
+    )
+    volumes: dict[str, VolumeSettings] | None = Field(
+        None, description="Moduli of all named volumes in the file `mesh`."
+    )
+    sides: Literal["periodic", "sliding", "displacement", "traction"] | None = Field(
+        None,
+        description="What the sides of a mesh do: `periodic` if not given, `sliding` in their own "
+        "planes, or uniform `displacement` or `traction`, an upper and a lower bound.",
     )
 
     @property
@@ -88,6 +124,45 @@ class CellSettings(GridSettings):
                 'it out, or set geometry = "flat"'
             )
         return self
+
+    @model_validator(mode="after")
+    def _check_mesh(self) -> Self:
+        """Refuse keys that mean nothing to the geometry."""
+        of_file = ("unit", "contact_face", "base_face", "volumes")
+        of_mesh = ("element", "mesh", "sides", *of_file)
+        given = [name for name in of_mesh if getattr(self, name) is not None]
+        if self.geometry != "mesh" and given:
+            raise ValueError(
+                f'{given[0]} means nothing to {self.geometry} cells; set geometry = "mesh", or '
+                f"leave it out"
+            )
+        stray = [name for name in of_file if name in given]
+        if self.mesh is None and stray:
+            raise ValueError(f"{stray[0]} says something of a file; name it with mesh")
+        if self.mesh is not None and self.depth is not None:
+            raise ValueError("the file mesh has a depth of its own; leave out depth")
+        if self.mesh is not None and self.unit is None:
+            raise ValueError('the file mesh needs the length of its unit, such as unit = "1 um"')
+        uneven = any(n % 4 for n in self.points) or self.layers % 2
+        if self.mesh is None and self.second_order and uneven:
+            raise ValueError(
+                f"{self.element} elements span two spacings: points must be multiples of four and "
+                f"layers even, got {self.scope} and {self.layers} layers"
+            )
+        return self
+
+    @property
+    def second_order(self) -> bool:
+        """Whether the elements of a mesh have nodes between their corners."""
+        return self.element in ("hex27", "tet10")
+
+    def quick(self) -> Self:
+        """Return the same cell on a coarser grid; a mesh from a file stays as it is."""
+        small = super().quick()
+        if self.geometry != "mesh" or self.mesh is not None or not self.second_order:
+            return small
+        points = tuple(max(4, 4 * round(n / 8)) for n in self.points)
+        return self.model_copy(update={"points": points})
 
 
 class ShearSettings(Settings):
@@ -148,6 +223,10 @@ class MicroSettings(Settings):
         description="Number of the first cells that are also solved on half of their points, "
         "pressed and, with [micro.shear], sheared, which tells the error of the grid; one costs an "
         "eighth of a cell.",
+    )
+    spots: bool = Field(
+        False,
+        description="Whether the response keeps area and force of every contact spot.",
     )
     shear: ShearSettings = ABSENT
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.micro import contact_modulus
-from multiscale.pipeline.case_cells import composite_material, make_cells
+from multiscale.pipeline.case_cells import composite_material, make_surfaces
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MICRO_RESPONSE, STORED_CELLS, branch_of
@@ -76,8 +76,8 @@ def surface_at_large(case: Case) -> "Surface | None":
         }
     )
     micro = case.micro.model_copy(update={"realisations": 1})
-    (large,) = make_cells(case.model_copy(update={"cell": cell, "micro": micro}))
-    return large.surface
+    (large,) = make_surfaces(case.model_copy(update={"cell": cell, "micro": micro}))
+    return large
 
 
 def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:

@@ -183,8 +183,16 @@ class Case(Settings):
 
     def _check_cells(self) -> None:
         """Refuse what cells cannot do."""
-        if self.body_1.surface is None and self.body_2.surface is None:
+        rough = [k for k, body in enumerate(self.bodies, 1) if body.surface is not None]
+        if self.cell.mesh is not None and rough:
+            raise ValueError(
+                f"mesh in [cell] is a body with its roughness, and body_{rough[0]} has a [surface] "
+                f"beside it; leave out one of them"
+            )
+        if self.cell.mesh is None and not rough:
             raise ValueError("both bodies are smooth; give one of them a [surface] table")
+        if self.cell.geometry == "mesh":
+            self._check_mesh()
         self._check_metal()
         self._check_coating()
         self._check_shear()
@@ -196,6 +204,34 @@ class Case(Settings):
             raise ValueError(
                 '[accuracy] quantity = "joint_stiffness" needs [structure] kind = "blocks"; ask '
                 'for the "mean_gap", the "contact_fraction" or the "stiffness" of the interface'
+            )
+
+    def _check_mesh(self) -> None:
+        """Refuse what cells on meshes cannot do."""
+        if self.cell.mesh is not None and self.micro.realisations != 1:
+            raise ValueError(
+                f"mesh in [cell] is one cell, and [micro] asks for {self.micro.realisations} "
+                f"realisations; set realisations = 1"
+            )
+        if self.cell.mesh is not None and self.micro.shear is not None:
+            raise ValueError(
+                "[micro.shear] shears cells on surfaces of two bodies, and mesh in [cell] has "
+                "none; leave out one of them"
+            )
+        if self.hardness is not None:
+            raise ValueError(
+                "cells on meshes are elastic, and a body has a hardness; leave it out, or set "
+                'geometry = "conforming" or "flat" in [cell]'
+            )
+        if self.slide is not None:
+            raise ValueError(
+                'cells on meshes do not slide; set geometry = "conforming" in [cell], or leave '
+                "[slide] out"
+            )
+        if self.accuracy is not None:
+            raise ValueError(
+                "[accuracy] plans the grids of conforming and flat cells, not meshes; leave it "
+                'out, or set geometry = "conforming" or "flat" in [cell]'
             )
 
     def _check_slide(self, slide: SlideSettings) -> None:
@@ -305,6 +341,11 @@ class Case(Settings):
         """Refuse coatings where something is not derived for them."""
         if not self.coated:
             return
+        if self.cell.geometry == "mesh":
+            raise ValueError(
+                "cells on meshes take their layers from named volumes, and a body has coatings; "
+                'leave them out, or set geometry = "flat" or "conforming" in [cell]'
+            )
         hard = any(body.hardness or body.surface_hardness for body in self.bodies)
         if self.cell.geometry != "flat" and hard:
             raise ValueError(

@@ -71,6 +71,17 @@ MICRO_RESPONSE = Schema(
             "Pa",
             "part of the averaged traction that the local normal tractions make, eqs (2)-(3)",
         ),
+        "spot_area": Variable((*_CELL, "spot"), "m2", "real area of each contact spot"),
+        "spot_traction": Variable(
+            (*_CELL, "spot", "component"),
+            "Pa",
+            "share of each contact spot in the averaged traction, eqs (2)-(3)",
+        ),
+        "spot_traction_by_normal": Variable(
+            (*_CELL, "spot", "component"),
+            "Pa",
+            "part of this share that the local normal tractions make",
+        ),
         "slip_fraction": Variable(_CELL, "1", "share of the contact nodes that slip"),
         "friction_work": Variable(_CELL, "J m-2", "work of friction since the start, per area"),
         "flowing_fraction": Variable(_CELL, "1", "share of the Gauss points that flow"),

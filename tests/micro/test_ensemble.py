@@ -123,16 +123,20 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     monkeypatch.setattr(checkpoint, "WORTH", 0.0)
     average, solved = cell_solver._average, []
 
-    def killed(problem, state, fields):
+    def killed(problem, state, **kept):
         if len(solved) == 3:
             raise KeyboardInterrupt
         solved.append(state)
-        return average(problem, state, fields)
+        return average(problem, state, **kept)
 
     monkeypatch.setattr(cell_solver, "_average", killed)
     with pytest.raises(KeyboardInterrupt):
         run_ensemble(one, path, folder=tmp_path, identity="a")
-    monkeypatch.setattr(cell_solver, "_average", lambda *given: solved.append(0) or average(*given))
+    monkeypatch.setattr(
+        cell_solver,
+        "_average",
+        lambda *given, **kept: solved.append(0) or average(*given, **kept),
+    )
     timed = ["wall_time"]
     other = run_ensemble(one, path, folder=tmp_path / "other", identity="b")
     assert len(solved) == 3 + 4

@@ -7,7 +7,11 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex,
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
+from multiscale.micro.cell import CellSides
+from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.mesh import mesh_size
+from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from tests.support import egg_box, keep_ignoring_broken_pipes, rough_square
 
 PATH = Path(pressure=(1e-3, 1e-2, 1e-1))
@@ -71,6 +75,27 @@ def box_with_void(tmp_path_factory):
     return named(MeshTet(points, mesh.t))
 
 
+@pytest.mark.parametrize("kind", list(ElementKind))
+def test_every_element_has_the_contact_nodes_and_the_answer_of_the_kernel(kind):
+    surface = rough_square(8, 1.0, 0.5, 0.1, seed=2)
+    cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), kind)
+    found = solve_cell(cell, PATH, keep_fields=True, tolerance=1e-12)
+    kernel = solve_cell(Cell(surface, 1.0, 4, 1.0, 0.3), PATH, keep_fields=True, tolerance=1e-12)
+    assert found["converged"].values.all()
+    tolerance = 1e-9 if kind is ElementKind.HEX8 else 0.3  # of four points a wave
+    for name in ("pressure", "gap", "mean_gap", "displacement_jump", "contact_fraction"):
+        scale = np.max(np.abs(kernel[name].values))
+        np.testing.assert_allclose(found[name], kernel[name], atol=tolerance * scale)
+
+
+@pytest.mark.parametrize("kind", [ElementKind.HEX27, ElementKind.TET10])
+def test_second_order_elements_carry_an_even_pressure_evenly(kind):
+    flat = Surface(np.zeros((8, 8)), (1.0, 1.0))
+    cell = graph_mesh_cell(flat, 1.0, 4, Elastic(1.0, 0.3), kind)
+    found = solve_cell(cell, Path(pressure=(1e-3,)), keep_fields=True)
+    np.testing.assert_allclose(found["pressure"], 1e-3, rtol=1e-8)
+
+
 @pytest.mark.parametrize("obstacle", [False, True], ids=["flat", "rough"])
 def test_general_path_agrees_with_the_fast_path_on_the_same_mesh(obstacle):
     surface = rough_square(12, 1.0, 0.5, 0.1, seed=2)
@@ -113,10 +138,42 @@ def test_elements_agree_on_the_response_of_an_egg_box(element, tolerance):
 def test_sliding_sides_equal_periodic_ones_by_symmetry():
     mesh = named(wavy_box(6, 0.02))
     periodic, sliding = (
-        solve_cell(MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3), periodic=kind), PATH)
-        for kind in (True, False)
+        solve_cell(MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3), kind), PATH)
+        for kind in (CellSides.PERIODIC, CellSides.SLIDING)
     )
     np.testing.assert_allclose(periodic["mean_gap"], sliding["mean_gap"], atol=1e-10)
+
+
+def test_uniform_displacement_and_traction_bound_the_energy_of_periodic_sides():
+    surface, path = rough_square(8, 1.0, 0.5, 0.1, seed=2), np.linspace(0.0, 0.06, 9)
+    energy = {}
+    for sides in CellSides:
+        cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), sides=sides)
+        found = solve_cell(cell, Path(approach=tuple(path)), tolerance=1e-10)
+        assert found["converged"].values.all()
+        energy[sides] = np.trapezoid(-found["traction"].values[0, :, 0], path)
+    lower, upper = energy[CellSides.TRACTION], energy[CellSides.DISPLACEMENT]
+    assert 0.5 * upper < lower < 0.99 * energy[CellSides.PERIODIC]
+    assert lower < 0.999 * energy[CellSides.SLIDING]
+    assert max(energy[CellSides.PERIODIC], energy[CellSides.SLIDING]) < 0.95 * upper
+
+
+@pytest.mark.parametrize("sides", [CellSides.PERIODIC, CellSides.DISPLACEMENT])
+@pytest.mark.parametrize("kind", [ElementKind.HEX8, ElementKind.TET10])
+def test_multigrid_and_factors_have_one_answer(kind, sides, monkeypatch):
+    surface = rough_square(8, 1.0, 0.5, 0.1, seed=2)
+    cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), kind, sides=sides)
+    factors = solve_cell(cell, PATH, keep_fields=True)
+    monkeypatch.setattr(mesh_size, "MOST_FACTORED", 0)
+    assert "multigrid" in cell_needs(cell).built
+    multigrid = solve_cell(cell, PATH, keep_fields=True)
+    assert multigrid["converged"].values.all()
+    assert np.all(multigrid["linear_iterations"] > 4)
+    for name in ("pressure", "mean_gap", "traction"):
+        scale = np.max(np.abs(factors[name].values))
+        np.testing.assert_allclose(multigrid[name], factors[name], atol=1e-6 * scale)
+    by_approach = Path(approach=tuple(-multigrid["displacement_jump"].values[0, :, 0] + 0.01))
+    assert solve_cell(cell, by_approach)["converged"].values.all()
 
 
 def test_a_gmsh_cell_with_a_buried_void_is_softer_than_one_without(box_with_void):
@@ -148,20 +205,20 @@ def test_a_mesh_whose_sides_do_not_match_is_refused():
     points = mesh.p.copy()
     edge = np.isclose(points[0], 1.0) & (points[1] > 0.1) & (points[1] < 0.9)
     points[1, edge] += 0.05
-    with pytest.raises(CaseError, match=r"not periodic: the node at .* has no partner"):
+    with pytest.raises(CaseError, match=r"not periodic: 8 of 28 nodes on the sides"):
         solve_cell(
             MeshCell(named(MeshTet(points, mesh.t)), ElementTetP1(), Elastic(1.0, 0.3)), PATH
         )
 
 
 def test_missing_boundaries_are_named():
-    with pytest.raises(CaseError, match=r"no boundary named \['base', 'sides', 'top'\]"):
+    with pytest.raises(CaseError, match=r"no boundary named \['base', 'top'\]"):
         MeshCell(MeshTet(), ElementTetP1(), Elastic(1.0, 0.3))
 
 
 def test_fields_of_a_general_mesh_are_refused():
     cell = MeshCell(named(wavy_box(2, 0.02)), ElementHex2(), Elastic(1.0, 0.3))
-    with pytest.raises(CaseError, match="a general mesh has none; leave it out"):
+    with pytest.raises(CaseError, match="this general mesh has none; give the cell points"):
         solve_cell(cell, PATH, keep_fields=True)
 
 

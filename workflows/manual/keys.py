@@ -80,7 +80,8 @@ def _tables(
             if inner[name] == models
         )
         for one in models:
-            yield from _tables(one, (*at, names, ("NAME",)) if "laws" in names else (*at, names))
+            named = [("NAME",)] if {"laws", "volumes"} & {*names} else []
+            yield from _tables(one, (*at, names, *named))
 
 
 def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:

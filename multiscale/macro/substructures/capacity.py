@@ -10,7 +10,8 @@ from scipy.optimize import linprog
 from scipy.sparse import block_array, coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
-from multiscale.macro.substructures.problem import CutProblem, rigid_motions
+from multiscale.fe.rigid_motion import rigid_motions
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import stack_parts
 
 __all__ = ["Slide", "find_slide", "say_free_motions"]

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
+from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.numerics.factorisation import factorise
 
@@ -18,7 +19,6 @@ __all__ = [
     "Links",
     "Substructure",
     "expand_numbers",
-    "rigid_motions",
 ]
 
 
@@ -83,31 +83,6 @@ class Substructure:
     def rigid_motions(self) -> np.ndarray:
         """Displacement of every unknown in three translations and three rotations, (n, 6)."""
         return rigid_motions(self.position, self.component)
-
-
-def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Displacement of unknowns in three translations and three rotations about their middle.
-
-    Parameters
-    ----------
-    position : ndarray, shape (n, 3)
-        m.
-    component : ndarray of int, shape (n,)
-        As in :class:`Substructure`.
-
-    Returns
-    -------
-    ndarray, shape (n, 6)
-        Translations: dimensionless; rotations: m.
-    """
-    motions = np.zeros((component.size, 6))
-    axes, moves = np.eye(3), component < 3
-    x = position - position.mean(axis=0)
-    motions[:, :3] = axes[component % 3] * moves[:, None]
-    for axis in range(3):
-        turning = np.cross(axes[axis], x)[np.arange(component.size), component % 3]
-        motions[:, 3 + axis] = np.where(moves, turning, 0.0)
-    return motions
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.micro import averages
 from multiscale.micro.cell import FiniteCell, PeriodicLayer
 from multiscale.micro.checkpoint import Checkpoint
-from multiscale.micro.contact_area import EdgeLayer, contact_fraction
+from multiscale.micro.contact_area import EdgeLayer, contact_areas
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import Walk, rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
@@ -18,6 +18,7 @@ from multiscale.micro.finite.scene import CellScene, CellState, Target
 from multiscale.micro.flat_reference import surface_slopes
 from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.path import Path
+from multiscale.micro.spots import grid_neighbours, spot_averages
 
 __all__ = ["current_weight", "follow_path", "largest_approach"]
 
@@ -32,6 +33,7 @@ def follow_path(
     path: Path,
     *,
     fields: bool,
+    spots: bool,
     tolerance: float,
     checkpoint: Checkpoint | None = None,
 ) -> list[dict[str, Any]]:
@@ -44,6 +46,8 @@ def follow_path(
     path : Path
     fields : bool
         Whether the result has local pressures and gaps.
+    spots : bool
+        Whether the result has contact spots.
     tolerance, checkpoint
         As of :func:`multiscale.micro.solve_cell`.
 
@@ -102,7 +106,7 @@ def follow_path(
         else:
             state = walk.state
             solved = {"converged": 1, "increments": float(walk.increments)}
-            average = _average(cell, edges, scene, state, fields)
+            average = _average(cell, edges, scene, state, fields=fields, spots=spots)
             steps.append(_cost(walk, perf_counter() - begin) | solved | average)
         if checkpoint is not None:
             checkpoint.keep(steps, state)
@@ -199,7 +203,9 @@ def _average(
     edges: tuple[EdgeLayer, EdgeLayer],
     scene: CellScene,
     state: CellState,
+    *,
     fields: bool,
+    spots: bool,
 ) -> dict[str, Any]:
     """Averages (2), (3) of the source, and geometry, in the current configuration."""
     area = float(np.prod(cell.surface.size))
@@ -213,18 +219,21 @@ def _average(
         jump += mean * (-1.0, 1.0, 1.0)
         opposite_height = scene.obstacle.distance - state.approach - depth
     nodal = np.moveaxis(state.force, 1, -1).reshape(-1, 3)
+    carried = np.where(state.active, -state.force[:, 2], 0.0)
+    real = contact_areas(carried, weight, edges=edges, flowing=cell.flows)
     step: dict[str, Any] = {
         "traction": averages.average_traction(nodal, area),
         "displacement_jump": jump,
         "mean_gap": opposite_height - height,
-        "contact_fraction": contact_fraction(
-            np.where(state.active, -state.force[:, 2], 0.0), weight, edges=edges, flowing=cell.flows
-        ),
+        "contact_fraction": max(float(np.sum(real) / np.sum(weight)), 0.0),
     }
     meeting = scene.meet(state.displacement, state.approach, state.slide)
+    along = np.sum(state.force * meeting.normal, axis=1, keepdims=True)
+    normal = np.moveaxis(along * meeting.normal, 1, -1).reshape(-1, 3)
+    if spots:
+        active, beside = carried.ravel() > 0.0, grid_neighbours(weight.shape)
+        step |= spot_averages(nodal, normal, real.ravel(), active, beside, area)
     if cell.friction_coefficient > 0.0:
-        along = np.sum(state.force * meeting.normal, axis=1, keepdims=True)
-        normal = np.moveaxis(along * meeting.normal, 1, -1).reshape(-1, 3)
         step["traction_by_normal"] = averages.average_traction(normal, area)
         step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
         step["friction_work"] = state.dissipation / area

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
-from multiscale.micro.cell import FlatCell, GridCell
+from multiscale.micro.cell import AnyCell, FlatCell
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
@@ -47,6 +47,13 @@ __all__ = [
     "tabulate_roughness",
     "write_fields",
 ]
+
+COMPOSITE = "composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes"
+MESHED = "mesh against a rigid flat; each volume has 1/E* = sum (1 - nu^2)/E of itself and body_2"
+MESH_CAUTION = (
+    "each volume of the mesh has the moduli of itself and body_2 together, against a rigid flat: "
+    "this is right where body_2 is much stiffer, or like the mesh at every depth"
+)
 
 STEEP = 0.3  # root mean square slope
 
@@ -93,6 +100,7 @@ def run_micro(
         folder=file.parent / "micro",
         identity=identity,
         keep_fields=True,
+        keep_spots=case.micro.spots,
         progress=progress,
     )
     if case.yield_stress is not None:
@@ -103,8 +111,9 @@ def run_micro(
             identity=identity,
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
-    bare = cell_of(case.without_coatings(), cells[0].surface)
-    response = with_slope_errors(response, bare, file.parent / "micro-slope-order", identity)
+    if isinstance(cells[0], FlatCell):
+        bare = cell_of(case.without_coatings(), cells[0].surface)
+        response = with_slope_errors(response, bare, file.parent / "micro-slope-order", identity)
     if fields:
         write_fields(case, file.parent, file.parent)
     response = _with_roughness(response, measured).assign_attrs(
@@ -114,14 +123,18 @@ def run_micro(
         coatings=" and ".join(f"body_{k}" for k, one in enumerate(case.bodies, 1) if one.coating),
         longest_wave=longest_wave(case),
         cell_size=max(case.cell.size),
-        bodies="composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes",
+        bodies=(COMPOSITE if case.cell.mesh is None else MESHED),
         identity=identity,
         cautions="\n".join(
             [
                 *case.cautions(),
                 *coating_caution(case),
-                *caution_steep(
-                    response, "composite surface", "one elastic body no longer stands for two"
+                *(
+                    [MESH_CAUTION]
+                    if case.cell.mesh is not None
+                    else caution_steep(
+                        response, "composite surface", "one elastic body no longer stands for two"
+                    )
                 ),
                 *(f"{name}: {one}" for name in measured for one in measured[name].cautions),
                 *_increments(response),
@@ -164,7 +177,7 @@ def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, 
 
 
 def with_slope_errors(
-    response: "xr.Dataset", cell: GridCell, folder: Path, identity: str
+    response: "xr.Dataset", cell: AnyCell, folder: Path, identity: str
 ) -> "xr.Dataset":
     """Return a response with what slopes taken as small make of it, by one of its realisations.
 
@@ -320,7 +333,7 @@ CELLS: Stage = Stage(
     tables=("micro",),
     reads={
         **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
-        "micro": {"realisations", "pressures", "seed", "unload"},
+        "micro": {"realisations", "pressures", "seed", "unload", "spots"},
     },
     run=lambda case, found, job: run_micro(
         case, job.out / CELLS.file, executor=job.executor, progress=job.progress

@@ -11,9 +11,9 @@ from multiscale.fe.facets import facet_normals
 from multiscale.io import read_mesh
 
 if TYPE_CHECKING:
-    from skfem import Mesh
+    from skfem import CellBasis, Mesh
 
-__all__ = ["load_mesh"]
+__all__ = ["check_orientation", "load_mesh"]
 
 FLAT = 1e-9
 """Jacobian of an element, relative to the cube of its length, up to which it has no volume."""
@@ -35,7 +35,8 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "") -> "Mesh":
     Returns
     -------
     Mesh
-        Mesh of triangles, quadrilaterals, tetrahedra or hexahedra; coordinates in m.
+        Mesh of triangles, quadrilaterals, tetrahedra or hexahedra; coordinates in m. Its
+        subdomains are the named sets of elements, if all elements are read.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "") -> "Mesh":
             raise CaseError(f"{path}: boundary {name!r} has a facet that no element has")
         if max(index) >= 0:
             boundaries[name] = np.unique([facet for facet in index if facet >= 0])
-    return mesh.with_boundaries(boundaries)
+    return mesh.with_boundaries(boundaries).with_subdomains(arrays.volumes)
 
 
 def _check_elements(mesh: "Mesh", path: Path) -> None:
@@ -90,4 +91,31 @@ def _check_elements(mesh: "Mesh", path: Path) -> None:
         raise CaseError(
             f"{path}: {np.count_nonzero(bad)} of {bad.size} elements have no volume or are turned "
             f"inside out, the first of them at ({at}) m; mesh the body again"
+        )
+
+
+def check_orientation(basis: "CellBasis") -> None:
+    """Refuse elements that are turned inside out, folded or without volume.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        The Jacobians at its quadrature points decide.
+
+    Raises
+    ------
+    CaseError
+        With the number of these elements and the place of the first.
+    """
+    jacobian = np.asarray(basis.mapping.detDF(basis.X))
+    volume = np.abs(jacobian).mean(axis=1)
+    size = float(np.ptp(basis.mesh.p, axis=1).max()) ** basis.mesh.dim()
+    sign = np.sign(jacobian[:, :1])
+    wrong = np.flatnonzero(np.any(jacobian * sign <= 0.0, axis=1) | ~(volume > 1e-15 * size))
+    if len(wrong):
+        middle = basis.mesh.p[:, basis.mesh.t[:, wrong[0]]].mean(axis=1)
+        where = np.array2string(middle, precision=4)
+        raise CaseError(
+            f"{len(wrong)} of {basis.mesh.nelements} elements are inverted or without volume, the "
+            f"first around {where} m; mesh again, finer where the surface is steep"
         )

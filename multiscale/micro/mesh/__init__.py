@@ -1,0 +1,1 @@
+"""Cells on scikit-fem meshes: any element, any geometry below a named contact face."""

@@ -1,0 +1,149 @@
+"""Cells whose top is a graph, on meshes of any element of scikit-fem."""
+
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import GradedElastic
+from multiscale.micro.cell import CellSides, GraphCell, Linear, MeshCell
+from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from skfem import Element, Mesh
+
+__all__ = ["ElementKind", "graph_mesh_cell", "scalar_element"]
+
+
+class ElementKind(StrEnum):
+    """Elements that cells on meshes take, by their number of nodes."""
+
+    HEX8 = "hex8"
+    HEX27 = "hex27"
+    TET4 = "tet4"
+    TET10 = "tet10"
+
+    @property
+    def order(self) -> int:
+        """Order of the displacement along an edge, which has order + 1 nodes."""
+        return 2 if self in (ElementKind.HEX27, ElementKind.TET10) else 1
+
+    @property
+    def simplex(self) -> bool:
+        """Whether the element is a tetrahedron."""
+        return self in (ElementKind.TET4, ElementKind.TET10)
+
+
+def scalar_element(kind: ElementKind) -> "Element":
+    """Return the scikit-fem element of one displacement component."""
+    from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
+
+    elements = {
+        ElementKind.HEX8: ElementHex1,
+        ElementKind.HEX27: ElementHex2,
+        ElementKind.TET4: ElementTetP1,
+        ElementKind.TET10: ElementTetP2,
+    }
+    return elements[kind]()
+
+
+def graph_mesh_cell(
+    surface: Surface,
+    depth: float,
+    layers: int,
+    law: Linear,
+    element: ElementKind = ElementKind.HEX8,
+    *,
+    sides: CellSides = CellSides.PERIODIC,
+    obstacle: Surface | None = None,
+) -> MeshCell:
+    r"""Mesh the layer below a surface with any element, its top nodes at the points of the surface.
+
+    Elements of second order have twice the spacing and follow the surface with all their nodes, so
+    that cells of every element have the same contact nodes.
+
+    Parameters
+    ----------
+    surface : Surface
+        Heights of the top, m, with even numbers of points; multiples of four for second order.
+    depth : float
+        Distance from the clamped base to the mean plane of the top, m.
+    layers : int
+        Layers of nodes above the base, graded towards the top; even for second order.
+    law : Elastic or GradedElastic
+        Graded moduli have the shape (layers,), from the base up.
+    element : ElementKind
+    sides, obstacle
+        As of :class:`MeshCell`.
+
+    Raises
+    ------
+    CaseError
+        If the grid does not fit the element, or moduli vary within a layer.
+    """
+    layer = GraphCell(surface, depth, layers, law, obstacle)
+    if layer.heterogeneous:
+        raise CaseError(
+            "moduli on a mesh of a graph vary from layer to layer at most; build a MeshCell with "
+            "moduli of each element"
+        )
+    planes = graded_planes(depth, layers, min(surface.spacing))
+    GraphMesh(surface, planes)  # checks itself
+    order, (nx, ny) = element.order, surface.heights.shape
+    uneven = [n for n in (nx // 2, ny // 2, layers) if order == 2 and n % 2]
+    if uneven or min(nx, ny) < 2:
+        raise CaseError(
+            f"{element} elements on a graph take two points and more along x and y (multiples of "
+            f"four) and an even number of layers, got {nx} x {ny} points and {layers} layers"
+            if order == 2
+            else f"a mesh takes two points or more along x and y, got {nx} x {ny}"
+        )
+    flat, number = _flat_mesh(surface, planes[::order], element)
+    mesh = _lifted(flat, surface, planes[-1])
+    own: Linear = law
+    if isinstance(law, GradedElastic):
+        own = GradedElastic(
+            *(
+                np.broadcast_to(value, (layers,)).reshape(-1, order).mean(axis=1)[number]
+                for value in (law.youngs_modulus, law.poissons_ratio)
+            )
+        )
+    return MeshCell(mesh, scalar_element(element), own, sides, obstacle, layer)
+
+
+def _flat_mesh(
+    surface: Surface, planes: np.ndarray, element: ElementKind
+) -> tuple["Mesh", np.ndarray]:
+    """Mesh the layer below a flat surface; also the number of the layer of each element."""
+    from skfem import MeshHex, MeshHex2, MeshTet2
+
+    axes = [
+        np.linspace(0.0, size, n // element.order + 1)
+        for size, n in zip(surface.size, surface.heights.shape, strict=True)
+    ]
+    mesh: Mesh = MeshHex.init_tensor(*axes, planes)
+    if element.simplex:
+        mesh = mesh.to_meshtet()
+    middle = mesh.p[2, mesh.t].mean(axis=0)
+    number = np.searchsorted(planes, middle) - 1
+    centre = mesh.p[2, mesh.facets].mean(axis=0)
+    near = 1e-9 * planes[-1]
+    top, base = (np.flatnonzero(abs(centre - at) < near) for at in (planes[-1], 0.0))
+    if element.order == 2:
+        mesh = (MeshTet2 if element.simplex else MeshHex2).from_mesh(mesh)
+    return mesh.with_boundaries({"top": top, "base": base}), number
+
+
+def _lifted(mesh: "Mesh", surface: Surface, depth: float) -> "Mesh":
+    """Map all nodes by z (1 + h(x, y) / H)."""
+    from dataclasses import replace
+
+    i, j = (
+        np.rint(mesh.doflocs[k] / surface.spacing[k]).astype(int) % surface.heights.shape[k]
+        for k in range(2)
+    )
+    points = mesh.doflocs.copy()
+    points[2] *= 1.0 + surface.heights[i, j] / depth
+    return replace(mesh, doflocs=points)

@@ -1,0 +1,244 @@
+"""The general path: an elastic body on any scikit-fem mesh and element, factorised once."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import sparse
+
+from multiscale.fe.elasticity import assemble_elasticity
+from multiscale.fe.mesh_file import check_orientation
+from multiscale.fe.rigid_motion import rigid_motions
+from multiscale.laws.bulk.moduli import lame_parameters
+from multiscale.micro.averages import recovered_force
+from multiscale.micro.cell import CellSides, MeshCell, PeriodicLayer
+from multiscale.micro.contact_state import CellProblem, ContactState, obstacle_normal
+from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
+from multiscale.micro.graph_cell import element_edges
+from multiscale.micro.mesh.mesh_size import mesh_size
+from multiscale.micro.mesh.seen import Sight, sight
+from multiscale.micro.mesh.unknowns import CellUnknowns, cell_unknowns, mean_strain
+from multiscale.numerics.factorisation import factorise
+from multiscale.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from skfem import CellBasis
+
+__all__ = ["assemble_mesh_cell", "cell_basis"]
+
+Operator = Callable[[np.ndarray], np.ndarray]
+
+
+def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellProblem:
+    """Set up operators and contact geometry on any mesh.
+
+    Raises
+    ------
+    CaseError
+        If elements are inverted, the nodes of periodic sides do not match, or the contact face
+        comes down to the base.
+    """
+    basis = cell_basis(cell)
+    lame, shear = lame_parameters(cell.law.youngs_modulus, cell.law.poissons_ratio)
+    unknowns = cell_unknowns(cell, basis)
+    expand, nodes = unknowns.expand, unknowns.nodes
+    stiffness = sparse.csr_array(expand.T @ assemble_elasticity(basis, lame, shear) @ expand)
+    stiffness.sum_duplicates()
+
+    surface = unknowns.coefficients @ basis.doflocs[2]
+    obstacle, slopes = _obstacle(cell.obstacle, basis.doflocs[:2, nodes])
+    obstacle = obstacle + np.max(surface - obstacle)
+    normal = obstacle_normal(*slopes)
+    gap, closing = (obstacle - surface) * normal[:, 2], normal[:, 2]
+    follows = unknowns.number[:, 2] < 0  # a node that moves with another one touches after it
+    gap[follows] += 1e3 * float(np.ptp(basis.doflocs[2]))
+    solve = partial(_solver(cell, basis, unknowns, stiffness, normal), gap, closing)
+
+    def recover(u: np.ndarray, active: np.ndarray) -> np.ndarray:
+        touching = np.zeros(basis.N, dtype=bool)
+        touching[nodes[active]] = True
+        vertices = touching[unknowns.image][basis.nodal_dofs[0]]
+        moved = (expand @ u).reshape(-1, 3).T
+        return recovered_force(cell.mesh, cell.element, moved, vertices, lame, shear)
+
+    @cache
+    def look() -> Sight:
+        return sight(cell)
+
+    def field(values: np.ndarray) -> np.ndarray:
+        spread, seen = np.zeros(basis.N), look()
+        spread[nodes] = values
+        there = seen.interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
+        return np.asarray(there.reshape(seen.height.shape))
+
+    problem = CellProblem(
+        solve,
+        normal,
+        surface,
+        obstacle,
+        unknowns.weight,
+        surface_displacement=lambda u: unknowns.coefficients @ (expand @ u).reshape(-1, 3),
+        recover=recover if recover_stress else None,
+        neighbours=unknowns.neighbours,
+        field=field,
+    )
+    if cell.layer is None:
+        return problem
+    grid, points = cell.layer.surface, basis.doflocs[:2, nodes]
+    i, j = (
+        np.rint(at / step).astype(int) % n
+        for at, step, n in zip(points, grid.spacing, grid.heights.shape, strict=True)
+    )
+    there = np.empty(grid.heights.shape, dtype=int)
+    there[i[::-1], j[::-1]] = np.arange(len(i))[::-1]  # contact node of every point of the grid
+    if cell.sides is not CellSides.PERIODIC:  # nodes at both ends of a line
+        return replace(problem, field=lambda values: values[there])
+    return _on_grid(problem, cell.layer, (i, j), there)
+
+
+def cell_basis(cell: MeshCell) -> "CellBasis":
+    """Finite-element space of one displacement component of a cell.
+
+    Raises
+    ------
+    CaseError
+        If elements are inverted.
+    """
+    from skfem import Basis
+    from skfem.refdom import RefTet, RefTri
+
+    # exact for straight-sided elements: gradients squared (order p counts per direction on bricks)
+    simplex = cell.mesh.refdom in (RefTri, RefTet)
+    order = 2 * (cell.element.maxdeg - 1) if simplex else 2 * (cell.element.maxdeg // 3)
+    basis = Basis(cell.mesh, cell.element, intorder=max(order, 1))
+    check_orientation(basis)
+    return basis
+
+
+def _solver(
+    cell: MeshCell,
+    basis: "CellBasis",
+    unknowns: CellUnknowns,
+    stiffness: sparse.csr_array,
+    normal: np.ndarray,
+) -> Callable[..., ContactState]:
+    """Choose what solves contact: factors of the stiffness, or multigrid where it is large."""
+    number = unknowns.number
+    if mesh_size(cell).multigrid:
+        from multiscale.micro.mesh.multigrid_contact import LargeBody, solve_large_contact
+
+        place, size = unknowns.place, float(np.ptp(basis.doflocs))
+        modes = rigid_motions(basis.doflocs.T[place // 3] / size, place % 3)
+        large = LargeBody(stiffness, modes, place, number[:, 2])
+        return lambda gap, closing, **question: solve_large_contact(large, gap, **question)
+    rows, component = np.nonzero(np.broadcast_to(number[:, 2:] >= 0, normal.shape) & (number >= 0))
+    shape = (len(number), stiffness.shape[0])
+    trace = sparse.csr_array(
+        (normal[rows, component], (rows, number[rows, component])), shape=shape
+    )
+    push = sparse.csr_array(trace.T)
+    solve_free = factorise(stiffness, name="the stiffness of the cell")
+    apply: Operator = stiffness.__matmul__
+    if cell.sides is CellSides.TRACTION:
+        constraint = mean_strain(basis) @ unknowns.expand
+        apply, solve_free = _constrained(stiffness, solve_free, constraint)
+
+    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
+        u = solve_free(force)
+        return u if correct is None else u - solve_free(push @ correct(trace @ u))
+
+    def add(vector: np.ndarray, values: np.ndarray) -> None:
+        vector += push @ values
+
+    body = ElasticBody(
+        apply=apply,
+        solve=solve,
+        trace=lambda u: trace @ u,
+        add=add,
+        compliance=lambda force: trace @ solve_free(push @ force),
+        surface_stiffness=lambda values: values,
+        shape=(stiffness.shape[0],),
+    )
+    return partial(solve_elastic_contact, body)
+
+
+def _constrained(
+    stiffness: sparse.csr_array, solve_free: Operator, constraint: np.ndarray
+) -> tuple[Operator, Operator]:
+    r"""Stiffness and its inverse among displacements with :math:`C u = 0`, by projection.
+
+    The multipliers are the uniform stresses on the sides.
+    """
+    across = np.linalg.solve(constraint @ constraint.T, constraint)
+    moved = solve_free(np.ascontiguousarray(constraint.T))
+    reaction = np.linalg.solve(constraint @ moved, moved.T)
+
+    def apply(u: np.ndarray) -> np.ndarray:
+        force = stiffness @ u
+        return np.asarray(force - constraint.T @ (across @ force))
+
+    def solve(force: np.ndarray) -> np.ndarray:
+        return np.asarray(solve_free(force) - moved @ (reaction @ force))
+
+    return apply, solve
+
+
+def _on_grid(
+    problem: CellProblem,
+    layer: PeriodicLayer,
+    place: tuple[np.ndarray, np.ndarray],
+    there: np.ndarray,
+) -> CellProblem:
+    """Give contact quantities the shape of the grid of a layer's surface, (nx, ny)."""
+
+    def solve(**question: Any) -> ContactState:
+        start = question.pop("start")
+        if start is not None:
+            start = _regridded(start, lambda values: values[place])
+        return _regridded(problem.solve(start=start, **question), lambda values: values[there])
+
+    recover = problem.recover
+    return replace(
+        problem,
+        solve=solve,
+        normal=np.moveaxis(problem.normal[there], 2, 1),
+        surface_height=problem.surface_height[there],
+        obstacle_height=problem.obstacle_height[there],
+        weight=problem.weight[there],
+        surface_displacement=lambda u: np.moveaxis(problem.surface_displacement(u)[there], 2, 1),
+        recover=None if recover is None else lambda u, active: recover(u, active[place]),
+        edges=element_edges(layer),
+        neighbours=None,
+        field=np.asarray,
+    )
+
+
+def _regridded(state: ContactState, change: Operator) -> ContactState:
+    return replace(
+        state,
+        force=change(state.force),
+        active=change(state.active),
+        reference_force=change(state.reference_force),
+    )
+
+
+def _obstacle(
+    obstacle: Surface | None, place: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Height and slopes of the obstacle at points, from a periodic cubic spline."""
+    if obstacle is None:
+        nothing = np.zeros(place.shape[1])
+        return nothing, (nothing, nothing)
+    from scipy.interpolate import RectBivariateSpline
+
+    margin = 4
+    padded = np.pad(obstacle.heights, margin, mode="wrap")
+    axes = [
+        np.arange(-margin, n + margin) * step
+        for n, step in zip(obstacle.heights.shape, obstacle.spacing, strict=True)
+    ]
+    spline = RectBivariateSpline(*axes, padded, s=0)
+    x, y = (place[k] % obstacle.size[k] for k in range(2))
+    return spline.ev(x, y), (spline.ev(x, y, dx=1), spline.ev(x, y, dy=1))

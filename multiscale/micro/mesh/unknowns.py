@@ -1,0 +1,246 @@
+r"""Unknowns of a cell on a mesh: what its base, its sides and its contact face leave free.
+
+Nodal displacements are :math:`u = E v`. A node of a periodic side moves as its image, the base does
+not move. On the contact face of quadratic tetrahedra :math:`v` are the coefficients in a basis
+whose integrals over every facet are positive,
+
+.. math::
+    \varphi_c = N_c + \alpha \sum_e N_e, \quad \varphi_e = (1 - 2\alpha) N_e, \qquad
+    u_e = (1 - 2\alpha) v_e + \alpha (v_{c_1} + v_{c_2}),    \tag{1}
+
+with corners c, middles e of edges and :math:`\alpha = 1/5`. The shape functions of corners have
+none, so that corners would carry no pressure. Contact in the coefficients :math:`v` is contact in
+the mean with the dual basis of :math:`\varphi`; other elements have :math:`\alpha = 0`.
+
+References
+----------
+.. [1] A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34 (2012)
+   B421-B446, doi:10.1137/110848190: the basis of (1) and its dual.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+
+from multiscale.errors import CaseError
+from multiscale.micro.cell import CellSides, MeshCell
+
+if TYPE_CHECKING:
+    from skfem import CellBasis
+
+__all__ = ["CellUnknowns", "TopFace", "cell_unknowns", "mean_strain", "top_face"]
+
+ALPHA = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class TopFace:
+    r"""Contact facets, and the change to the coefficients of (1).
+
+    Attributes
+    ----------
+    facets : ndarray of int, shape (corners and middles, facets)
+        Nodes of every facet.
+    values : csr_array, shape (n, n)
+        Nodal values from coefficients.
+    coefficients : csr_array, shape (n, n)
+        Its inverse.
+    weight : ndarray, shape (n,)
+        Projected area of every coefficient, :math:`\int \varphi_i n_z`, m2.
+    """
+
+    facets: np.ndarray
+    values: sparse.csr_array
+    coefficients: sparse.csr_array
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class CellUnknowns:
+    """Free unknowns of a cell, and the nodes of its contact face.
+
+    Attributes
+    ----------
+    expand : csr_array, shape (3 n, unknowns)
+        :math:`E`: displacements of the n nodes from the unknowns.
+    place : ndarray of int, shape (unknowns,)
+        Place 3 a + i of every unknown among the components i of all nodes a.
+    image : ndarray of int, shape (n,)
+        Node that stands for each node: itself, or its image on the low sides.
+    nodes : ndarray of int, shape (contacts,)
+        Contact nodes, one for all their images.
+    number : ndarray of int, shape (contacts, 3)
+        Unknown of every coefficient of the contact nodes; -1 where it is none.
+    coefficients : csr_array, shape (contacts, n)
+        Coefficients of the contact nodes from nodal values.
+    weight : ndarray, shape (contacts,)
+        Projected area of every coefficient, m2.
+    facets : ndarray of int, shape (corners and middles, facets)
+        Positions in ``nodes`` of the nodes of every contact facet.
+    """
+
+    expand: sparse.csr_array
+    place: np.ndarray
+    image: np.ndarray
+    nodes: np.ndarray
+    number: np.ndarray
+    coefficients: sparse.csr_array
+    weight: np.ndarray
+    facets: np.ndarray
+
+    def neighbours(self) -> np.ndarray:
+        """Pairs of contact nodes of one facet, shape (2, pairs)."""
+        first, second = np.triu_indices(len(self.facets), 1)
+        return np.stack([self.facets[first].ravel(), self.facets[second].ravel()])
+
+
+def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
+    """Give numbers to the unknowns of a cell.
+
+    Raises
+    ------
+    CaseError
+        If the cell is periodic and the nodes of opposite sides do not match, or its contact face
+        comes down to its base.
+    """
+    points, base = basis.doflocs, basis.get_dofs("base").all()
+    face = top_face(cell, basis)
+    top = np.unique(face.facets)
+    bottom, lowest = float(points[2, base].max()), top[np.argmin(points[2, top])]
+    if points[2, lowest] <= bottom:
+        x, y, z = points[:, lowest]
+        raise CaseError(
+            f"the contact face comes down to z = {z:.4g} m at ({x:.4g}, {y:.4g}) m, and the base "
+            f"reaches {bottom:.4g} m; make the cell deeper"
+        )
+
+    free = np.ones((basis.N, 3), dtype=bool)
+    image = _periodic_images(points) if cell.sides is CellSides.PERIODIC else np.arange(basis.N)
+    free[image != np.arange(basis.N)] = False
+    free[image[base]] = False
+    sides = [_side(points, axis) for axis in (0, 1)]
+    both = np.union1d(*sides)
+    leader = both[np.argmax(points[2, both])]
+    if cell.sides is CellSides.SLIDING:
+        for axis in (0, 1):
+            free[sides[axis], axis] = False
+    if cell.sides is CellSides.DISPLACEMENT:
+        free[both] = False
+        free[leader, 2] = True
+    unknown = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)[image]
+    nodes, facets = np.unique(image[face.facets], return_inverse=True)
+    number, share = unknown[nodes], np.ones((basis.N, 3))
+    if cell.sides is CellSides.DISPLACEMENT:
+        # all sides follow their highest node in proportion to z; of them it alone can touch a flat
+        unknown[both, 2] = unknown[leader, 2]
+        share[both, 2] = (points[2, both] - bottom) / (points[2, leader] - bottom)
+        unknown[base] = -1
+    kept = np.flatnonzero(unknown.ravel() >= 0)
+    expand = sparse.csr_array(
+        (share.ravel()[kept], (kept, unknown.ravel()[kept])), shape=(3 * basis.N, int(free.sum()))
+    )
+    values = sparse.kron(face.values, sparse.eye_array(3), format="csr")
+    return CellUnknowns(
+        sparse.csr_array(values @ expand),
+        np.flatnonzero(free),
+        image,
+        nodes,
+        number,
+        face.coefficients[nodes],
+        np.bincount(image, face.weight)[nodes],
+        facets.reshape(face.facets.shape),
+    )
+
+
+def top_face(cell: MeshCell, basis: "CellBasis") -> TopFace:
+    """Contact facets of a cell, with the basis of (1)."""
+    from skfem import FacetBasis
+
+    face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
+    shapes = [np.asarray(one[0]) for one in face.basis]
+    projected = np.asarray(face.normals)[2] * face.dx
+    weight = np.array([np.sum(one * projected, axis=1) for one in shapes])
+    size = np.array([np.sum(np.abs(one) * face.dx, axis=1) for one in shapes])
+    onto = size > 1e-9 * size.max(axis=0)
+    facets = face.element_dofs.T[onto.T].reshape(onto.shape[1], -1).T
+    total = np.bincount(face.element_dofs.ravel(), weight.ravel(), minlength=basis.N)
+    if len(facets) != 6:
+        unit = sparse.eye_array(basis.N, format="csr")
+        return TopFace(facets, unit, unit, total)
+
+    edges = np.unique(cell.mesh.f2e[:, cell.mesh.boundaries["top"]])
+    middle, corners = basis.edge_dofs[0, edges], basis.nodal_dofs[0][cell.mesh.edges[:, edges]]
+    keep, shape = np.ones(basis.N), 2 * (basis.N,)
+    keep[middle] = 1.0 - 2.0 * ALPHA
+    mean = sparse.csr_array(
+        (np.full(corners.size, ALPHA), (np.tile(middle, 2), corners.ravel())), shape=shape
+    )
+    values = sparse.csr_array(sparse.diags_array(keep) + mean)  # (1)
+    inverse = sparse.diags_array(1.0 / keep) @ (sparse.eye_array(basis.N) - mean)
+    return TopFace(facets, values, sparse.csr_array(inverse), values.T @ total)
+
+
+def mean_strain(basis: "CellBasis") -> np.ndarray:
+    r"""Integrate :math:`u_1 n_1`, :math:`u_2 n_2` and :math:`u_1 n_2 + u_2 n_1` over the sides.
+
+    Periodic displacements have none of these means of the strain in the plane.
+
+    Parameters
+    ----------
+    basis : CellBasis
+        Basis of one displacement component.
+
+    Returns
+    -------
+    ndarray, shape (3, 3 n)
+        Integrals of the displacements of all nodes, m2.
+    """
+    from skfem import FacetBasis
+
+    mesh, area = basis.mesh, np.zeros((2, basis.N))
+    middle = mesh.p[:, mesh.facets].mean(axis=1)
+    for axis in (0, 1):
+        facets = np.intersect1d(_side(middle, axis), mesh.boundary_facets())
+        face = FacetBasis(mesh, basis.elem, facets=facets, dofs=basis.dofs)
+        outwards = np.asarray(face.normals)[axis] * face.dx
+        shares = [np.sum(np.asarray(one[0]) * outwards, axis=1) for one in face.basis]
+        area[axis] = np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=basis.N)
+    integral = np.zeros((3, basis.N, 3))
+    integral[0, :, 0] = integral[2, :, 1] = area[0]
+    integral[1, :, 1] = integral[2, :, 0] = area[1]
+    return integral.reshape(3, -1)
+
+
+def _side(points: np.ndarray, axis: int) -> np.ndarray:
+    """Nodes on both planes that bound the cell along an axis."""
+    low, high = points[axis].min(), points[axis].max()
+    near = 1e-9 * (high - low)
+    return np.flatnonzero((points[axis] - low < near) | (high - points[axis] < near))
+
+
+def _periodic_images(points: np.ndarray) -> np.ndarray:
+    """Node that stands for each node: itself, or its image on the low sides."""
+    from scipy.spatial import KDTree
+
+    low, high = points.min(axis=1), points.max(axis=1)
+    size = high - low
+    place = points.copy()
+    for k in range(2):
+        place[k, np.isclose(points[k], high[k], rtol=0.0, atol=1e-9 * size[k])] -= size[k]
+    moved = np.flatnonzero(np.any(place != points, axis=0))
+    image = np.arange(points.shape[1])
+    distance, partner = KDTree(points.T).query(place[:, moved].T)
+    apart = distance > 1e-6 * float(size.max())
+    if np.any(apart):
+        worst = int(np.argmax(distance))
+        where = np.array2string(points[:, moved[worst]], precision=4)
+        raise CaseError(
+            f"the mesh is not periodic: {int(apart.sum())} of {len(moved)} nodes on the sides have "
+            f"no partner on the opposite side, the worst at {where} m (nearest "
+            f"{distance[worst]:.2g} m away); mesh opposite sides alike or choose sides that need "
+            f"no partners"
+        )
+    image[moved] = partner
+    return image
