@@ -132,7 +132,7 @@ def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
         load_case(tmp_path / "coated.toml")
     law = xr.Dataset(attrs={"coatings": "body_1"})
     with pytest.raises(CaseError, match="theory knows none for the coatings of body_1"):
-        case.interface.complete(law, 0.3, strict=False)
+        case.interface.complete(law, 0.3, 1e7, strict=False)
 
 
 def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):

@@ -257,7 +257,8 @@ def test_a_rough_joint_takes_the_law_of_a_run_as_it_is(finished, tmp_path):
     of_law = open_law(file).attrs["cautions"].splitlines()
     assert result.attrs["cautions"].splitlines() == [f"its law: {one}" for one in of_law]
     # one cell of .8 mm in a joint of 20 mm, and the parts of the law that a run knows
-    assert np.all((result["error_total"] > 0.0) & (result["error_total"] < 1.0))
+    total = result["error_total"].drop_sel(quantity="solid_stiffness")  # hangs on no law
+    assert np.all((total > 0.0) & (total < 1.0))
     assert "cell 0.04 of the interface" in result.attrs["how_scale_separation"]
     # one layer of elements cannot be made coarser
     unknown = ["cell size", "micro discretisation", "macro discretisation"]
