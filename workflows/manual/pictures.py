@@ -122,7 +122,7 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
     return {key: node.to_dataset() for key, node in open_run(out).items()}
 
 
-def save_small(figure: Figure, file: Path, *, colours: int = 256) -> None:
+def save_small(figure: Figure, file: Path, *, colours: int = 64) -> None:
     """Write a figure in few colours."""
     drawn, reduced = BytesIO(), BytesIO()
     figure.savefig(drawn, dpi=80)
