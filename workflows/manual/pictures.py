@@ -95,9 +95,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         save_small(figure, figures / f"{name}.png", colours=32)
     if "ground_steel" in found:
         fields = open_dataset(results / "ground_steel" / "fields" / "fields.nc", FIELDS)
-        save_small(draw_chain(found["ground_steel"], fields), figures / "chain.png")
+        save_small(draw_chain(found["ground_steel"], fields), figures / "chain.png", colours=96)
     if "bolted_lap" in found:
-        save_small(draw_answers(found["bolted_lap"]["macro_result"]), figures / "joint.png")
+        answers = draw_answers(found["bolted_lap"]["macro_result"])
+        save_small(answers, figures / "joint.png", colours=64)
     if set(STRUCTURES) <= set(found):
         save_small(
             draw_structures(*(found[name] for name in STRUCTURES)), figures / "structures.png"
@@ -122,7 +123,7 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
     return {key: node.to_dataset() for key, node in open_run(out).items()}
 
 
-def save_small(figure: Figure, file: Path, *, colours: int = 64) -> None:
+def save_small(figure: Figure, file: Path, *, colours: int = 256) -> None:
     """Write a figure in few colours."""
     drawn, reduced = BytesIO(), BytesIO()
     figure.savefig(drawn, dpi=80)
