@@ -19,7 +19,7 @@ from multiscale.micro import Surface, self_affine
 from multiscale.nonsmooth.projections import project_ball
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
-from multiscale.upscaling import fit_law
+from multiscale.upscaling import area_observations, fit_law, normal_observations
 from tests.upscaling.responses import response_of
 
 
@@ -42,6 +42,17 @@ def slow(*values):
 def observed_rate(sizes, errors):
     """Slope of log error against log size, by least squares."""
     return float(np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0])
+
+
+def realised(response, variable):
+    """Observations of gap or area: values of the realisations at the steps that count."""
+    observe = {"mean_gap": normal_observations, "contact_fraction": area_observations}
+    return observe[variable](response)
+
+
+def step_means(response, variable):
+    """Means of gap or area over the realisations that count, step by step."""
+    return realised(response, variable).means()[0][0]
 
 
 def alart_curnier(velocity, reaction, friction, step=1.0):

@@ -6,11 +6,6 @@ from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
 from multiscale.upscaling.damage_branch import with_damage
-from multiscale.upscaling.ensemble_statistics import (
-    ensemble_average,
-    required_realisations,
-    size_trend,
-)
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
@@ -80,7 +75,6 @@ __all__ = [
     "compare_laws",
     "compare_scales",
     "effective_cells",
-    "ensemble_average",
     "error_budget",
     "estimate_grid_error",
     "fit_branches",
@@ -102,9 +96,7 @@ __all__ = [
     "pressure_length_of_points",
     "read_observations",
     "require_law",
-    "required_realisations",
     "shear_errors",
-    "size_trend",
     "sliders_from_dataset",
     "sliding_friction_at",
     "state_shear",

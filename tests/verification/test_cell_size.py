@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.upscaling import size_trend
+from tests.support import realised
 
 MODULUS, NU, SLOPE, WAVE = 1e9, 0.3, 0.1, 1e-3
 CONTACT_MODULUS = MODULUS / (1.0 - NU**2)
@@ -53,12 +53,19 @@ def sizes():
 def test_scatter_falls_as_the_inverse_of_the_cell(sizes, variable, relative_pressure):
     """40 realisations at each size; the 95 % interval of the slope overlaps [-1.3, -.8]."""
     pressure = CONTACT_MODULUS * SLOPE * relative_pressure
-    trend = size_trend(sizes, variable, pressure=pressure)
-    low, high = trend.slope_interval
-    assert low <= -0.8, trend
-    assert high >= -1.3, trend
-    assert -1.5 < trend.slope < -0.7
-    assert np.all(np.diff(trend.value) < 0.0)
+    random, scatter, drawn = np.random.default_rng(seed=0), [], []
+    for response in sizes.values():
+        seen = realised(response, variable)
+        values = seen.values[:, np.argmin(np.abs(seen.pressure - pressure))]
+        scatter.append(np.std(values, ddof=1) / values.mean())
+        some = values[random.integers(0, values.size, (2000, values.size))]
+        drawn.append(np.std(some, axis=1, ddof=1) / some.mean(axis=1))
+    length = np.log(list(sizes))
+    low, high = np.percentile(np.polyfit(length, np.log(drawn), 1)[0], [2.5, 97.5])
+    assert low <= -0.8
+    assert high >= -1.3
+    assert -1.5 < np.polyfit(length, np.log(scatter), 1)[0] < -0.7
+    assert np.all(np.diff(scatter) < 0.0)
 
 
 @pytest.mark.long

@@ -16,11 +16,11 @@ import pytest
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.upscaling import (
     area_from_dataset,
-    ensemble_average,
     error_budget,
     fit_law,
     law_from_dataset,
 )
+from tests.support import step_means
 
 MODULUS, NU, EDGE = 1e9, 0.3, 1e-3
 TRUTH, OTHERS = 96, 60
@@ -100,9 +100,7 @@ def coverage(number, scene, sizes):
     many = response.isel(realisation=slice(TRUTH))
     data = response.isel(step=slice(1, None, 2))
     pressure = data["nominal_pressure"].values
-    gap, area = (
-        ensemble_average(many, name).mean[1::2] for name in ("mean_gap", "contact_fraction")
-    )
+    gap, area = (step_means(many, name)[1::2] for name in ("mean_gap", "contact_fraction"))
     truth = np.array([gap, area, values_of(fit_law(many, n_samples=0), pressure)[2]])
     found = []
     for n in sizes:

@@ -22,7 +22,6 @@ from multiscale.upscaling import (
     area_from_dataset,
     at_rms_height,
     compare_scales,
-    ensemble_average,
     error_budget,
     fit_law,
     law_from_dataset,
@@ -32,6 +31,7 @@ from multiscale.upscaling import (
     with_scales,
     without_size_bias,
 )
+from tests.support import step_means
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -158,7 +158,7 @@ def limit_of(large, grids, hurst):
     height = rms_height(surface(32, 1, points=4, hurst=hurst))
     large = at_rms_height(large, height)
     gap, area = (
-        {n: ensemble_average(grid, name).mean for n, grid in grids.items()}
+        {n: step_means(grid, name) for n, grid in grids.items()}
         for name in ("mean_gap", "contact_fraction")
     )
     factors = {
@@ -170,9 +170,7 @@ def limit_of(large, grids, hurst):
         large[name] = large[name].copy(data=large[name].values * between)
     law = fit_law(large, n_samples=0)
     one = law_from_dataset(law)
-    gap, area = (
-        ensemble_average(large, name).mean[1::2] for name in ("mean_gap", "contact_fraction")
-    )
+    gap, area = (step_means(large, name)[1::2] for name in ("mean_gap", "contact_fraction"))
     cells = np.array([gap, area, one.stiffness(one.gap_at(PRESSURE))])
     return Truth(height, cells, joint_stiffness(one, elements=16))
 
