@@ -1,4 +1,4 @@
-"""Named faces of a mesh: their unknowns, values on them, and their areas.
+"""Named faces of a mesh: values on them, and their areas.
 
 Every function refuses a boundary that the mesh does not name, by a ``CaseError``.
 """
@@ -13,31 +13,10 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
 
-__all__ = ["check_boundary", "face_areas", "face_operator", "face_unknowns"]
+__all__ = ["check_boundary", "face_areas", "face_operator"]
 
 ROUNDING = 1e-12
 """Areas below this share of the largest are rounding."""
-
-
-def face_unknowns(basis: "CellBasis", boundary: str) -> np.ndarray:
-    """Unknowns of one component on a named boundary, sorted by z, then y, then x.
-
-    Two faces with the same lateral mesh are therefore numbered alike.
-
-    Parameters
-    ----------
-    basis : CellBasis, of a scalar Lagrange element
-
-    Returns
-    -------
-    ndarray of int, unknowns ``a``; the component ``i`` of the displacement is unknown ``d a + i``
-    """
-    check_boundary(basis.mesh, boundary)
-    unknowns = np.asarray(basis.get_dofs(boundary).all())
-    # on a grid of 1e-9 of the mesh, so that rounding does not decide the order
-    extent = np.ptp(basis.mesh.p, axis=1).max()
-    x = np.round(basis.doflocs[:, unknowns] / (1e-9 * extent))
-    return unknowns[np.lexsort(x)]
 
 
 def face_operator(

@@ -24,11 +24,10 @@ from multiscale.io.files import (
 from multiscale.io.grain_fields import write_grain_fields
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
-from multiscale.io.meshes import MeshArrays, open_mesh, read_mesh
+from multiscale.io.meshes import open_mesh, read_mesh
 from multiscale.io.surface_file import read_surface
 
 __all__ = [
-    "MeshArrays",
     "VoxelImage",
     "logging_to",
     "make_folder",

@@ -26,7 +26,6 @@ from multiscale.macro.bodies import Assembly, Bolt, Interface, Platen, shank_sti
 from multiscale.macro.continuum import (
     Body,
     Contact,
-    ContactStep,
     FiniteAssembly,
     RigidCylinder,
     RigidGraph,
@@ -79,7 +78,6 @@ __all__ = [
     "Body",
     "Bolt",
     "Contact",
-    "ContactStep",
     "FiniteAssembly",
     "Interface",
     "LatinMethod",

@@ -108,13 +108,13 @@ class CellPart(StrEnum):
     )
 
 
-def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool = False) -> Needs:
+def cell_needs(cell: AnyCell, *, keep_fields: bool = False) -> Needs:
     """Return what solving a cell takes.
 
     Parameters
     ----------
     cell : FlatCell, GraphCell, FiniteCell or MeshCell
-    keep_fields, recover_stress : bool
+    keep_fields : bool
         As in :func:`multiscale.micro.solve_cell`.
 
     Examples
@@ -125,8 +125,7 @@ def cell_needs(cell: AnyCell, *, keep_fields: bool = False, recover_stress: bool
     >>> CellPart.STIFFNESS in cell_needs(cell).built
     False
     """
-    recovered = recover_stress and cell.recovers_stress
-    return _needs(cell, recovered, {"fields": ("pressure", "gap") if keep_fields else ()})
+    return _needs(cell, {"fields": ("pressure", "gap") if keep_fields else ()})
 
 
 def _choices(
@@ -141,12 +140,12 @@ def _choices(
 
 
 @singledispatch
-def _needs(cell: AnyCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+def _needs(cell: AnyCell, kept: dict[str, Any]) -> Needs:
     raise TypeError(f"{type(cell).__name__} is no kind of cell")
 
 
 @_needs.register
-def _(cell: FlatCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+def _(cell: FlatCell, kept: dict[str, Any]) -> Needs:
     nx, ny = cell.surface.heights.shape
     return Needs(
         kinematics="small strain, roughness as gap of a flat layer",
@@ -172,7 +171,7 @@ def _(cell: FlatCell, recovered: bool, kept: dict[str, Any]) -> Needs:
 
 
 @_needs.register
-def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+def _(cell: GraphCell, kept: dict[str, Any]) -> Needs:
     return Needs(
         kinematics="small strain, the mesh follows the surface",
         choices=_choices(
@@ -183,18 +182,17 @@ def _(cell: GraphCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.TILT: cell.nearly_incompressible,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
-                CellPart.STRESS_RECOVERY: recovered,
                 CellPart.COATING: bool(cell.coating),
             }
         ),
-        libraries=("numba", "scikit-fem") if recovered else ("numba",),
+        libraries=("numba",),
         memory=_layer_memory(cell, 0.0),
         **kept,
     )
 
 
 @_needs.register
-def _(cell: MeshCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+def _(cell: MeshCell, kept: dict[str, Any]) -> Needs:
     from multiscale.micro.mesh.mesh_size import mesh_size
 
     size = mesh_size(cell)
@@ -209,7 +207,6 @@ def _(cell: MeshCell, recovered: bool, kept: dict[str, Any]) -> Needs:
                 CellPart.MULTIGRID: size.multigrid,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
                 CellPart.ELEMENT_MODULI: np.ndim(cell.law.youngs_modulus) > 0,
-                CellPart.STRESS_RECOVERY: recovered,
             },
             {
                 CellPart.STIFFNESS: "of the elements, as a matrix",
@@ -225,7 +222,7 @@ def _(cell: MeshCell, recovered: bool, kept: dict[str, Any]) -> Needs:
 
 
 @_needs.register
-def _(cell: FiniteCell, recovered: bool, kept: dict[str, Any]) -> Needs:
+def _(cell: FiniteCell, kept: dict[str, Any]) -> Needs:
     laws, mu = [body.law for body in cell.bodies], cell.friction_coefficient
     large, pair = any(law.finite_strain for law in laws), cell.second is not None
     linear = not all(law.finite_strain for law in laws)

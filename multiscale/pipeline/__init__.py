@@ -1,6 +1,6 @@
 """What needs more than one layer: cases of every kind and their run."""
 
-from multiscale.pipeline.case import find_case, load_case
+from multiscale.pipeline.case import load_case
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.concurrent import CellLaw
 from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
@@ -17,7 +17,6 @@ from multiscale.pipeline.run import Results, run, run_macro
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
-from multiscale.pipeline.sweep_points import name_point
 from multiscale.pipeline.three_ways import three_ways
 from multiscale.pipeline.tyre_settings import TyreCase
 
@@ -33,11 +32,9 @@ __all__ = [
     "TiltedJoint",
     "TyreCase",
     "end_to_end",
-    "find_case",
     "load_case",
     "load_sweep",
     "make_cells",
-    "name_point",
     "plan",
     "requirements",
     "run",

@@ -1,7 +1,7 @@
 """What a case may say of elastic bodies of the user: meshes, interfaces, bolts and named loads."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from itertools import combinations
 from pathlib import Path
@@ -200,17 +200,10 @@ class Bodies(StructureKind):
             now |= step
             steps.append(tuple(now.values()))
         path = LoadPath(self.load_names, tuple(forces), tuple(steps), case.statics.substeps)
-        if case.cycles is None:
+        if (to := case.cycles) is None:
             return path
-        return LoadPath(
-            path.names,
-            path.forces,
-            path.steps,
-            path.substeps,
-            case.cycles.load,
-            case.cycles.amplitude,
-            case.cycles.cycles,
-            case.cycles.steps,
+        return replace(
+            path, cycled=to.load, amplitude=to.amplitude, cycles=to.cycles, cycle_steps=to.steps
         )
 
     def read_laws(

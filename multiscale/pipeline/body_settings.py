@@ -133,11 +133,15 @@ class RoughBodies(StructureKind):
     mesher: ClassVar[tuple[str, ...]] = ()
     """Library that meshes the bodies."""
 
-    if TYPE_CHECKING:
-        youngs_modulus: float
-        poissons_ratio: float
-        damage: tuple[float, ...]
-        stiffness: Path | None
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    damage: tuple[Damage, ...] = Field(
+        (), description="Damage of bodies from below: each is 1 - D as stiff; sound if not given."
+    )
+    stiffness: Path | None = Field(
+        None,
+        description="Dataset `rve_stiffness` whose tensor replaces the moduli of sound bodies.",
+    )
 
     @property
     @abstractmethod
@@ -199,6 +203,15 @@ class RoughBodies(StructureKind):
     def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut every body into boxes."""
         return cut_assembly(self.assemble(case, case.interface_law(found)), case.cut.parts)
+
+    @model_validator(mode="after")
+    def _check_damage(self) -> Self:
+        if self.damage and len(self.damage) != self.joints + 1:
+            raise ValueError(
+                f"damage should have one entry for each body ({self.joints + 1}), got "
+                f"{len(self.damage)}"
+            )
+        return self
 
     @property
     def damages(self) -> tuple[float, ...]:
@@ -287,15 +300,6 @@ class StackedBlocks(RoughBodies):
     size: Edges = Field(description="Lengths of a block along x, y and z, m.")
     elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
     blocks: Count = Field(2, ge=2, description="Number of blocks, one on the other.")
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    damage: tuple[Damage, ...] = Field(
-        (), description="Damage of blocks from below: each is 1 - D as stiff; sound if not given."
-    )
-    stiffness: Path | None = Field(
-        None,
-        description="Dataset `rve_stiffness` whose tensor replaces the moduli of sound blocks.",
-    )
 
     @property
     def joints(self) -> int:
@@ -308,11 +312,6 @@ class StackedBlocks(RoughBodies):
             return None
         x, y, z = (number // 2 for number in self.elements)
         return self.model_copy(update={"elements": (x, y, z)})
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_damage(self.damage, self.blocks, "block")
-        return self
 
     def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the blocks and their joints."""
@@ -348,14 +347,6 @@ class LapJoint(RoughBodies):
     )
     element: Length = Field(description="Edge of an element in plan, m.")
     layers: Positive = Field(2, description="Elements through each thickness.")
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    damage: tuple[Damage, ...] = Field(
-        (), description="Damage of the lower and the upper plate, as of blocks."
-    )
-    stiffness: Path | None = Field(
-        None, description="Stiffness of both plates, as for stacked blocks."
-    )
 
     @property
     def joints(self) -> int:
@@ -369,8 +360,7 @@ class LapJoint(RoughBodies):
         return self.model_copy(update={"element": 2.0 * self.element})
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
-        _check_damage(self.damage, 2, "plate")
+    def _check_bolt(self) -> Self:
         if self.bolt is not None and self.bolt > self.hole:
             raise ValueError(
                 f"bolt of {1e3 * self.bolt:g} mm does not go through a hole of "
@@ -404,11 +394,3 @@ class LapJoint(RoughBodies):
 def _fewer(elements: Elements) -> Elements:
     x, y, z = (min(QUICK_ELEMENTS, number) for number in elements)
     return x, y, z
-
-
-def _check_damage(damage: tuple[float, ...], count: int, what: str) -> None:
-    """Refuse damages that are not one for each."""
-    if damage and len(damage) != count:
-        raise ValueError(
-            f"damage should have one entry for each {what} ({count}), got {len(damage)}"
-        )

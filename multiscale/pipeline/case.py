@@ -5,13 +5,12 @@ from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
-from warnings import warn
 
 from multiscale.errors import CaseError
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.toml_model import Settings, list_tables, read_toml, validate
+from multiscale.pipeline.toml_model import Settings, read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import INTERFACE_LAW
 
@@ -48,24 +47,12 @@ FILES = (
 LAWS = ("interfaces", "interface")
 """Tables whose law may also be the folder of a run, or a shipped case."""
 
-RENAMINGS: dict[tuple[str, str], tuple[str, str]] = {
-    ("joint", "height"): ("structure", "height"),
-    ("joint", "width"): ("structure", "width"),
-    ("joint", "preloads"): ("statics", "preloads"),
-    ("joint", "law"): ("interface", "law"),
-    ("joint", "friction"): ("interface", "friction"),
-    ("joint", "stiffness_ratio"): ("interface", "stiffness_ratio"),
-    ("joint", "damage"): ("interface", "damage"),
-    ("joint", "extrapolate"): ("interface", "extrapolate"),
-    ("loading", "preloads"): ("statics", "preloads"),
-    ("loading", "shear"): ("cycles", "shear"),
-    ("loading", "cycles"): ("cycles", "cycles"),
-    ("loading", "steps"): ("cycles", "steps"),
+MOVED = {
+    "joint": 'height and width in [structure] kind = "blocks", preloads in [statics], the rest in '
+    "[interface]",
+    "loading": "preloads in [statics], the rest in [cycles]",
 }
-"""Keys of files of earlier versions by their tables, and their places now."""
-
-RENAMED = tuple(dict.fromkeys(table for table, _ in RENAMINGS))
-"""Tables that only files of earlier versions have."""
+"""Tables of files of earlier versions, and where their keys are now."""
 
 GONE: dict[tuple[str, str], str] = {
     ("motion", "domains"): "grains are not cut into domains; delete the key",
@@ -136,7 +123,10 @@ def read_case(path: Path) -> dict[str, Any]:
     CaseError
         If it cannot be read, or says what only an earlier version knew.
     """
-    content = _renamed(read_toml(path), path)
+    content = read_toml(path)
+    for table, places in MOVED.items():
+        if table in content or table in _table(content, ("sweep",)):
+            raise CaseError(f"{path}: the keys of [{table}] of earlier versions are now {places}")
     for (table, key), instead in GONE.items():
         if key in _table(content, (table,)):
             raise CaseError(f"{path}: [{table}] has no key {key!r} any more: {instead}")
@@ -162,61 +152,6 @@ def _find_file(file: Path, of_law: bool) -> Path:
     if of_law and not file.exists():
         return shipped_cases().get(file.name, file)
     return file
-
-
-def _renamed(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return the content of a file, and of its sweep, with keys of earlier versions in new places.
-
-    Raises
-    ------
-    CaseError
-        If old and new names stand together, or a key of an old table has no new place.
-    """
-    new = _moved(content, path)
-    if sweep := _table(content, ("sweep",)):
-        new["sweep"] = _moved(sweep, path)
-    if new == content:
-        return content
-    if "structure" in new.keys() - content.keys():
-        new["structure"] = {"kind": "blocks"} | new["structure"]
-    if _table(new, ("cycles",)).get("cycles") == 0:  # as a run without cycles has written it
-        del new["cycles"]
-    old = list_tables(name for name in RENAMED if name in content or name in sweep)
-    now = list_tables(
-        dict.fromkeys(
-            place
-            for (table, key), (place, _) in RENAMINGS.items()
-            if key in _table(content, (table,)) or key in _table(sweep, (table,))
-        )
-    )
-    warn(
-        f"{path}: what earlier versions wrote as {old} is read as {now}; write {now} instead",
-        FutureWarning,
-        stacklevel=2,
-    )
-    return new
-
-
-def _moved(content: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return tables with the keys of earlier versions in their new tables."""
-    old = {name: table for name, table in content.items() if name in RENAMED}
-    old = {name: table for name, table in old.items() if isinstance(table, dict)}
-    new = {name: table for name, table in content.items() if name not in old}
-    for name, table in old.items():
-        for key, value in table.items():
-            if (name, key) not in RENAMINGS:
-                known = ", ".join(one for at, one in RENAMINGS if at == name)
-                close = get_close_matches(key, known.split(", "), n=1)
-                hint = f"did you mean {close[0]!r}?" if close else f"known keys: {known}"
-                raise CaseError(f"{path}: [{name}] of earlier versions has no key {key!r}; {hint}")
-            place, renamed = RENAMINGS[name, key]
-            if place in content:
-                raise CaseError(
-                    f"{path}: [{name}] {key} is now [{place}] {renamed}, and the file has "
-                    f"[{place}] as well; move the keys of [{name}] to their new places"
-                )
-            new.setdefault(place, {})[renamed] = value
-    return new
 
 
 def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:

@@ -106,7 +106,11 @@ def make_surfaces(case: Case) -> list[Surface]:
     CaseError
         As :func:`make_cells`.
     """
-    rough = [side.surfaces for side in rough_sides(case) if side.surfaces]
+    return _composites(rough_sides(case))
+
+
+def _composites(sides: list[RoughSide]) -> list[Surface]:
+    rough = [side.surfaces for side in sides if side.surfaces]
     return [pair[0] if len(pair) == 1 else composite(*pair) for pair in zip(*rough, strict=True)]
 
 
@@ -121,11 +125,7 @@ def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
     if case.cell.mesh is not None:
         return [_mesh_of_file(case, case.cell.mesh)], {}
     sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case), 1)}
-    rough = [side.surfaces for side in sides.values() if side.surfaces]
-    cells = [
-        cell_of(case, pair[0] if len(pair) == 1 else composite(*pair))
-        for pair in zip(*rough, strict=True)
-    ]
+    cells = [cell_of(case, surface) for surface in _composites(list(sides.values()))]
     return cells, {name: side.measured for name, side in sides.items() if side.measured is not None}
 
 

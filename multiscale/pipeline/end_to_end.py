@@ -1,7 +1,6 @@
 """From cells to a structure and back: the law's answer against the roughness resolved."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -93,8 +92,6 @@ CASES = (
 def end_to_end(
     cases: Sequence[EndToEndCase] = CASES,
     *,
-    structure: Callable[[float], RoughStructure] = RoughWave,
-    executor: Executor | None = None,
     report: Callable[[str], None] = lambda line: None,
 ) -> "xr.Dataset":
     r"""Compare the sequential way with the direct one, and part the difference.
@@ -103,10 +100,6 @@ def end_to_end(
     ----------
     cases : sequence of EndToEndCase
         Ten minutes in all, if not given.
-    structure : callable
-        From the ratio of scales to the structure.
-    executor : Executor, optional
-        For the cells; see :func:`multiscale.micro.run_ensemble`.
     report : callable
         Gets a line after each case.
 
@@ -140,7 +133,7 @@ def end_to_end(
     rows = []
     for case in cases:
         begin = perf_counter()
-        rows.append(_compare(structure(case.ratio), case, executor))
+        rows.append(_compare(RoughWave(case.ratio), case))
         rows[-1]["wall_time"] = perf_counter() - begin
         report(
             f"scale ratio 1/{round(1.0 / case.ratio)}: gap error "
@@ -150,15 +143,13 @@ def end_to_end(
     return END_TO_END.build(
         {name: np.array([row[name] for row in rows]) for name in rows[0]},
         title="sequential against direct",
-        structure=structure.__name__,
+        structure=RoughWave.__name__,
     ).assign_coords(error_term=list(PARTS))
 
 
-def _compare(
-    structure: RoughStructure, case: EndToEndCase, executor: Executor | None
-) -> dict[str, Any]:
+def _compare(structure: RoughStructure, case: EndToEndCase) -> dict[str, Any]:
     px, seeds = case.points_per_wave, range(case.realisations)
-    cells = solve_sequential(structure, range(case.cells), points_per_wave=px, executor=executor)
+    cells = solve_sequential(structure, range(case.cells), points_per_wave=px)
     direct = solve_direct(structure, seeds, points_per_wave=px)
     D = direct.mean_gap
     scatter = float(np.std(direct.gaps, ddof=1)) / D
@@ -167,9 +158,7 @@ def _compare(
     if structure.waves == CELL_WAVES and case.cells == case.realisations:
         large, large_by_group, size = cells, by_group, (0.0, 0.0)
     else:
-        large = solve_sequential(
-            structure, seeds, points_per_wave=px, waves=structure.waves, executor=executor
-        )
+        large = solve_sequential(structure, seeds, points_per_wave=px, waves=structure.waves)
         large_by_group = _gaps_by_group(structure, large)
         spread = np.hypot(sampling, _jackknife(large_by_group) / D)
         size = (cells.mean_gap - large.mean_gap) / D, float(spread)

@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -178,7 +177,6 @@ def solve_sequential(
     *,
     points_per_wave: int = 8,
     waves: int = CELL_WAVES,
-    executor: Executor | None = None,
 ) -> StructureOutcome:
     """Press cells, fit one law to all of them and solve the structure with it.
 
@@ -191,12 +189,10 @@ def solve_sequential(
         Grid points of the cells per shortest wave.
     waves : int
         Longest waves along an edge of a cell.
-    executor : Executor, optional
-        See :func:`multiscale.micro.run_ensemble`.
     """
     begin = perf_counter()
     cells = [structure.cell(structure.surface(seed, points_per_wave, waves)) for seed in seeds]
-    response = run_ensemble(cells, Path(pressure=tuple(structure.pressures)), executor=executor)
+    response = run_ensemble(cells, Path(pressure=tuple(structure.pressures)))
     law, area = laws_of(response)
     fitted = perf_counter()
     answer = checked(structure.solve(law, area), law)
@@ -242,14 +238,13 @@ def solve_concurrent(
     seeds: Sequence[int],
     *,
     points_per_wave: int = 8,
-    waves: int = CELL_WAVES,
     spacing: float | None = 0.1,
 ) -> StructureOutcome:
     """Solve the structure with a cell at every point, once for each realisation.
 
     Parameters
     ----------
-    structure, seeds, points_per_wave, waves
+    structure, seeds, points_per_wave
         As for :func:`solve_sequential`.
     spacing : float, optional
         Of :class:`CellLaw`, over the root mean square height; without it every gap is solved.
@@ -258,7 +253,7 @@ def solve_concurrent(
     answers, solved, reused = [], 0, 0
     for seed in seeds:
         law = CellLaw(
-            structure.cell(structure.surface(seed, points_per_wave, waves)),
+            structure.cell(structure.surface(seed, points_per_wave, CELL_WAVES)),
             None if spacing is None else spacing * structure.rms_height,
         )
         answer = structure.solve(law)

@@ -3,8 +3,8 @@
 A ``result`` follows ``MACRO_RESULT``, a result of grains ``GRANULATE``, of a sweep ``SWEEP``.
 """
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "Table",
     "list_bolts",
     "list_cycles",
     "list_facts",
@@ -33,6 +34,9 @@ __all__ = [
     "tabulate_sweep",
 ]
 
+Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
+"""Head and rows."""
+
 INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 """Both intervals of an answer; see :func:`multiscale.upscaling.with_intervals`."""
 
@@ -43,10 +47,8 @@ HEAD = (
     "error (%)",
     "interface (MPa/µm)",
     "bodies (MPa/µm)",
-    "mean gap (µm)",
-    "contact (%)",
-    "real pressure (MPa)",
 )
+"""Of joints at their preloads."""
 
 FURTHER = {
     "unloading_stiffness": "unloading (MPa/µm)",
@@ -64,33 +66,64 @@ ROUNDING = 1e-9
 """Relative error up to which an answer has none but rounding."""
 
 
-def tabulate(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate(result: "xr.Dataset") -> Table:
     """Return head and rows of text for a joint."""
     further = [name for name in FURTHER if name in result]
-    head = (*HEAD, *(FURTHER[name] for name in further))
+
+    def rest(step: "xr.Dataset") -> tuple[str, ...]:
+        return (
+            f"{1e6 * float(step['mean_gap']):.4g}",
+            f"{100.0 * float(step['contact_fraction']):.3g}",
+            _part(step, "real_pressure", 1e-6),
+            *(_part(step, name) for name in further),
+        )
+
+    beside = ("mean gap (µm)", "contact (%)", "real pressure (MPa)")
+    head = (*HEAD, *beside, *(FURTHER[name] for name in further))
+    return head, _rows_of_preloads(result, head, rest)
+
+
+def tabulate_preloads(result: "xr.Dataset") -> Table:
+    """Head and rows of bodies with joints at their preloads."""
+    states = ("stick", "slip", "open")
+
+    def rest(step: "xr.Dataset") -> tuple[str, ...]:
+        return (
+            _part(step, "tangential_stiffness"),
+            *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
+            _part(step, "real_pressure", 1e-6),
+        )
+
+    shares = tuple(f"{state} (%)" for state in states)
+    head = (*HEAD, FURTHER["tangential_stiffness"], *shares, "real pressure (MPa)")
+    pressed = int(np.argmax(result["shear"].values != 0.0)) or result.sizes["step"]
+    return head, _rows_of_preloads(result.isel(step=slice(pressed)), head, rest)
+
+
+def _rows_of_preloads(
+    result: "xr.Dataset", head: tuple[str, ...], rest: Callable[["xr.Dataset"], tuple[str, ...]]
+) -> list[tuple[str, ...]]:
+    """Rows of the columns ``HEAD`` at every step, and of the rest."""
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
+        preload = f"{1e-6 * float(step['preload']):.4g}"
         if missing := _missing(step):
-            rows.append(_padded((f"{1e-6 * float(step['preload']):.4g}", missing), head))
+            rows.append(_padded((preload, missing), head))
             continue
-        last = tuple(_part(step, name) for name in further)
         row = (
-            f"{1e-6 * float(step['preload']):.4g}",
+            preload,
             _value(step, "joint_stiffness", 1e-12),
             *_intervals(step, "joint_stiffness"),
             _error(step, "joint_stiffness"),
             _part(step, "interface_stiffness"),
             _part(step, "solid_stiffness"),
-            f"{1e6 * float(step['mean_gap']):.4g}",
-            f"{100.0 * float(step['contact_fraction']):.3g}",
-            _part(step, "real_pressure", 1e-6),
         )
-        rows.append(row + last)
-    return head, rows
+        rows.append(row + rest(step))
+    return rows
 
 
-def tabulate_sweep(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_sweep(result: "xr.Dataset") -> Table:
     """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
     names = list(map(str, result["answer"].values))
     labels, units = (result[f"answer_{column}"].values for column in ("label", "unit"))
@@ -211,7 +244,7 @@ def _part(step: "xr.Dataset", name: str, scale: float = 1e-12) -> str:
     return f"{_value(step, name, scale)}{beside}"
 
 
-def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_links(result: "xr.Dataset") -> Table:
     """Return head and rows of text for a structure of links, at most ``MOST_ROWS`` of its steps."""
     along, name = ("time", "time (s)") if "time" in result.coords else ("load_factor", "load")
     rows: list[tuple[str, ...]] = []
@@ -226,7 +259,7 @@ def tabulate_links(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     return (name, "slack links", "largest tension (kN)", "residual"), rows
 
 
-def tabulate_grains(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_grains(result: "xr.Dataset") -> Table:
     """Return head and rows of text for a granulate, at most ``MOST_ROWS`` of its steps."""
     names = ("time", "n_contacts", "kinetic_energy", "penetration", "iterations", "residual")
     head = ("time (s)", "contacts", "kinetic (J)", "overlap / R", "sweeps", "error")
@@ -249,43 +282,7 @@ def _steps_shown(result: "xr.Dataset") -> np.ndarray:
     return np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
 
 
-def tabulate_preloads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows of bodies with joints at their preloads."""
-    states = ("stick", "slip", "open")
-    head = (
-        "preload (MPa)",
-        "joint stiffness (MPa/µm)",
-        *INTERVALS.values(),
-        "error (%)",
-        "interface (MPa/µm)",
-        "bodies (MPa/µm)",
-        "tangential (MPa/µm)",
-        *(f"{state} (%)" for state in states),
-        "real pressure (MPa)",
-    )
-    rows: list[tuple[str, ...]] = []
-    for k in range(int(np.argmax(result["shear"].values != 0.0)) or result.sizes["step"]):
-        step = result.isel(step=k)
-        preload = f"{1e-6 * float(step['preload']):.4g}"
-        if missing := _missing(step):
-            rows.append(_padded((preload, missing), head))
-            continue
-        row = (
-            preload,
-            _value(step, "joint_stiffness", 1e-12),
-            *_intervals(step, "joint_stiffness"),
-            _error(step, "joint_stiffness"),
-            _part(step, "interface_stiffness"),
-            _part(step, "solid_stiffness"),
-            _part(step, "tangential_stiffness"),
-            *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
-            _part(step, "real_pressure", 1e-6),
-        )
-        rows.append(row)
-    return head, rows
-
-
-def tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_loads(result: "xr.Dataset") -> Table:
     """Head and rows of a body under its loads."""
     largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
     return ("load", "largest displacement (µm)", "iterations", "residual"), [
@@ -300,7 +297,7 @@ def tabulate_loads(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[st
     ]
 
 
-def tabulate_path(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_path(result: "xr.Dataset") -> Table:
     """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
 
     Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
@@ -366,7 +363,7 @@ def list_bolts(result: "xr.Dataset", tightening: np.ndarray) -> list[str]:
     return told
 
 
-def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_braking(result: "xr.Dataset") -> Table:
     """Return head and rows of text for a tread block: each temperature at its speeds."""
     head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
     rows: list[tuple[str, ...]] = []
@@ -389,7 +386,7 @@ def tabulate_braking(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[
     return head, rows
 
 
-def tabulate_cycles(result: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_cycles(result: "xr.Dataset") -> Table:
     """Head and rows of the closed cycles at every preload and amplitude, with their intervals."""
     both = (" / ".join(INTERVALS.values()),)
     head = (

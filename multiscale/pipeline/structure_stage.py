@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.macro.substructures import JointSize, choose_method
 from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.needs import Needs
-from multiscale.pipeline.rows import list_cycles, list_facts
+from multiscale.pipeline.rows import Table, list_cycles, list_facts
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
     Datasets,
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["require_converged", "require_known", "structure_stage", "with_too_far"]
-
-Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
 
 def require_converged(result: "xr.Dataset") -> None:

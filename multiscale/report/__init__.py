@@ -1,14 +1,12 @@
 """What a run has found, as tables and as a page."""
 
-from multiscale.pipeline.rows import list_cycles, list_facts, tabulate_links
+from multiscale.pipeline.rows import tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
 from multiscale.report.page import write_report, write_reports
 
 __all__ = [
     "FinishedRun",
     "draw_figures",
-    "list_cycles",
-    "list_facts",
     "open_finished",
     "tabulate_links",
     "write_report",

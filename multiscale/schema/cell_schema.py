@@ -1,6 +1,7 @@
 """Datasets of cells: responses and fields."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -43,78 +44,80 @@ def branch_of(load: np.ndarray) -> np.ndarray:
     return np.select([above, below], [LOADING, UNLOADING], HOLDING)
 
 
-_CELL = ("realisation", "step")
-_STAGE = ("body", "stage")
+_cell = partial(Variable, ("realisation", "step"))
+_vector = partial(Variable, ("realisation", "step", "component"))
+_step = partial(Variable, ("step",))
+_surface = partial(Variable, ("realisation",))
+_stage = partial(Variable, ("body", "stage"))
 
 MICRO_RESPONSE = Schema(
     name="micro_response",
     version=2,
     news="the branch of every step, which solve_cell and branch_of give",
     variables={
-        "displacement_jump": Variable((*_CELL, "component"), "m", "mean displacement jump"),
-        "traction": Variable((*_CELL, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
-        "mean_gap": Variable(_CELL, "m", "mean distance of obstacle and deformed surface"),
-        "contact_fraction": Variable(_CELL, "1", "real over nominal contact area"),
-        "branch": Variable(("step",), "1", "branch of the path", BRANCHES, coordinate=True),
-        "converged": Variable(_CELL, "1", "whether the contact solver converged"),
-        "active_set_iterations": Variable(_CELL, "1", "number of active-set iterations"),
-        "linear_iterations": Variable(_CELL, "1", "number of conjugate-gradient iterations"),
-        "wall_time": Variable(_CELL, "s", "wall time of the step"),
+        "displacement_jump": _vector("m", "mean displacement jump"),
+        "traction": _vector("Pa", "averaged traction, eqs (2)-(3)"),
+        "mean_gap": _cell("m", "mean distance of obstacle and deformed surface"),
+        "contact_fraction": _cell("1", "real over nominal contact area"),
+        "branch": _step("1", "branch of the path", BRANCHES, coordinate=True),
+        "converged": _cell("1", "whether the contact solver converged"),
+        "active_set_iterations": _cell("1", "number of active-set iterations"),
+        "linear_iterations": _cell("1", "number of conjugate-gradient iterations"),
+        "wall_time": _cell("s", "wall time of the step"),
     },
     optional={
-        "real_pressure": Variable(_CELL, "Pa", "mean pressure on the real contact area"),
-        "recovered_traction": Variable(
-            (*_CELL, "component"), "Pa", "averaged traction from the recovered Cauchy stress"
-        ),
-        "traction_by_normal": Variable(
-            (*_CELL, "component"),
+        "real_pressure": _cell("Pa", "mean pressure on the real contact area"),
+        "recovered_traction": _vector("Pa", "averaged traction from the recovered Cauchy stress"),
+        "traction_by_normal": _vector(
             "Pa",
             "part of the averaged traction that the local normal tractions make, eqs (2)-(3)",
         ),
-        "spot_area": Variable((*_CELL, "spot"), "m2", "real area of each contact spot"),
+        "spot_area": Variable(
+            ("realisation", "step", "spot"), "m2", "real area of each contact spot"
+        ),
         "spot_traction": Variable(
-            (*_CELL, "spot", "component"),
+            ("realisation", "step", "spot", "component"),
             "Pa",
             "share of each contact spot in the averaged traction, eqs (2)-(3)",
         ),
         "spot_traction_by_normal": Variable(
-            (*_CELL, "spot", "component"),
+            ("realisation", "step", "spot", "component"),
             "Pa",
             "part of this share that the local normal tractions make",
         ),
-        "slip_fraction": Variable(_CELL, "1", "share of the contact nodes that slip"),
-        "friction_work": Variable(_CELL, "J m-2", "work of friction since the start, per area"),
-        "flowing_fraction": Variable(_CELL, "1", "share of the Gauss points that flow"),
-        "increments": Variable(_CELL, "1", "increments that the step took"),
-        "mean_gap_increment_error": Variable(
-            ("step",), "1", "error of the gap by the increments of a body that flows, relative"
+        "slip_fraction": _cell("1", "share of the contact nodes that slip"),
+        "friction_work": _cell("J m-2", "work of friction since the start, per area"),
+        "flowing_fraction": _cell("1", "share of the Gauss points that flow"),
+        "increments": _cell("1", "increments that the step took"),
+        "mean_gap_increment_error": _step(
+            "1", "error of the gap by the increments of a body that flows, relative"
         ),
-        "contact_fraction_increment_error": Variable(
-            ("step",), "1", "error of the area by the increments of a body that flows, relative"
+        "contact_fraction_increment_error": _step(
+            "1", "error of the area by the increments of a body that flows, relative"
         ),
-        "mean_gap_slope_error": Variable(
-            ("step",), "1", "error of the gap by slopes that are taken as small, relative"
+        "mean_gap_slope_error": _step(
+            "1", "error of the gap by slopes that are taken as small, relative"
         ),
-        "contact_fraction_slope_error": Variable(
-            ("step",), "1", "error of the area by slopes that are taken as small, relative"
+        "contact_fraction_slope_error": _step(
+            "1", "error of the area by slopes that are taken as small, relative"
         ),
-        "time": Variable(("step",), "s", "time at the end of the step"),
-        "pressure": Variable((*_CELL, "y", "x"), "Pa", "local contact pressure"),
-        "gap": Variable((*_CELL, "y", "x"), "m", "local gap"),
+        "time": _step("s", "time at the end of the step"),
+        "pressure": Variable(("realisation", "step", "y", "x"), "Pa", "local contact pressure"),
+        "gap": Variable(("realisation", "step", "y", "x"), "m", "local gap"),
         "height": Variable(("realisation", "y", "x"), "m", "height of the surface"),
-        "nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure"),
-        "sliding_speed": Variable(("step",), "m s-1", "prescribed speed of sliding"),
-        "temperature": Variable(("step",), "K", "temperature of the body"),
-        "rms_height": Variable(("realisation",), "m", "root mean square height"),
-        "rms_slope": Variable(("realisation",), "1", "root mean square slope"),
-        "nayak_parameter": Variable(("realisation",), "1", "Nayak parameter"),
-        "body_rms_height": Variable(_STAGE, "m", "root mean square height of a measured body"),
-        "body_rms_slope": Variable(_STAGE, "1", "root mean square slope of a measured body"),
-        "body_longest_wave": Variable(
-            _STAGE, "m", "wavelength above which a hundredth of the mean square height lies"
+        "nominal_pressure": _step("Pa", "prescribed mean pressure"),
+        "sliding_speed": _step("m s-1", "prescribed speed of sliding"),
+        "temperature": _step("K", "temperature of the body"),
+        "rms_height": _surface("m", "root mean square height"),
+        "rms_slope": _surface("1", "root mean square slope"),
+        "nayak_parameter": _surface("1", "Nayak parameter"),
+        "body_rms_height": _stage("m", "root mean square height of a measured body"),
+        "body_rms_slope": _stage("1", "root mean square slope of a measured body"),
+        "body_longest_wave": _stage(
+            "m", "wavelength above which a hundredth of the mean square height lies"
         ),
-        "body_shortest_wave": Variable(
-            _STAGE, "m", "wavelength below which a hundredth of the mean square slope lies"
+        "body_shortest_wave": _stage(
+            "m", "wavelength below which a hundredth of the mean square slope lies"
         ),
         "map_filled_share": Variable(("body",), "1", "filled points of the map over all points"),
         "filled_share": Variable(
@@ -130,31 +133,29 @@ COARSER_RESPONSE = replace(MICRO_RESPONSE, name="coarser_response", version=1, n
 COARSER_SHEAR_RESPONSE = replace(SHEAR_RESPONSE, name="coarser_shear_response")
 """The first cells on half of the points, pressed, and pressed and sheared."""
 
-_SLIDE = ("load", "step")
+_slide = partial(Variable, ("load", "step"))
 
 SLIDING_RESPONSE = Schema(
     name="sliding_response",
     version=1,
     variables={
-        "traction": Variable((*_SLIDE, "component"), "Pa", "averaged traction, eqs (2)-(3)"),
-        "effective_friction": Variable(
-            _SLIDE, "1", "traction along the motion over the normal one"
-        ),
+        "traction": Variable(("load", "step", "component"), "Pa", "averaged traction, eqs (2)-(3)"),
+        "effective_friction": _slide("1", "traction along the motion over the normal one"),
         "steady_friction": Variable(("load",), "1", "mean friction over the last period"),
-        "mean_gap": Variable(_SLIDE, "m", "mean distance of the deformed surfaces"),
-        "contact_fraction": Variable(_SLIDE, "1", "real over nominal contact area"),
-        "converged": Variable(_SLIDE, "1", "whether the contact solver converged"),
-        "active_set_iterations": Variable(_SLIDE, "1", "number of Newton iterations"),
-        "linear_iterations": Variable(_SLIDE, "1", "number of Krylov iterations"),
-        "increments": Variable(_SLIDE, "1", "increments that the step took"),
-        "wall_time": Variable(_SLIDE, "s", "wall time of the step"),
+        "mean_gap": _slide("m", "mean distance of the deformed surfaces"),
+        "contact_fraction": _slide("1", "real over nominal contact area"),
+        "converged": _slide("1", "whether the contact solver converged"),
+        "active_set_iterations": _slide("1", "number of Newton iterations"),
+        "linear_iterations": _slide("1", "number of Krylov iterations"),
+        "increments": _slide("1", "increments that the step took"),
+        "wall_time": _slide("s", "wall time of the step"),
     },
     optional={
         "nominal_pressure": Variable(("load",), "Pa", "prescribed mean pressure"),
-        "sliding_distance": Variable(("step",), "m", "distance slid since the start"),
-        "slip_fraction": Variable(_SLIDE, "1", "share of the contact nodes that slip"),
-        "friction_work": Variable(_SLIDE, "J m-2", "work of friction since the start, per area"),
-        "flowing_fraction": Variable(_SLIDE, "1", "share of the Gauss points that flow"),
+        "sliding_distance": _step("m", "distance slid since the start"),
+        "slip_fraction": _slide("1", "share of the contact nodes that slip"),
+        "friction_work": _slide("J m-2", "work of friction since the start, per area"),
+        "flowing_fraction": _slide("1", "share of the Gauss points that flow"),
     },
 )
 
@@ -166,5 +167,5 @@ FIELDS = Schema(
         "pressure": Variable(("step", "y", "x"), "Pa", "local contact pressure"),
         "gap": Variable(("step", "y", "x"), "m", "local gap"),
     },
-    optional={"nominal_pressure": Variable(("step",), "Pa", "prescribed mean pressure")},
+    optional={"nominal_pressure": _step("Pa", "prescribed mean pressure")},
 )

@@ -1,8 +1,14 @@
 """Datasets of damage: sections, stiffness and fatigue."""
 
+from functools import partial
+
 from multiscale.schema.dataset_schema import Schema, Variable
 
 __all__ = ["DAMAGE_SECTIONS", "FATIGUE", "RVE_STIFFNESS", "WOEHLER"]
+
+_number = partial(Variable, ())
+_record = partial(Variable, ("record",))
+_step = partial(Variable, ("step",))
 
 DAMAGE_SECTIONS = Schema(
     name="damage_sections",
@@ -11,10 +17,10 @@ DAMAGE_SECTIONS = Schema(
         "normal": Variable(("direction", "axis"), "1", "unit normals of the sections"),
         "offset": Variable(("direction", "section"), "m", "distance from the centre"),
         "damage": Variable(("direction", "section"), "1", "damaged over whole area, eq (1)"),
-        "maximum_damage": Variable((), "1", "largest damage found"),
+        "maximum_damage": _number("1", "largest damage found"),
         "worst_normal": Variable(("axis",), "1", "normal of the worst plane"),
-        "worst_offset": Variable((), "m", "distance of the worst plane from the centre"),
-        "mean_damage": Variable((), "1", "mean damage of the sections"),
+        "worst_offset": _number("m", "distance of the worst plane from the centre"),
+        "mean_damage": _number("1", "mean damage of the sections"),
         "quantile_damage": Variable(("quantile_rank",), "1", "quantiles of the damage"),
         "quantile": Variable(("quantile_rank",), "1", "share of sections with less damage"),
         "anisotropy": Variable(
@@ -23,9 +29,7 @@ DAMAGE_SECTIONS = Schema(
         "box_size": Variable(("axis",), "m", "size of the representative volume"),
     },
     optional={
-        "resolution_error": Variable(
-            (), "1", "change of the largest damage from half the resolution"
-        ),
+        "resolution_error": _number("1", "change of the largest damage from half the resolution"),
     },
 )
 
@@ -39,7 +43,7 @@ RVE_STIFFNESS = Schema(
             ("direction",), "1", "Young's modulus along the normal over the solid's"
         ),
         "damage": Variable(("direction",), "1", "damage of the worst section, eq (1)"),
-        "porosity": Variable((), "1", "volume fraction of void"),
+        "porosity": _number("1", "volume fraction of void"),
     },
     optional={
         "strain": Variable(("strain",), "1", "component of stress"),
@@ -51,15 +55,15 @@ FATIGUE = Schema(
     name="fatigue",
     version=1,
     variables={
-        "cycles": Variable(("record",), "1", "number of cycles"),
-        "damage": Variable(("record",), "1", "damage of the micro-inclusion"),
-        "plastic_strain": Variable(("record",), "1", "accumulated plastic strain of it"),
-        "cycles_to_initiation": Variable((), "1", "cycles until damage sets in"),
-        "cycles_to_rupture": Variable((), "1", "cycles until a crack starts"),
-        "run_out": Variable((), "1", "whether the inclusion stays elastic"),
-        "computed_cycles": Variable((), "1", "cycles whose stress path was followed"),
-        "converged": Variable((), "1", "whether rupture or run-out was reached"),
-        "wall_time": Variable((), "s", "wall time"),
+        "cycles": _record("1", "number of cycles"),
+        "damage": _record("1", "damage of the micro-inclusion"),
+        "plastic_strain": _record("1", "accumulated plastic strain of it"),
+        "cycles_to_initiation": _number("1", "cycles until damage sets in"),
+        "cycles_to_rupture": _number("1", "cycles until a crack starts"),
+        "run_out": _number("1", "whether the inclusion stays elastic"),
+        "computed_cycles": _number("1", "cycles whose stress path was followed"),
+        "converged": _number("1", "whether rupture or run-out was reached"),
+        "wall_time": _number("s", "wall time"),
     },
 )
 
@@ -67,11 +71,11 @@ WOEHLER = Schema(
     name="woehler",
     version=1,
     variables={
-        "amplitude": Variable(("step",), "Pa", "half the range of stress"),
-        "cycles_to_initiation": Variable(("step",), "1", "cycles until damage sets in"),
-        "cycles_to_rupture": Variable(("step",), "1", "cycles until a crack starts"),
-        "run_out": Variable(("step",), "1", "whether the inclusion stays elastic"),
-        "converged": Variable(("step",), "1", "whether rupture or run-out was reached"),
-        "wall_time": Variable(("step",), "s", "wall time"),
+        "amplitude": _step("Pa", "half the range of stress"),
+        "cycles_to_initiation": _step("1", "cycles until damage sets in"),
+        "cycles_to_rupture": _step("1", "cycles until a crack starts"),
+        "run_out": _step("1", "whether the inclusion stays elastic"),
+        "converged": _step("1", "whether rupture or run-out was reached"),
+        "wall_time": _step("s", "wall time"),
     },
 )

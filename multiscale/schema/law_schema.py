@@ -1,80 +1,72 @@
 """Datasets of laws: fits, their errors and their comparison."""
 
+from functools import partial
+
 from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 
 __all__ = ["ERROR_BUDGET", "INTERFACE_LAW", "LAW_COMPARISON"]
 
+_step = partial(Variable, ("step",))
+_number = partial(Variable, ())
+_down = partial(Variable, ("unloading_step",))
+_sheared = partial(Variable, ("shear_step", "tangent"))
+_family = partial(Variable, ("family",))
+
 INTERFACE_LAW = Schema(
     name="interface_law",
     version=1,
-    variables={"fit_pressure": Variable(("step",), "Pa", "mean pressure of the data fitted")},
+    variables={"fit_pressure": _step("Pa", "mean pressure of the data fitted")},
     optional={
         "knot": Variable(("term",), "m", "gap at which a term of the normal law vanishes"),
         "coefficient": Variable(("term",), "Pa m-3", "coefficient of the normal law"),
         "area_pressure": Variable(("area_term",), "Pa", "pressure knots of the area law"),
         "area_fraction": Variable(("area_term",), "1", "contact fraction at the pressure knots"),
-        "fit_mean_gap": Variable(("step",), "m", "mean gap of the data fitted"),
-        "fit_stiffness": Variable(("step",), "Pa m-1", "stiffness of the data fitted"),
-        "fit_contact_fraction": Variable(("step",), "1", "contact fraction of the data fitted"),
-        "fit_friction_coefficient": Variable(
-            ("step",), "1", "friction coefficient of the data fitted"
+        "fit_mean_gap": _step("m", "mean gap of the data fitted"),
+        "fit_stiffness": _step("Pa m-1", "stiffness of the data fitted"),
+        "fit_contact_fraction": _step("1", "contact fraction of the data fitted"),
+        "fit_friction_coefficient": _step("1", "friction coefficient of the data fitted"),
+        "fit_recovery": _step("m", "spring back of the data fitted"),
+        "fit_speed": _step("m s-1", "sliding speed of the data fitted"),
+        "fit_peak_pressure": _step("Pa", "largest pressure before unloading"),
+        "fit_error": _step(
+            "1", "relative error of a fit without this point, of the quantity fitted"
         ),
-        "fit_recovery": Variable(("step",), "m", "spring back of the data fitted"),
-        "fit_speed": Variable(("step",), "m s-1", "sliding speed of the data fitted"),
-        "fit_peak_pressure": Variable(("step",), "Pa", "largest pressure before unloading"),
-        "fit_error": Variable(
-            ("step",), "1", "relative error of a fit without this point, of the quantity fitted"
-        ),
-        "stiffness_fit_error": Variable(
-            ("step",), "1", "relative error of the stiffness of a fit without this point"
+        "stiffness_fit_error": _step(
+            "1", "relative error of the stiffness of a fit without this point"
         ),
         "area_fit_error": Variable(
             ("area_term",), "1", "relative error of an area law without this point"
         ),
-        "gap_fit_share": Variable((), "1", "part of fit_error that is left between the data"),
-        "stiffness_fit_share": Variable(
-            (), "1", "part of stiffness_fit_error that is left at the data"
+        "gap_fit_share": _number("1", "part of fit_error that is left between the data"),
+        "stiffness_fit_share": _number("1", "part of stiffness_fit_error that is left at the data"),
+        "area_fit_share": _number("1", "part of area_fit_error that is left between the data"),
+        "unloading_stiffness_ratio": _number(
+            "1", "stiffness at the start of unloading over stiffness of loading"
         ),
-        "area_fit_share": Variable((), "1", "part of area_fit_error that is left between the data"),
-        "unloading_stiffness_ratio": Variable(
-            (), "1", "stiffness at the start of unloading over stiffness of loading"
-        ),
-        "unloading_exponent": Variable((), "1", "exponent of the unloading branch"),
-        "unloading_pressure": Variable(
-            ("unloading_step",), "Pa", "mean pressure of the unloading data"
-        ),
-        "unloading_peak_pressure": Variable(
-            ("unloading_step",), "Pa", "largest pressure before the unloading data"
-        ),
-        "unloading_recovery": Variable(
-            ("unloading_step",), "m", "spring back of the unloading data"
-        ),
-        "unloading_fit_error": Variable(
-            ("unloading_step",), "1", "error of a fit without this point over the spring back"
-        ),
+        "unloading_exponent": _number("1", "exponent of the unloading branch"),
+        "unloading_pressure": _down("Pa", "mean pressure of the unloading data"),
+        "unloading_peak_pressure": _down("Pa", "largest pressure before the unloading data"),
+        "unloading_recovery": _down("m", "spring back of the unloading data"),
+        "unloading_fit_error": _down("1", "error of a fit without this point over the spring back"),
         "shear_stiffness_ratio": Variable(
             ("tangent",), "1", "tangential over normal stiffness, along x and y"
         ),
-        "shear_friction": Variable((), "1", "friction coefficient of the bed of sliders"),
-        "shear_friction_error": Variable(
-            (), "1", "half-width of the 95 % interval of a friction without samples, relative"
+        "shear_friction": _number("1", "friction coefficient of the bed of sliders"),
+        "shear_friction_error": _number(
+            "1", "half-width of the 95 % interval of a friction without samples, relative"
         ),
         "shear_pressure": Variable(("shear_step",), "Pa", "mean pressure of the shear data"),
-        "shear_slip": Variable(("shear_step", "tangent"), "m", "slip of the shear data"),
-        "shear_traction": Variable(
-            ("shear_step", "tangent"), "Pa", "tangential traction of the shear data"
-        ),
-        "shear_bed_traction": Variable(
-            ("shear_step", "tangent"), "Pa", "tangential traction of the bed along the shear data"
-        ),
+        "shear_slip": _sheared("m", "slip of the shear data"),
+        "shear_traction": _sheared("Pa", "tangential traction of the shear data"),
+        "shear_bed_traction": _sheared("Pa", "tangential traction of the bed along the shear data"),
         "shear_loss_ratio": Variable(
             ("control",),
             "1",
             "loss of the cells in closed cycles over the loss of the bed, at equal slip and at "
             "equal traction",
         ),
-        "shear_loss_grid_error": Variable(
-            (), "1", "half-width of the 95 % interval of the loss ratio by the grid of the cells"
+        "shear_loss_grid_error": _number(
+            "1", "half-width of the 95 % interval of the loss ratio by the grid of the cells"
         ),
         "shear_cycle_pressure": Variable(("shear_cycle",), "Pa", "mean pressure of a closed cycle"),
         "shear_cycle_amplitude": Variable(
@@ -83,8 +75,8 @@ INTERFACE_LAW = Schema(
         "shear_cycle_loss_ratio": Variable(
             ("shear_cycle", "control"), "1", "loss of the cells over the loss of the bed, each"
         ),
-        "interface_damage": Variable(
-            (), "1", "mean damage of the sections parallel to the interface, eq (1)"
+        "interface_damage": _number(
+            "1", "mean damage of the sections parallel to the interface, eq (1)"
         ),
         "interface_damage_band": Variable(
             ("limit",), "1", "ends of the 95 % interval of the damage over the sections"
@@ -104,19 +96,19 @@ ERROR_BUDGET = Schema(
     name="error_budget",
     version=1,
     variables=BUDGET,
-    optional={"nominal_pressure": Variable(("step",), "Pa", "pressure of the steps")},
+    optional={"nominal_pressure": _step("Pa", "pressure of the steps")},
 )
 
 LAW_COMPARISON = Schema(
     name="law_comparison",
     version=1,
     variables={
-        "cross_validated_error": Variable(
-            ("family",), "1", "root mean square error at points a fit has not seen"
+        "cross_validated_error": _family(
+            "1", "root mean square error at points a fit has not seen"
         ),
-        "n_parameters": Variable(("family",), "1", "number of free parameters"),
-        "akaike_criterion": Variable(("family",), "1", "corrected information criterion"),
-        "akaike_weight": Variable(("family",), "1", "relative likelihood of the family"),
-        "admissible": Variable(("family",), "1", "whether the law is admissible"),
+        "n_parameters": _family("1", "number of free parameters"),
+        "akaike_criterion": _family("1", "corrected information criterion"),
+        "akaike_weight": _family("1", "relative likelihood of the family"),
+        "admissible": _family("1", "whether the law is admissible"),
     },
 )

@@ -91,7 +91,7 @@ def sampling_term(
     each realisation has a law of its own. Two realisations give an interval, one gives none: NaN.
 
     The scatter of ``sizes``, cells of other sizes apart from the response, counts too. It falls as
-    :math:`1/L`, see :func:`size_trend`, so that with :math:`\nu_i = N_i - 1` and the sizes
+    :math:`1/L`, so that with :math:`\nu_i = N_i - 1` and the sizes
     :math:`r_i` relative to the response
 
     .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},

@@ -17,7 +17,7 @@ PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degree
 SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
 
-def with_damage(law: "xr.Dataset", sections: "xr.Dataset", normal: int = 2) -> "xr.Dataset":
+def with_damage(law: "xr.Dataset", sections: "xr.Dataset") -> "xr.Dataset":
     """Add the damage of the material near an interface to its law.
 
     Parameters
@@ -26,9 +26,7 @@ def with_damage(law: "xr.Dataset", sections: "xr.Dataset", normal: int = 2) -> "
         Follows ``INTERFACE_LAW``.
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``, of :func:`multiscale.micro.damage.max_damage`: a volume of the
-        material near the surface.
-    normal : int
-        Axis of the volume that is the normal of the interface.
+        material near the surface, whose axis z is the normal of the interface.
 
     Returns
     -------
@@ -43,12 +41,12 @@ def with_damage(law: "xr.Dataset", sections: "xr.Dataset", normal: int = 2) -> "
         If no section of the volume is parallel to the interface, or all of one has been lost.
     """
     DAMAGE_SECTIONS.check(sections)
-    cosine = np.abs(sections["normal"].to_numpy()[:, normal])
+    cosine = np.abs(sections["normal"].to_numpy()[:, 2])
     nearest = int(np.argmax(cosine))
     if cosine[nearest] < PARALLEL:
         raise CaseError(
             f"no section of the volume is parallel to the interface, whose normal is its axis "
-            f"{'xyz'[normal]}: the nearest one is {np.degrees(np.arccos(cosine[nearest])):.3g} "
+            f"z: the nearest one is {np.degrees(np.arccos(cosine[nearest])):.3g} "
             f"degrees off; take more directions"
         )
     lost = sections["damage"].to_numpy()[nearest]

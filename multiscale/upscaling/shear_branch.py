@@ -186,7 +186,6 @@ def sliders_from_dataset(
     sample: int | None = None,
     *,
     normal: NormalLaw | HystereticLaw | None = None,
-    friction: float | None = None,
     along: int | None = None,
     pressures: tuple[float, float] | None = None,
     slabs: int = 48,
@@ -201,8 +200,6 @@ def sliders_from_dataset(
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
     normal : NormalLaw or HystereticLaw, optional
         Instead of the normal law of the dataset, such as its law with unloading.
-    friction : float, optional
-        Instead of the friction coefficient of the branch, such as :func:`sliding_friction_at`.
     along : {0, 1}, optional
         Direction whose stiffness is taken, x or y; the mean of both if not given.
     pressures : tuple of float, optional
@@ -222,11 +219,10 @@ def sliders_from_dataset(
         )
     drawn = sample if dataset.sizes.get("shear_sample", 0) else None
     ratio = pick(dataset, "shear_stiffness_ratio", [drawn], of="shear")[0]
-    mu = float(pick(dataset, "shear_friction", [drawn], of="shear")[0])
     data = float(dataset.attrs["pressure_min"]), float(dataset.attrs["pressure_max"])
     return Sliders(
         law_from_dataset(dataset, sample) if normal is None else normal,
-        mu if friction is None else friction,
+        float(pick(dataset, "shear_friction", [drawn], of="shear")[0]),
         float(np.nanmean(ratio) if along is None else ratio[along]),
         pressures=data if pressures is None else pressures,
         slabs=slabs,

@@ -8,10 +8,11 @@ import pytest
 from multiscale.errors import CaseError, SchemaError
 from multiscale.laws import Damaged, Exponential
 from multiscale.macro import Block, RoughJoint, cycled_joint, rough_joint, soften
-from multiscale.micro.damage import isotropic_stiffness, youngs_modulus_along
+from multiscale.micro.damage import youngs_modulus_along
 from multiscale.micro.damage.rve import STRAINS
 from multiscale.schema import FATIGUE, MACRO_RESULT, RVE_STIFFNESS
 from tests.closed_forms import joint as closed_form
+from tests.closed_forms.elastic_solids import isotropic_stiffness
 
 E, HEIGHT, DECAY, PRELOAD = 70e9, 0.02, 2e-6, 10e6
 BLOCK = Block(HEIGHT, E, 0.3, layers=1)

@@ -1,4 +1,4 @@
-"""Discrete structures: description, checks, builders, configurations, modes."""
+"""Discrete structures: description, checks, builders, modes."""
 
 from dataclasses import replace
 
@@ -21,11 +21,7 @@ from multiscale.macro import (
     truss,
 )
 from multiscale.macro.discrete import (
-    actual,
     compatibility,
-    prestressed,
-    relaxed,
-    with_relaxed_length,
 )
 from multiscale.schema import MACRO_RESULT
 
@@ -244,25 +240,7 @@ def test_faulty_tables_are_refused():
         system_from_table(nodes | {"z": [0.0]}, links, {"rope": Cable(1.0)})
 
 
-# --- configurations and modes ----------------------------------------------------------------
-
-
-def test_relaxed_prestressed_and_actual_lead_into_each_other():
-    grid = tensegrity_grid(4, prestress=300.0)
-    back = with_relaxed_length(grid, relaxed(grid).distance)
-    largest = np.abs(grid.prestress).max()
-    # what rounding a length costs in tension is EA times the rounding
-    assert np.abs(back.prestress - grid.prestress).max() < 1e-12 * 8e7
-    assert np.abs(relaxed(back).distance / relaxed(grid).distance - 1.0).max() < 1e-12
-    assert np.abs(prestressed(back).elongation - prestressed(grid).elongation).max() < 1e-12
-
-    result = solve_static(grid, 2.0)
-    now = actual(grid, result.displacement.values)
-    assert np.any(now.slack > 0.0)
-    np.testing.assert_allclose(now.tension, result.tension, atol=1e-9 * largest)
-    # a strut would be shorter than the distance of its ends; a slack cable is longer
-    length = now.distance - now.elongation + now.slack
-    np.testing.assert_allclose(length, relaxed(grid).distance, rtol=1e-12)
+# --- modes ----------------------------------------------------------------------------------
 
 
 def test_a_module_has_one_self_stress_and_three_mechanisms():

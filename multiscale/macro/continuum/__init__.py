@@ -2,13 +2,12 @@
 
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.macro.continuum.body import Body
-from multiscale.macro.continuum.contact_steps import ContactStep, SurfaceState, solve_contact
+from multiscale.macro.continuum.contact_steps import ContactStep, solve_contact
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.continuum.rigid_obstacle import (
     RigidCylinder,
     RigidGraph,
-    RigidObstacle,
     RigidPlane,
     RigidSphere,
 )
@@ -20,10 +19,8 @@ __all__ = [
     "FiniteAssembly",
     "RigidCylinder",
     "RigidGraph",
-    "RigidObstacle",
     "RigidPlane",
     "RigidSphere",
-    "SurfaceState",
     "load_mesh",
     "solve_contact",
 ]

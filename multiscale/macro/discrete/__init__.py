@@ -1,13 +1,6 @@
 """Structures of nodes and links: trusses, frames, tensegrities and cable nets."""
 
 from multiscale.macro.discrete.compatibility import compatibility
-from multiscale.macro.discrete.configurations import (
-    Configuration,
-    actual,
-    prestressed,
-    relaxed,
-    with_relaxed_length,
-)
 from multiscale.macro.discrete.link_stability import critical_factor
 from multiscale.macro.discrete.link_structures import cable_net, truss
 from multiscale.macro.discrete.link_system import LinkSystem
@@ -21,22 +14,17 @@ from multiscale.macro.discrete.statics import solve_static
 from multiscale.macro.discrete.tensegrity import quadruplex_module, tensegrity_grid
 
 __all__ = [
-    "Configuration",
     "LinkSystem",
-    "actual",
     "cable_net",
     "compatibility",
     "critical_factor",
     "mechanism_modes",
     "prestress_by_itself",
-    "prestressed",
     "quadruplex_module",
-    "relaxed",
     "self_stress",
     "solve_static",
     "system_from_mesh",
     "system_from_table",
     "tensegrity_grid",
     "truss",
-    "with_relaxed_length",
 ]

@@ -1,13 +1,10 @@
 """Damage: plane sections of a representative volume, its stiffness, and fatigue."""
 
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.cavities import Cavities, crack_density_tensor, voxelise
+from multiscale.micro.damage.cavities import Cavities, voxelise
 from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.compare import compare_stiffness
 from multiscale.micro.damage.effective_moduli import (
-    hashin_shtrikman_bound,
-    isotropic_stiffness,
-    voigt_bound,
     youngs_modulus_along,
 )
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
@@ -35,12 +32,9 @@ __all__ = [
     "VoxelImage",
     "boolean_spheres",
     "compare_stiffness",
-    "crack_density_tensor",
     "cylinders",
     "effective_stiffness",
     "ellipsoids",
-    "hashin_shtrikman_bound",
-    "isotropic_stiffness",
     "lattice",
     "max_damage",
     "mesh_stiffness",
@@ -49,7 +43,6 @@ __all__ = [
     "random_spheres",
     "spheres",
     "two_scale_fatigue",
-    "voigt_bound",
     "voxelise",
     "woehler_curve",
     "youngs_modulus_along",

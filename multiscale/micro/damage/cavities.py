@@ -11,7 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Ellipsoids, Mapped, Shapes
 
-__all__ = ["Cavities", "check_box", "crack_density_tensor", "first_overlap", "voxelise"]
+__all__ = ["Cavities", "check_box", "first_overlap", "voxelise"]
 
 
 @dataclass(frozen=True)
@@ -153,23 +153,6 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
             )
             void[window] |= kind.contains(k, points, thickness)
     return VoxelImage(void, rve.size)
-
-
-def crack_density_tensor(rve: Cavities) -> np.ndarray:
-    r"""Second-order tensor of crack density.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        :math:`\frac1V \sum a^3\, m \otimes m` with :math:`a^2` the product of the semi-axes and
-        :math:`m` the normals; dimensionless.
-    """
-    total = np.zeros((3, 3))
-    for kind in rve.bodies:
-        if isinstance(kind, Cracks):
-            cubed = (kind.area / np.pi) ** 1.5
-            total += np.einsum("n,ni,nj->ij", cubed, kind.normal, kind.normal)
-    return total / rve.volume
 
 
 def first_overlap(rve: Cavities) -> tuple[int, int] | None:

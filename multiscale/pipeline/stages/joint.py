@@ -30,7 +30,7 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
-from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, with_cautions
+from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
     Dependence,
     area_from_dataset,
@@ -242,7 +242,7 @@ def _check(result: "xr.Dataset") -> None:
 def _lines(found: Datasets) -> Iterator[str]:
     result = found[JOINT.name]
     yield from _decisions(result)
-    yield from format_table(_title(found), *tabulate(result))
+    yield from format_table(result.attrs["title"], *tabulate(result))
     yield from list_facts(result)
 
 
@@ -257,12 +257,7 @@ def _summary(found: Datasets) -> Summary:
         f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
         f"{preload.max():.4g} MPa, and how much of it touches?"
     )
-    return Summary(_title(found), question, _answer(result))
-
-
-def _title(found: Datasets) -> str:
-    """Title of the case, which a result of an earlier version leaves to its response."""
-    return str(found.get(MICRO_RESPONSE.name, found[JOINT.name]).attrs["title"])
+    return Summary(result.attrs["title"], question, _answer(result))
 
 
 def _answer(result: "xr.Dataset") -> list[str]:

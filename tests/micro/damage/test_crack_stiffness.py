@@ -15,7 +15,6 @@ from multiscale.micro.damage import (
     cylinders,
     effective_stiffness,
     ellipsoids,
-    isotropic_stiffness,
     mesh_stiffness,
     penny_cracks,
     spheres,
@@ -23,6 +22,7 @@ from multiscale.micro.damage import (
 )
 from multiscale.micro.damage.cavity_mesh import mesh_cavities
 from multiscale.micro.damage.directions import sphere_directions
+from tests.closed_forms.elastic_solids import isotropic_stiffness
 from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, ratio
 from tests.support import observed_rate
 
