@@ -123,8 +123,7 @@ def _with_budget(
     shared, found = case.interface or JointLaw(), []
     for number, law in enumerate(laws):
         if law is None or "error_half_width" not in law:
-            told = NO_BUDGET.format(number=number)
-            result = with_cautions(result, told)
+            result = with_cautions(result, NO_BUDGET.format(number=number))
         elif not any(law is other for other in laws[:number]):  # the first interface of its law
             joints = tuple(k for k, other in enumerate(laws) if other is law)
             source = bodies.interfaces[number].over(shared)
@@ -179,9 +178,8 @@ def _real_pressures(result: "xr.Dataset") -> Iterator[str]:
     for number in range(result.sizes.get("interface", 0)):
         one = result.isel(interface=number)
         real = one.get("interface_real_pressure")
-        known = () if real is None else np.flatnonzero((one["path_step"] >= 0) & np.isfinite(real))
-        if len(known):
-            at = one.isel(step=known[-1])
+        if real is not None and np.isfinite(real).any():
+            at = one.isel(step=np.flatnonzero((one["path_step"] >= 0) & np.isfinite(real))[-1])
             told = say_answer(at, "interface_real_pressure", 1e-6, " MPa")
             yield (
                 f"At step {int(at['path_step'])} interface {number} has, where it touches, {told}."
