@@ -1,12 +1,14 @@
-"""The error budget of rough joints, from the error budget of their law."""
+"""The error budget of rough joints, from the error budgets of their laws."""
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.executors import run_jobs
 from multiscale.fe.facets import plane_axes
 from multiscale.laws import NormalLaw, Sliders
 from multiscale.macro.bodies import Assembly
@@ -19,12 +21,13 @@ from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
     Dependence,
+    add_budgets,
     area_from_dataset,
     cell_share,
+    changed_laws,
     compare_scales,
     effective_cells,
     interval_errors,
-    law_from_dataset,
     limits,
     over_steps,
     pressure_length_of_points,
@@ -44,20 +47,65 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PARAMETERS",
+    "Change",
     "CycleAnswers",
     "JointAnswers",
     "JointSolve",
+    "JointsOfLaw",
     "change_friction",
     "few_steps",
     "joint_answers",
     "load_answers",
     "with_contact",
+    "with_interface_contact",
     "with_joint_budget",
 ]
 
-JointSolve = Callable[[NormalLaw, RoughBodies | Bodies | None, Mapping[str, float]], "xr.Dataset"]
-"""From a normal law, another mesh of the structure if not its own, and factors of the parameters of
-friction to the joints at their preloads and, if they slip, in cycles of few steps."""
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What is not as in the structure when it is solved again.
+
+    Attributes
+    ----------
+    joints : tuple of int
+        Numbers of the joints whose law changes.
+    normal : NormalLaw, optional
+        In place of their normal law.
+    factors : mapping of str to float
+        Of the parameters of their friction.
+    structure : RoughBodies or Bodies, optional
+        The same structure on another mesh.
+    """
+
+    joints: tuple[int, ...] = ()
+    normal: NormalLaw | None = None
+    factors: Mapping[str, float] = field(default_factory=dict)
+    structure: RoughBodies | Bodies | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class JointsOfLaw:
+    """Joints that share a law with a budget.
+
+    Attributes
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget.
+    joints : tuple of int
+        Numbers of the joints.
+    measured : collection of str
+        Parameters of their sliders, of :data:`PARAMETERS`, that come from the law, and not given.
+    """
+
+    law: "xr.Dataset"
+    joints: tuple[int, ...]
+    measured: Collection[str]
+
+
+JointSolve = Callable[[Change], "xr.Dataset"]
+"""From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
+must be able to import it."""
 
 Reader = Callable[["xr.Dataset"], np.ndarray]
 """From a result to the values of an answer."""
@@ -82,8 +130,13 @@ def few_steps(case: Case) -> int:
     return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
-def change_friction(assembly: Assembly, factors: Mapping[str, float]) -> Assembly:
-    """Return an assembly whose sliders have some parameters times their factors."""
+def change_friction(
+    assembly: Assembly, factors: Mapping[str, float], joints: Collection[int] | None = None
+) -> Assembly:
+    """Return an assembly whose sliders have some parameters times their factors.
+
+    These are the sliders of some joints, by their numbers, or of all.
+    """
 
     def changed(law: Sliders) -> Sliders:
         return replace(
@@ -94,7 +147,9 @@ def change_friction(assembly: Assembly, factors: Mapping[str, float]) -> Assembl
         assembly,
         interfaces=tuple(
             replace(one, law=changed(one.law))  # type: ignore[arg-type]  # rough joints have sliders
-            for one in assembly.interfaces
+            if joints is None or number in joints
+            else one
+            for number, one in enumerate(assembly.interfaces)
         ),
     )
 
@@ -136,6 +191,8 @@ class JointAnswers:
     ----------
     read : mapping of str to callable
         From the name of an answer at rest to its values, which a result gives over its steps.
+    real : mapping of str to tuple of int
+        Numbers of the joints of which some of these answers are the real pressure.
     rests : ndarray of int
         Steps at which these are wanted, the same in every path that is solved.
     cycles : CycleAnswers, optional
@@ -145,6 +202,7 @@ class JointAnswers:
     """
 
     read: Mapping[str, Reader]
+    real: Mapping[str, tuple[int, ...]]
     rests: np.ndarray
     place: Callable[["xr.Dataset", "xr.Dataset"], "xr.Dataset"]
     cycles: CycleAnswers | None = None
@@ -154,7 +212,10 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
     """Tell the answers of joints at their preloads, then in the cycles of every amplitude."""
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
-    read = {name: partial(_values, name) for name in AT_PRELOADS}
+    names = [name for name in AT_PRELOADS if name in result]  # real pressure may not be known
+    read = {name: partial(_values, name) for name in names}
+    joints = tuple(np.unique(result["point_joint"].to_numpy()).astype(int).tolist())
+    real = {"real_pressure": joints} if "real_pressure" in result else {}
     level, amplitude = np.zeros((2, 0), dtype=int)
     if "cycle_loss" in result and result["converged"].to_numpy().all():
         level, amplitude = np.nonzero(np.isfinite(result["cycle_loss"].to_numpy()))
@@ -188,7 +249,7 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
         own = own.assign_coords(quantity=[AT_END.get(name, name) for name in names])
         return with_intervals(with_budget(result, over_steps(own, at, known.size)))
 
-    return JointAnswers(read, rests, place, cycles)
+    return JointAnswers(read, real, rests, place, cycles)
 
 
 def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
@@ -202,7 +263,14 @@ def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
         that are solved for the budget; 0 without cycles.
     """
     name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
-    loads = {f"{name} {load}": (name, str(load)) for load in result["load"].values}
+    loads = {f"{name} {load}": (name, k) for k, load in enumerate(map(str, result["load"].values))}
+    real = {}
+    if "interface_real_pressure" in result:
+        known_area = np.isfinite(result["interface_real_pressure"].to_numpy()).any(axis=0)
+        real = {
+            f"real pressure of interface {k}": ("interface_real_pressure", int(k))
+            for k in np.flatnonzero(known_area)
+        }
     rests = np.flatnonzero(np.isfinite(stiffness).all(axis=1))
     known, last = result["known"].to_numpy() == 1, np.array([result.sizes["step"] - 1])
     lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
@@ -221,10 +289,14 @@ def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
     def place(result: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
         """Give every step its column."""
         steps = np.append(rests[known[rests]], () if cycles is None else last).astype(int)
-        return with_intervals(with_budget(result, over_steps(budget, steps, known.size)), loads)
+        budget = over_steps(budget, steps, known.size)
+        return with_intervals(with_budget(result, budget), {**loads, **real})
 
-    read = {name: partial(_of_load, *one) for name, one in loads.items()}
-    return JointAnswers(read, rests, place, cycles)
+    read = {
+        **{key: partial(_of_load, *one) for key, one in loads.items()},
+        **{key: partial(_values, "real_pressure") for key in real},
+    }
+    return JointAnswers(read, {key: (k,) for key, (_, k) in real.items()}, rests, place, cycles)
 
 
 def _values(name: str, found: "xr.Dataset") -> np.ndarray:
@@ -246,18 +318,18 @@ def _last(name: str, found: "xr.Dataset") -> np.ndarray:
     return np.asarray(found[name].to_numpy()[-1:])
 
 
-def _of_load(name: str, load: str, found: "xr.Dataset") -> np.ndarray:
-    """Values of an answer of one load."""
-    return np.asarray(found[name].sel(load=load).to_numpy())
+def _of_load(name: str, load: int, found: "xr.Dataset") -> np.ndarray:
+    """Values of an answer of one load, by its number."""
+    return np.asarray(found[name].to_numpy()[:, load])
 
 
 def with_joint_budget(
     result: "xr.Dataset",
-    law: "xr.Dataset",
+    laws: Sequence[JointsOfLaw],
     solve: JointSolve,
     asked: JointAnswers,
     coarser: Mapping[float, RoughBodies | Bodies],
-    measured: Collection[str],
+    executor: Executor | None = None,
 ) -> "xr.Dataset":
     """Return the result of rough joints with error budget and intervals of their answers.
 
@@ -265,107 +337,69 @@ def with_joint_budget(
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``; joints at their preloads, then in cycles, with their contact.
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
+    laws : sequence of JointsOfLaw
+        Their errors are independent.
     solve : callable
         Its paths have the rests and the cycles that are asked.
     asked : JointAnswers
     coarser : mapping of float to structure
         The structure on larger elements, if it has them, by the ratio of their sizes.
-    measured : collection of str
-        Parameters of the sliders, ``friction`` and ``stiffness_ratio``, that come from the law,
-        and not given.
+    executor : Executor, optional
+        Solves all changes; see :func:`~multiscale.executors.run_jobs`.
 
     Returns
     -------
     Dataset
         With the budget of the answers at rest, and of the slip and the loss of the last cycle at
-        its end, NaN elsewhere and where the law knows nothing; and with the intervals of
+        its end, NaN elsewhere and where a law knows nothing; and with the intervals of
         :func:`~multiscale.upscaling.with_intervals`, also those of other cycles.
     """
     known = result["known"].to_numpy() == 1
     rests, cycles = asked.rests[known[asked.rests]], asked.cycles
     if not rests.size:
         return result
-    read = dict(asked.read)
-    if "area_pressure" not in law:
-        read.pop("real_pressure", None)
     in_cycles = {} if cycles is None else cycles.read
-    names = (*read, *in_cycles)
+    names = (*asked.read, *in_cycles)
     steps = rests if cycles is None else np.append(rests, cycles.steps)
-    cycled = np.arange(steps.size) >= rests.size
 
     def answers(found: "xr.Dataset") -> np.ndarray:
         """Answers at rest, then in the cycles, and one for what stays as it is."""
         rows = np.full((len(names), steps.size), np.nan)
-        for row, values in zip(rows, read.values(), strict=False):
+        for row, values in zip(rows, asked.read.values(), strict=False):
             row[: rests.size] = values(found)[rests]
-        for row, values in zip(rows[len(read) :], in_cycles.values(), strict=True):
+        for row, values in zip(rows[len(asked.read) :], in_cycles.values(), strict=True):
             row[rests.size :] = values(found)
         return rows
 
-    def solved(one: NormalLaw, structure: RoughBodies | Bodies | None = None) -> np.ndarray:
-        return answers(solve(one, structure, {}))
-
-    area, normal = result["point_area"].to_numpy(), law_from_dataset(law)
-    pressure = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
-    mean = np.sum(pressure * area, axis=1) / np.sum((pressure > 0.0) * area, axis=1)
-    cells = np.ones((len(names), steps.size))
-    if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
-        wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
-        length, extent = _lengths(result, pressure[rests.size - 1])
-        scales = compare_scales(wave, cell, length, extent=extent)
-        law, result = with_scales(law, scales), with_cautions(result, *scales.cautions)
-        cells[:] = effective_cells(pressure, area, cell)
-        if cycles is not None:
-            own_cells = effective_cells(cycles.density, area, cell)
-            cells[names.index(cycles.loss), rests.size :] = own_cells
-        law = law.assign_attrs(
-            {
-                how_attribute(FEW_CELLS): f"scatter of single cells, of which {cells.min():.3g} or "
-                f"more share the answers"
-            }
-        )
-        cells *= scales.cell_ratio**2
-
-    value, others, own = answers(result), [], {}
-    rows = np.array(names)
-    lost = rows[:, None] == ("" if cycles is None else cycles.loss)
+    of_laws = [_OfLaw.measure(one, result, steps, rests.size, asked) for one in laws]
+    jobs: dict[Hashable, Change] = {} if cycles is None else {"fine": Change()}
+    jobs |= {ratio: Change(structure=structure) for ratio, structure in coarser.items()}
+    for number, one in enumerate(of_laws):
+        jobs |= {(number, key): change for key, change in one.changes().items()}
+    solved: dict[Hashable, np.ndarray] = {}
+    run_jobs(
+        solve,
+        {key: (change,) for key, change in jobs.items()},
+        executor,
+        lambda key, found: solved.update({key: answers(found)}),
+    )
+    value, mesh = answers(result), {ratio: solved[ratio] for ratio in coarser}
+    once = []
     if cycles is not None:
-        fine, value = value, solved(normal)
+        fine, value = value, solved["fine"]
         left = (
             np.abs(value / fine - 1.0) / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
         )
-        left = np.where(cycled, left, 0.0) * np.ones(value.shape)
-        others.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
-        others.append(_uneven_slip(law, cycles, mean, rows))
-        own["friction bed"] = _part_of(loss_term(law), lost)
-        if "shear_loss_grid_error" in law:
-            told = "the loss ratio on two grids"
-            grid = Term(told, law["shear_loss_grid_error"].to_numpy())
-            own["micro discretisation"] = _part_of(grid, lost)
-        if "shear_loss_ratio" not in law:
-            result = with_cautions(result, UNKNOWN_LOSS)
-    others.append(contact_dependence(law, mean, rows == "real_pressure"))
-    for name, half_width in shear_errors(law, mean).items():
-        if name in measured:
-            # cycles of the cells tell all that the loss has of the bed
-            half_width |= {k: np.where(lost, 0.0, half_width[k]) for k in own if k in half_width}
-            changed = answers(solve(normal, None, {name: 1.0 + STRETCH}))
-            change = np.abs(changed / value - 1.0) / STRETCH
-            others.append(Dependence(change, half_width))
-    budget = structure_budget(
-        names,
-        law,
-        solved,
-        answer=value,
-        pressure=mean,
-        coarser={ratio: solved(normal, structure) for ratio, structure in coarser.items()},
-        samples=0,
-        others=others,
-        own=own,
-        cells=cells,
-    )
+        left = np.where(np.arange(steps.size) >= rests.size, left, 0.0) * np.ones(value.shape)
+        once.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
+    budgets = []
+    for number, one in enumerate(of_laws):
+        changed = {key: solved[number, key] for key in one.changes()}
+        result = with_cautions(result, *one.cautions)
+        # the error of the mesh counts once
+        budgets.append(one.budget(names, value, changed, mesh, [] if number else once))
+    where = [f"interface {', '.join(map(str, one.joints))}" for one in laws]
+    budget = add_budgets(budgets, where)
     if not coarser:
         why = (
             "not known: elements of twice the size do not fit; give smaller ones, or an even "
@@ -375,10 +409,141 @@ def with_joint_budget(
     return asked.place(result, budget)
 
 
+@dataclass(frozen=True, eq=False)
+class _OfLaw:
+    """What a structure tells of one of its laws.
+
+    Attributes
+    ----------
+    law : Dataset
+        With the scales of the joints.
+    joints, measured
+        See :class:`JointsOfLaw`.
+    asked : JointAnswers
+    pressure : ndarray, shape (columns,)
+        Mean pressure of the closed points of the joints, Pa.
+    cells : ndarray, shape (2, columns)
+        As ``cells`` of :func:`~multiscale.upscaling.structure_budget`: of loss, and of the others.
+    load, loss : ndarray, shape (columns,)
+        Shares of the joints in the load of all, and in the loss of cycles.
+    cautions : tuple of str
+    """
+
+    law: "xr.Dataset"
+    joints: tuple[int, ...]
+    measured: Collection[str]
+    asked: JointAnswers
+    pressure: np.ndarray
+    cells: np.ndarray
+    load: np.ndarray
+    loss: np.ndarray
+    cautions: tuple[str, ...]
+
+    @classmethod
+    def measure(
+        cls,
+        of: JointsOfLaw,
+        result: "xr.Dataset",
+        steps: np.ndarray,
+        n_rests: int,
+        asked: JointAnswers,
+    ) -> "_OfLaw":
+        """Measure the joints at some steps, of which the first ones are at rest."""
+        law, cycles, said = of.law, asked.cycles, list[str]()
+        mine = np.isin(result["point_joint"].to_numpy(), of.joints)
+        area = result["point_area"].to_numpy()
+        whole = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
+        pressure, own = whole[:, mine], area[mine]
+        closed = np.sum((pressure > 0.0) * own, axis=1)
+        mean = np.sum(pressure * own, axis=1) / np.where(closed > 0.0, closed, np.nan)
+        loss = np.zeros(steps.size)
+        if cycles is not None:
+            lost = cycles.density @ area
+            loss[n_rests:] = cycles.density[:, mine] @ own / np.where(lost > 0.0, lost, 1.0)
+        cells = np.ones((2, steps.size))
+        if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
+            wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
+            place = result["point_position"].to_numpy()[mine]
+            number = result["point_joint"].to_numpy()[mine]
+            length, extent = _lengths(place, number, own, pressure[n_rests - 1])
+            scales = compare_scales(wave, cell, length, extent=extent)
+            law, said = with_scales(law, scales), list(scales.cautions)
+            cells[:] = effective_cells(pressure, own, cell)
+            if cycles is not None:
+                cells[0, n_rests:] = effective_cells(cycles.density[:, mine], own, cell)
+            told = f"scatter of single cells, of which {cells.min():.3g} or more share the answers"
+            law = law.assign_attrs({how_attribute(FEW_CELLS): told})
+            cells *= scales.cell_ratio**2
+        if cycles is not None and "shear_loss_ratio" not in law:
+            said.append(UNKNOWN_LOSS)
+        load = pressure @ own / (whole @ area)
+        return cls(law, of.joints, of.measured, asked, mean, cells, load, loss, tuple(said))
+
+    def changes(self) -> dict[str, Change]:
+        """Return what the structure is solved again with, by what changes."""
+        normal = changed_laws(self.law, self.pressure)
+        sliders = [name for name in shear_errors(self.law, self.pressure) if name in self.measured]
+        return {
+            **{key: Change(self.joints, one) for key, one in normal.items()},
+            **{key: Change(self.joints, factors={key: 1.0 + STRETCH}) for key in sliders},
+        }
+
+    def budget(
+        self,
+        names: tuple[str, ...],
+        value: np.ndarray,
+        changed: Mapping[str, np.ndarray],
+        coarser: Mapping[float, np.ndarray],
+        others: Sequence[Dependence],
+    ) -> "xr.Dataset":
+        """Carry the budget of the law to answers, from those with its changes, and by the mesh."""
+        law, mean, cycles = self.law, self.pressure, self.asked.cycles
+        rows, own = np.array(names), {}
+        lost = rows[:, None] == ("" if cycles is None else cycles.loss)
+        passed = list(others)
+        if cycles is not None:
+            passed.append(_uneven_slip(law, cycles, mean, rows, self.load))
+            own["friction bed"] = _part_of(loss_term(law), lost * self.loss)
+            if "shear_loss_grid_error" in law:
+                told = "the loss ratio on two grids"
+                grid = Term(told, law["shear_loss_grid_error"].to_numpy())
+                own["micro discretisation"] = _part_of(grid, lost * self.loss)
+        real = [bool(set(self.asked.real.get(name, ())) & set(self.joints)) for name in names]
+        if any(real):
+            passed.append(contact_dependence(law, mean, np.array(real)))
+        for name, half_width in shear_errors(law, mean).items():
+            if name in changed:
+                # cycles of the cells tell all that the loss has of the bed
+                half_width |= {
+                    k: np.where(lost, 0.0, half_width[k]) for k in own if k in half_width
+                }
+                change = np.abs(changed[name] / value - 1.0) / STRETCH
+                passed.append(Dependence(change, half_width))
+        return structure_budget(
+            names,
+            law,
+            _not_solved,
+            answer=value,
+            pressure=mean,
+            coarser=coarser,
+            samples=0,
+            others=passed,
+            own=own,
+            cells=np.where(lost, *self.cells),
+            changed=changed,
+        )
+
+
+def _not_solved(law: NormalLaw) -> np.ndarray:
+    """Refuse to solve with a law whose answers are given."""
+    raise AssertionError(f"{law} should be among the changed laws")
+
+
 def _part_of(term: Term, rows: np.ndarray) -> Term:
-    """Return a term of single numbers as one of some rows (answers, 1), zero for the others."""
+    """Return a term of single numbers as one of shares (answers, steps), zero without a share."""
     half, bias = (
-        np.where(rows, np.asarray(one, dtype=float), 0.0) for one in (term.half_width, term.bias)
+        np.where(rows != 0.0, rows * np.asarray(one, dtype=float), 0.0)
+        for one in (term.half_width, term.bias)
     )
     return replace(term, half_width=half, bias=bias)
 
@@ -397,19 +562,24 @@ def _slip_slope(result: "xr.Dataset") -> np.ndarray:
 
 
 def _uneven_slip(
-    law: "xr.Dataset", cycles: CycleAnswers, pressure: np.ndarray, rows: np.ndarray
+    law: "xr.Dataset",
+    cycles: CycleAnswers,
+    pressure: np.ndarray,
+    rows: np.ndarray,
+    load: np.ndarray,
 ) -> Dependence:
     """Let slip change where a stiffer cell takes more of the shear, which others lose.
 
     A law that is stiffer everywhere leaves the shear of each point as it is, so that it tells
     nothing of one that is stiffer here and softer there. Each point slips more by its slope over
-    the shear, and at most as its stiffness rises.
+    the shear, and at most as its stiffness rises; the law has a share in the load of all joints.
     """
     one = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
     data = np.log(law["fit_pressure"].to_numpy())
     few = np.interp(np.log(pressure), data, one.to_numpy())
     change = np.zeros((rows.size, pressure.size))
     change[rows == cycles.slip, -cycles.slope.size :] = cycles.slope
+    change *= load
     return Dependence(change, {FEW_CELLS: few})
 
 
@@ -426,21 +596,51 @@ def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
     else:
         facts.append("The law does not say how large its cells were.")
     if "area_pressure" in law:
-        pressure = np.maximum(-result["traction"].to_numpy()[..., 0], 0.0)
-        sound = 1.0 - result["point_damage"].to_numpy()
-        known = np.isfinite(pressure)
-        local = area_from_dataset(law).contact_fraction(np.where(known, pressure, 0.0) / sound)
-        fraction = np.where(known, sound * local, np.nan) @ area / area.sum()
-        carried = pressure @ area / area.sum()
-        values = {"contact_fraction": fraction, "real_pressure": real_pressure(carried, fraction)}
+        carried, touching = _carried(result, law, np.full(area.size, True))
+        values = {
+            "contact_fraction": touching / area.sum(),
+            "real_pressure": real_pressure(carried, touching),
+        }
         result = MACRO_RESULT.assign(result, values)
     return result.assign_attrs(facts="\n".join(facts))
 
 
-def _lengths(result: "xr.Dataset", pressure: np.ndarray) -> tuple[float, float]:
-    """Length over which the pressure of a joint varies, at most its edge, and that edge, m."""
-    number, area = result["point_joint"].to_numpy(), result["point_area"].to_numpy()
-    place, lengths, extents = result["point_position"].to_numpy(), [], []
+def with_interface_contact(
+    result: "xr.Dataset", laws: "Sequence[xr.Dataset | None]"
+) -> "xr.Dataset":
+    """Return the result of bodies with the mean real pressure of every interface.
+
+    Those whose law has no contact area, or is stated (None), have NaN.
+    """
+    number = result["point_joint"].to_numpy()
+    real = np.full((result.sizes["step"], len(laws)), np.nan)
+    for joint, law in enumerate(laws):
+        if law is not None and "area_pressure" in law:
+            real[:, joint] = real_pressure(*_carried(result, law, number == joint))
+    if np.isnan(real).all():
+        return result
+    return MACRO_RESULT.assign(result, {"interface_real_pressure": real})
+
+
+def _carried(
+    result: "xr.Dataset", law: "xr.Dataset", mine: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Load, N, and real contact area, m², of some points at every step."""
+    area, pressure = result["point_area"].to_numpy()[mine], -result["traction"].to_numpy()[..., 0]
+    pressure = np.maximum(pressure[:, mine], 0.0)
+    sound, known = 1.0 - result["point_damage"].to_numpy()[mine], np.isfinite(pressure)
+    local = area_from_dataset(law).contact_fraction(np.where(known, pressure, 0.0) / sound)
+    return pressure @ area, np.where(known, sound * local, np.nan) @ area
+
+
+def _lengths(
+    place: np.ndarray, number: np.ndarray, area: np.ndarray, pressure: np.ndarray
+) -> tuple[float, float]:
+    """Length over which the pressure of a joint varies, at most its edge, and that edge, m.
+
+    The least ones of the joints, from the places of their points and the number of its joint.
+    """
+    lengths, extents = [], []
     for joint in np.unique(number):
         mine = number == joint
         extents.append(float(np.sqrt(area[mine].sum())))

@@ -61,6 +61,10 @@ __all__ = [
     "elasticity",
 ]
 
+PLAN_SHARE, NEAR_HOLE = 1.15, 100
+"""Nodes of the plan of a lap joint over those of a grid, and those that hole and washer add; as
+counted at four sizes of elements."""
+
 QUICK_ELEMENTS = 4
 """Elements along an edge, at most."""
 
@@ -382,9 +386,10 @@ class LapJoint(RoughBodies):
     def nodes(self) -> tuple[int, int]:
         """Nodes of a plate and of the overlap, about."""
         plan, overlap = (
-            side * self.width / self.element**2 for side in (self.length, self.overlap)
+            PLAN_SHARE * (side / self.element + 1.0) * (self.width / self.element + 1.0) + NEAR_HOLE
+            for side in (self.length, self.overlap)
         )
-        return ceil(plan * (self.layers + 1)), ceil(overlap)
+        return ceil(plan) * (self.layers + 1), ceil(overlap)
 
     def quick(self, case: "Case") -> Self:
         """Return the same joint with elements no finer than a quarter of the overlap."""

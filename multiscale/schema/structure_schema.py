@@ -110,6 +110,9 @@ MACRO_RESULT = Schema(
         ),
         "interface_compliance": _load("1", "share of the interfaces in the compliance"),
         "interface_pressure": _face("Pa", "mean pressure of an interface"),
+        "interface_real_pressure": _face(
+            "Pa", "mean pressure of an interface on its real contact area"
+        ),
         "interface_open": _face("1", "share of the area of an interface that is open"),
         "interface_slip": _face("1", "share of the area of an interface that slips"),
         "interface_energy": Variable(
@@ -150,6 +153,7 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "tangential_stiffness",
     "load_stiffness",
     "real_pressure",
+    "interface_real_pressure",
     "slipping_load",
     "cycle_energy",
     "cycle_loss",

@@ -53,6 +53,8 @@ from multiscale.upscaling.shear_budget import shear_errors
 from multiscale.upscaling.shear_fit import with_shear
 from multiscale.upscaling.structure_errors import (
     Dependence,
+    add_budgets,
+    changed_laws,
     interval_errors,
     limits,
     over_steps,
@@ -70,6 +72,7 @@ __all__ = [
     "Dependence",
     "Family",
     "Parameter",
+    "add_budgets",
     "admissibility",
     "area_from_dataset",
     "area_observations",
@@ -77,6 +80,7 @@ __all__ = [
     "assume_shear",
     "at_rms_height",
     "cell_share",
+    "changed_laws",
     "compare_laws",
     "compare_scales",
     "effective_cells",

@@ -10,6 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT
 from multiscale.upscaling.budget import (
+    ALWAYS,
     ERROR_TERMS,
     add_up,
     assemble_budget,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 __all__ = [
     "STRETCH",
     "Dependence",
+    "add_budgets",
+    "changed_laws",
     "interval_errors",
     "limits",
     "over_steps",
@@ -74,6 +77,7 @@ def structure_budget(
     others: Sequence[Dependence] = (),
     own: Mapping[str, Term] | None = None,
     cells: np.ndarray | float = 1.0,
+    changed: Mapping[str, np.ndarray] | None = None,
 ) -> "xr.Dataset":
     """Carry the error budget of a law to an answer of the structure, or to several.
 
@@ -107,6 +111,8 @@ def structure_budget(
     cells : float or ndarray, shape (answers, steps)
         Number of cells over which the answers average, over the number that the scales of the law
         tell; see :func:`effective_cells`.
+    changed : mapping of str to ndarray, shape (steps,), optional
+        Answers with the laws of :func:`changed_laws`, by their names, if they are known.
 
     Returns
     -------
@@ -134,7 +140,10 @@ def structure_budget(
 
     value = solved(mean_law) if answer is None else _rows(answer, names)
     require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
-    terms = _law_terms(law, mean_law, solved, value, pressure)
+    if changed is None:
+        changed = {key: solved(one) for key, one in changed_laws(law, pressure).items()}
+    changed = {key: _rows(one, names) for key, one in changed.items()}
+    terms = _law_terms(law, changed, value, pressure)
     if not isinstance(samples, np.ndarray):
         n = min(samples, int(law.sizes.get("sample", 0)))
         n = n if n >= FEWEST_SAMPLES else 0
@@ -169,21 +178,20 @@ def structure_budget(
 
 
 def with_intervals(
-    result: "xr.Dataset", along: Mapping[str, tuple[str, str]] | None = None
+    result: "xr.Dataset", along: Mapping[str, tuple[str, int]] | None = None
 ) -> "xr.Dataset":
     """Return a macro result with the 95 % intervals of all answers that its budget is of.
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
     lies, whose interface holds only so many cells. Of answers for each cycle the last one has
     intervals, which the budget has at the last step. No answer lies below zero. ``along`` names
-    variable and load of answers that are one of several loads.
+    variable and place of answers that are one of several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():
         for name, half in zip(map(str, result["quantity"].values), error, strict=True):
             if along and name in along:
-                variable, load = along[name]
-                at = [str(one) for one in result["load"].values].index(load)
+                variable, at = along[name]
                 value = result[variable].to_numpy()
                 ends = values.setdefault(f"{variable}_{kind}", np.full((2, *value.shape), np.nan))
                 ends[..., at] = limits(value[:, at], half)
@@ -227,10 +235,86 @@ def _rows(answer: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return np.reshape(np.asarray(answer, dtype=float), (len(names), -1))
 
 
+def changed_laws(law: "xr.Dataset", pressure: np.ndarray | None = None) -> dict[str, NormalLaw]:
+    """Return the normal laws with which a structure tells how its answers depend on a law.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW`` and carries its budget.
+    pressure : ndarray, shape (steps,), optional
+        As of :func:`structure_budget`.
+
+    Returns
+    -------
+    dict
+        The law of larger gaps, ``"mean_gap"``, the softer one, ``"stiffness"``, and for each term
+        with a bias, by its name, the law without the bias of its gaps.
+    """
+    mean_law, data = law_from_dataset(law), law["fit_pressure"].to_numpy()
+    p = data if pressure is None else np.asarray(pressure)
+    middle = float(mean_law.gap_at(np.array(np.exp(np.nanmean(np.log(p))))))
+    laws: dict[str, NormalLaw] = {
+        "mean_gap": StretchedLaw(mean_law, 1.0, shift=_shift(law)),
+        "stiffness": StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle),
+    }
+    known = law["error_half_width"].notnull().any(("quantity", "step"))
+    for term in ERROR_TERMS[:-1]:
+        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
+        if known.sel(error_term=term) and np.any(bias):
+            less = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
+            unbiased = observe("gap", data, less)
+            laws[term] = fit_each(unbiased, unbiased.values)[0]
+    return laws
+
+
+def _shift(law: "xr.Dataset") -> float:
+    """By how much the gaps of the first of :func:`changed_laws` are larger, m."""
+    return STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
+
+
+def add_budgets(budgets: Sequence["xr.Dataset"], names: Sequence[str]) -> "xr.Dataset":
+    """Add up what independent laws pass on to the same answers.
+
+    Parameters
+    ----------
+    budgets : sequence of Dataset
+        Each follows ``ERROR_BUDGET``. A term that one of them does not know adds nothing of it,
+        unless it always counts; the macro discretisation is as the first one tells it.
+    names : sequence of str
+        What each is of, in words.
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``: half-widths by the root of the sum of squares, and biases by
+        their sum.
+    """
+    first = budgets[0]
+    if len(budgets) == 1:
+        return first
+    terms = {}
+    for k, term in enumerate(ERROR_TERMS):
+        counted = budgets if term != ERROR_TERMS[-1] else budgets[:1]
+        own = [one["error_half_width"].to_numpy()[:, k] for one in counted]
+        known = [bool(np.isfinite(one).any()) for one in own]
+        passed = [one for one, is_known in zip(own, known, strict=True) if is_known]
+        half = np.sqrt(sum(one**2 for one in passed)) if passed else None
+        if term in ALWAYS and not all(known):
+            half = None
+        bias = sum(one["error_bias"].to_numpy()[:, k] for one in counted)
+        said = [str(one.attrs[how_attribute(term)]) for one in counted]
+        told = said[0]
+        if len(set(said)) > 1:
+            told = "; ".join(f"{x}: {how}" for x, how in zip(names, said, strict=True))
+        terms[term] = Term(told, half, np.asarray(bias))
+    quantities = tuple(map(str, first["quantity"].values))
+    return assemble_budget(terms, quantities, None, steps=first.sizes["step"])
+
+
 def _law_terms(
     law: "xr.Dataset",
-    mean_law: NormalLaw,
-    solve: Callable[[NormalLaw], np.ndarray],
+    changed: Mapping[str, np.ndarray],
     answer: np.ndarray,
     pressure: np.ndarray | None,
 ) -> dict[str, Term]:
@@ -240,13 +324,8 @@ def _law_terms(
     the biases of their gaps.
     """
     data = law["fit_pressure"].to_numpy()
-    p = data if pressure is None else np.asarray(pressure)
-    middle = float(mean_law.gap_at(np.array(np.exp(np.mean(np.log(p))))))
-    by = STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
-    shifted = solve(StretchedLaw(mean_law, 1.0, shift=by))
-    stretched = solve(StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle))
-    of_gap = np.abs(shifted / answer - 1.0) / by  # 1/m
-    of_stiffness = np.abs(stretched / answer - 1.0) / STRETCH
+    of_gap = np.abs(changed["mean_gap"] / answer - 1.0) / _shift(law)  # 1/m
+    of_stiffness = np.abs(changed["stiffness"] / answer - 1.0) / STRETCH
     known = law["error_half_width"].notnull().any(("quantity", "step"))
     terms = {term: Term(str(law.attrs[how_attribute(term)])) for term in ERROR_TERMS[:-1]}
     for term in terms:
@@ -263,12 +342,9 @@ def _law_terms(
                 # nothing is unknown of an answer that does not change
                 parts.append(np.where(change == 0.0, 0.0, change * at))
             terms[term] = replace(terms[term], half_width=np.hypot(*parts))
-            bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
-            if np.any(bias):
-                less = law["fit_mean_gap"].to_numpy() * (1.0 - bias)
-                unbiased = observe("gap", data, less)
-                change = (answer - solve(fit_each(unbiased, unbiased.values)[0])) / np.abs(answer)
-                terms[term] = replace(terms[term], bias=change)
+            if term in changed:
+                bias = (answer - changed[term]) / np.abs(answer)
+                terms[term] = replace(terms[term], bias=bias)
     last = Term("not known: pass coarser, the answers on coarser meshes")
     return terms | {ERROR_TERMS[-1]: last}
 

@@ -14,6 +14,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_law, save_law
 from multiscale.pipeline import load_case, run, run_macro
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.plotting import load_pictures
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
 from tests.support import small_steel, write_body, write_law, write_scene
@@ -431,14 +432,57 @@ def test_the_run_refuses_meshes_before_it_solves_cells(meshes):
     assert not list((meshes / "early").rglob("*.nc"))
 
 
-@pytest.mark.slow
-def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
-    """The stiffness under the press is of springs in series: so are the changes of the law."""
+def write_scattered_law(file):
+    """Write a law with a budget, and return its pressures, Pa."""
     p = np.geomspace(1e6, 200e6, 9)
     spread = 1.0 + 0.04 * np.random.default_rng(3).standard_normal((6, 1))
     response = response_of(0.3e-6 * np.log(1e9 / p) * spread, p, area=p[None] / 5e9 * spread)
     law = fit_law(response, n_samples=0)
-    save_law(with_budget(law, error_budget(response, law)), meshes / "law.nc")
+    save_law(with_budget(law, error_budget(response, law)), file)
+    return p
+
+
+def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
+    """Two alike interfaces in series: errors of one law add up, those of two by their squares."""
+    for name in ("law.nc", "other.nc"):
+        write_scattered_law(meshes / name)
+    text = TEXT.replace(STATED, 'law = "law.nc"\n').replace(
+        'supports = { bottom = "clamped" }\n', ""
+    )
+    below = (
+        '[[structure.interfaces]]\nsides = ["ground", "housing.bottom"]\nlaw = "{}"\n'
+        "friction = 0.2\nstiffness_ratio = 0.8\n"
+    )
+    found = {}
+    for name in ("law.nc", "other.nc"):
+        one = text.replace("[[structure.loads]]", below.format(name) + "[[structure.loads]]", 1)
+        even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
+        found[name] = run_macro(load_case(write_scene(meshes, one, *even)), meshes / "found.nc")
+    together, apart = (
+        one["error_half_width"].sel(quantity="load_stiffness press", step=0, error_term="fit")
+        for one in found.values()
+    )
+    assert float(together / apart) == pytest.approx(np.sqrt(2.0), rel=0.01)  # differences
+    real = found["other.nc"]
+    half = real["error_half_width"].sel(error_term="fit", step=0)
+    assert real["interface_real_pressure"][0].to_numpy() == pytest.approx(5e9, rel=0.1)
+    one, two = (float(half.sel(quantity=f"real pressure of interface {k}")) for k in (0, 1))
+    assert one == pytest.approx(two, rel=1e-6)  # each has the error of its own law alone
+    low, high = real["interface_real_pressure_one_part"][:, 0, 1].to_numpy()
+    assert low < float(real["interface_real_pressure"][0, 1]) < high
+    compared = LOADED_BODIES.compared(real)
+    assert {one.name for one in LOADED_BODIES.answers} & set(compared) == {
+        "load_stiffness",
+        "interface_real_pressure",
+        "slipping_load",
+    }
+    assert compared["load_stiffness"].values == pytest.approx(real["load_stiffness"].values[-1])
+
+
+@pytest.mark.slow
+def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
+    """The stiffness under the press is of springs in series: so are the changes of the law."""
+    p = write_scattered_law(meshes / "law.nc")
     text = TEXT.replace(STATED, 'law = "law.nc"\n').replace(
         'cover.msh"', 'cover.msh"\ncoarser = "cover.msh"'
     )
@@ -451,6 +495,7 @@ def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
     assert names == [
         "load_stiffness press",
         "load_stiffness pull",
+        "real pressure of interface 0",
         "slipping_load",
         "cycle_energy",
     ]

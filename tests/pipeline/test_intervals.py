@@ -1,6 +1,8 @@
 """Answers of joints with both their intervals: of the mean law, and of the next part."""
 
+import pickle
 import re
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +13,8 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.rows import list_cycles, round_by, tabulate_cycles, tabulate_preloads
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import error_budget, fit_law, with_budget
 from tests.support import TWO_BLOCKS, write_scene
@@ -54,6 +58,24 @@ def joint(tmp_path_factory):
     folder = tmp_path_factory.mktemp("intervals")
     write_cells(folder / "law.nc")
     return run_macro(load_case(write_scene(folder, SCENE)), folder / "out.nc")
+
+
+class ByPickle(Executor):
+    """Runs each job at once, as a worker does that gets it by pickle."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        function, *given = pickle.loads(pickle.dumps(args))
+        future.set_result(function(*given))
+        return future
+
+
+def test_workers_solve_the_changes_of_a_budget(joint, tmp_path):
+    write_cells(tmp_path / "law.nc")
+    case = load_case(write_scene(tmp_path, SCENE)).from_structure(None)
+    shared = ROUGH_JOINTS.run(case, {}, Job(tmp_path, ByPickle()))
+    for name in ("error_half_width", "cycle_loss_one_part"):
+        np.testing.assert_allclose(shared[name], joint[name], rtol=1e-12)
 
 
 NAMES = (

@@ -1,14 +1,13 @@
 """Stage: elastic bodies of the user under named loads."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import (
     JointSize,
     LoadPath,
@@ -22,15 +21,18 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import (
     PARAMETERS,
+    Change,
+    JointsOfLaw,
     change_friction,
     few_steps,
     load_answers,
+    with_interface_contact,
     with_joint_budget,
 )
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
 from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import (
@@ -55,7 +57,19 @@ NO_COARSER = (
     "mesh, of elements twice as large"
 )
 
-SEVERAL = "The interfaces have several laws, whose budgets are not carried to the answers."
+NO_BUDGET = (
+    "intervals do not count the error of the law of interface {number}, which is not known: take "
+    "the law of a run"
+)
+
+ANSWERS = (
+    StageAnswer("load_stiffness", "stiffness under the last load", "N/µm", 1e-6),
+    StageAnswer("interface_real_pressure", "real pressure of the last interface", "MPa", 1e-6),
+    StageAnswer("slipping_load", "load that slips", "%", 100.0),
+    StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
+    StageAnswer("bolt_force", "largest bolt force", "kN", 1e-3),
+)
+"""What bodies are compared by: at the last step with stiffnesses, by their cycles, at the end."""
 
 PICTURES = (
     "error_budget",
@@ -80,16 +94,15 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
         told += further
         result = with_cautions(result, *(f"the law of interface {number}: {x}" for x in further))
     result = with_cautions(result, *bodies.assumed(case))
-    shared = laws[0] if laws and all(law is laws[0] for law in laws) else None
-    if shared is not None and "error_half_width" in shared:
-        result = _with_budget(result, bodies, case, shared, parts.path, method)
-    elif any(law is not None and "error_half_width" in law for law in laws):
-        parts = replace(parts, facts=(*parts.facts, SEVERAL))
+    if laws:
+        result = with_interface_contact(result, laws)
+    result = _with_budget(result, bodies, case, laws, parts.path, method, job)
     tightening = result["factor"].to_numpy()[:, 0]
     bolts = list_bolts(result, tightening) if parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
     solver = f"Solved by {method.name}: {chosen.why}."
-    facts = [*counted, *parts.facts, *_secants(result), *_energies(result), *bolts, solver]
+    measured = [*_secants(result), *_real_pressures(result), *_energies(result)]
+    facts = [*counted, *parts.facts, *measured, *bolts, solver]
     result = result.assign_attrs(facts="\n".join(facts))
     damages = [body.damage for body in bodies.bodies]
     return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
@@ -99,34 +112,51 @@ def _with_budget(
     result: "xr.Dataset",
     bodies: Bodies,
     case: Case,
-    law: "xr.Dataset",
+    laws: "Sequence[xr.Dataset | None]",
     path: LoadPath,
     method: Method,
+    job: Job,
 ) -> "xr.Dataset":
-    """Carry the budget of the law of all interfaces to stiffnesses and to the last cycle."""
+    """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
+    if not any(law is not None and "error_half_width" in law for law in laws):
+        return result
+    shared, found = case.interface or JointLaw(), []
+    for number, law in enumerate(laws):
+        if law is None or "error_half_width" not in law:
+            result = with_cautions(result, NO_BUDGET.format(number=number))
+        elif not any(law is other for other in laws[:number]):  # the first interface of its law
+            joints = tuple(k for k, other in enumerate(laws) if other is law)
+            source = bodies.interfaces[number].over(shared)
+            measured = [name for name in PARAMETERS if getattr(source, name) is None]
+            found.append(JointsOfLaw(law, joints, measured))
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
     whole = bool(result["converged"].values.all())
     few = few_steps(case) if whole else 0
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
-    laws = [law] * len(bodies.interfaces)
-
-    def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
-        changed = dict.fromkeys(range(len(laws)), normal)
-        sliders = bodies.sliders(case, laws, changed)
-        assembly = (structure or bodies).build(case, sliders).assembly
-        changed_law = change_friction(assembly, factors)
-        return follow_loads(changed_law, short, method=method, extrapolate=True)
-
-    shared = case.interface or JointLaw()
-    sources = [one.over(shared) for one in bodies.interfaces]
-    measured = [name for name in PARAMETERS if all(getattr(one, name) is None for one in sources)]
+    solve = partial(_solve_changed, bodies, case, laws, short, method)
     rise = path.cycle_steps if path.cycles and whole else 0
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
         result = with_cautions(result, NO_COARSER)
-    return with_joint_budget(result, law, solve, asked, coarser, measured)
+    return with_joint_budget(result, found, solve, asked, coarser, job.executor)
+
+
+def _solve_changed(
+    bodies: Bodies,
+    case: Case,
+    laws: "Sequence[xr.Dataset | None]",
+    path: LoadPath,
+    method: Method,
+    change: Change,
+) -> "xr.Dataset":
+    """Follow the path again with a change."""
+    normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
+    sliders = bodies.sliders(case, laws, normal)
+    assembly = (change.structure or bodies).build(case, sliders).assembly  # type: ignore[union-attr,call-arg,arg-type]  # of the same kind
+    assembly = change_friction(assembly, change.factors, change.joints)
+    return follow_loads(assembly, path, method=method, extrapolate=True)
 
 
 def _secants(result: "xr.Dataset") -> Iterator[str]:
@@ -140,6 +170,19 @@ def _secants(result: "xr.Dataset") -> Iterator[str]:
                 f"Against a small change of {load} at step {int(at['path_step'])} the structure "
                 f"has {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}, of whose compliance "
                 f"{100.0 * float(at['interface_compliance']):.3g} % is of the interfaces."
+            )
+
+
+def _real_pressures(result: "xr.Dataset") -> Iterator[str]:
+    """Say the mean real pressure of each interface at the end of the path."""
+    for number in range(result.sizes.get("interface", 0)):
+        one = result.isel(interface=number)
+        real = one.get("interface_real_pressure")
+        if real is not None and np.isfinite(real).any():
+            at = one.isel(step=np.flatnonzero((one["path_step"] >= 0) & np.isfinite(real))[-1])
+            told = say_answer(at, "interface_real_pressure", 1e-6, " MPa")
+            yield (
+                f"At step {int(at['path_step'])} interface {number} has, where it touches, {told}."
             )
 
 
@@ -182,8 +225,8 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
     path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(
         "intervals",
-        f"{4 if case.cycles else 3} to 6 more solves, of the steps {path}, if all interfaces have "
-        f"one law with a budget: one for each of its terms, and coarser meshes",
+        f"{4 if case.cycles else 3} to 6 more solves, of the steps {path}, for each law with a "
+        f"budget: one for each of its terms, and once coarser meshes",
     )
     libraries = tuple(sorted({*needs.libraries, "meshio"}))
     return replace(
@@ -202,6 +245,21 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
     yield budget_section(result)
 
 
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the answers at the last step that has stiffnesses, slip and bolts at the last one."""
+    known = np.isfinite(result["load_stiffness"].to_numpy()).all(axis=1)
+    rest = int(np.flatnonzero(known)[-1]) if known.any() else 0
+    at_rest = ("load_stiffness", "interface_real_pressure")
+    values = {
+        name: one.isel(step=rest if str(name).startswith(at_rest) else -1)
+        for name, one in result.data_vars.items()
+        if "step" in one.dims
+    }
+    if "bolt_force" in values:
+        values["bolt_force"] = values["bolt_force"].max("bolt")
+    return result.drop_dims("step").assign(values)
+
+
 LOADED_BODIES = structure_stage(
     "loaded_bodies",
     _solve,
@@ -216,4 +274,6 @@ LOADED_BODIES = structure_stage(
     kept="--quick keeps the meshes of the bodies, which it cannot make coarser",
     more=_sections,
     pictures=PICTURES,
+    answers=ANSWERS,
+    compared=_compared,
 )

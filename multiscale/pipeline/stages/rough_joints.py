@@ -1,18 +1,18 @@
 """Stage: elastic bodies with rough joints, at their preloads and in cycles."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.laws import NormalLaw
 from multiscale.macro.substructures import (
     FEW_STEPS,
     JointLoading,
     JointSize,
+    Method,
     add_body_fields,
     load_joint,
 )
@@ -21,6 +21,8 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import (
     PARAMETERS,
+    Change,
+    JointsOfLaw,
     change_friction,
     joint_answers,
     with_contact,
@@ -104,17 +106,27 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         short = JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
             short = JointLoading(preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1)
-
-        def solve(normal: NormalLaw, structure: Any, factors: Mapping[str, float]) -> "xr.Dataset":
-            parts = (structure or bodies).assemble(case, dataset, normal=normal)
-            parts = change_friction(parts, factors)
-            return load_joint(parts, short, method=method, extrapolate=True)
-
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
+        law = JointsOfLaw(dataset, tuple(range(bodies.joints)), measured)
+        solve = partial(_solve_changed, bodies, case, dataset, short, method)
         asked, coarser = joint_answers(result), bodies.coarser()
         meshes = {} if coarser is None else {2.0: coarser}
-        result = with_joint_budget(result, dataset, solve, asked, meshes, measured)
+        result = with_joint_budget(result, [law], solve, asked, meshes, job.executor)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
+
+
+def _solve_changed(
+    bodies: RoughBodies,
+    case: Case,
+    law: "xr.Dataset",
+    loading: JointLoading,
+    method: Method,
+    change: Change,
+) -> "xr.Dataset":
+    """Solve the joints again with a change."""
+    parts = (change.structure or bodies).assemble(case, law, normal=change.normal)  # type: ignore[union-attr]  # of the same kind
+    parts = change_friction(parts, change.factors)
+    return load_joint(parts, loading, method=method, extrapolate=True)
 
 
 def _loading(case: Case) -> JointLoading:
