@@ -92,7 +92,12 @@ def test_the_hardness_of_the_coating_caps_local_pressures(tmp_path):
     case = case_of(tmp_path, (COATING, hard), own)
     assert case.hardness == 12e9
     assert cell_of(case, flat_surface(case)).hardness == 12e9
-    assert [one for one in case.cautions() if "spots wider than its 10 µm" in one]
+    (told,) = (one for one in case.cautions() if "spots wider" in one)
+    assert "reach 12 GPa, above the hardness of body_1 below its coating" in told
+    assert "10 µm" in told
+    soft = case_of(tmp_path, (COATING, hard), own, METAL)  # body_2 of 2 GPa caps the pressures
+    assert soft.hardness == 2e9
+    assert not [one for one in soft.cautions() if "spots wider" in one]
     below = case_of(tmp_path, own)
     assert below.hardness == 2e9
     assert not [one for one in below.cautions() if "spots wider" in one]
@@ -132,7 +137,7 @@ def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
         load_case(tmp_path / "coated.toml")
     law = xr.Dataset(attrs={"coatings": "body_1"})
     with pytest.raises(CaseError, match="theory knows none for the coatings of body_1"):
-        case.interface.complete(law, 0.3, strict=False)
+        case.interface.complete(law, 0.3, 1e7, strict=False)
 
 
 def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):
