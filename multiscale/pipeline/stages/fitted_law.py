@@ -13,7 +13,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
-from multiscale.pipeline.stages.sheared_cells import POINTS, SHEARED_CELLS
+from multiscale.pipeline.stages.sheared_cells import POINT_FRICTION, SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import (
@@ -112,7 +112,11 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
             f"Admissibility: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
-            *(_shear(law, float(found[SHEARED_CELLS.name].attrs[POINTS])) if sheared else ()),
+            *(
+                _shear(law, float(found[SHEARED_CELLS.name].attrs[POINT_FRICTION]))
+                if sheared
+                else ()
+            ),
         ],
         figures=figures,
     )

@@ -16,9 +16,9 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FOLDER", "POINTS", "SHEARED_CELLS", "run_shear"]
+__all__ = ["FOLDER", "POINT_FRICTION", "SHEARED_CELLS", "run_shear"]
 
-POINTS = "friction_coefficient"
+POINT_FRICTION = "friction_coefficient"
 """Attribute of the response: friction of points of contact, which the case gives."""
 
 FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
@@ -67,7 +67,7 @@ def run_shear(
         progress=progress,
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
-    told: dict[str, Any] = {POINTS: shear.friction_coefficient}
+    told: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
     return response.assign_attrs(
         title=case.title,
         bodies="body_1 and body_2, both deformable, with friction",
