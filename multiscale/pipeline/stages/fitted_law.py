@@ -173,7 +173,7 @@ def _summary(found: Datasets) -> Summary:
         "stiffness": (f"{1e-12 * float(normal.stiffness(gap)):.4g} MPa/µm", "its stiffness"),
         "contact_fraction": (
             f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
-            "the share of it that touches",
+            "real over nominal contact area",
         ),
     }
     total = law["error_total"].isel(step=middle)
