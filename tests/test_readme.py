@@ -166,7 +166,7 @@ def test_the_readme_is_short_and_its_figures_are_small():
     assert len(README.splitlines()) <= 200
     figures = re.findall(r"!\[.*?\]\((.*?)\)", README)
     assert sum((ROOT / figure).stat().st_size for figure in figures) < 150e3
-    assert len(figures) == 2
+    assert len(figures) == 3
 
 
 def test_every_guide_case_scene_and_script_is_in_the_manual():

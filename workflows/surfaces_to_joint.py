@@ -44,12 +44,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     results = run(case.quick() if arguments.quick else case, out / "run")
 
     law, joint = results["interface_law"], results["macro_result"]
+    normal, tangential = (
+        1e-12 * float(joint[f"{name}_stiffness"][0]) for name in ("joint", "tangential")
+    )
+    low, high = 1e3 * joint["cycle_energy_mean_law"].values[:, -1]
     sys.stdout.write(
         f"friction {float(law['shear_friction']):.3f}, tangential over normal stiffness "
         f"{float(law['shear_stiffness_ratio'].mean()):.3f}\n"
-        f"{joint[['joint_stiffness', 'tangential_stiffness']].isel(step=0).to_pandas()}\n"
+        f"normal stiffness of the joint {normal:.3g} MPa/µm, tangential {tangential:.3g} MPa/µm\n"
         f"loss of a cycle {1e3 * float(joint['cycle_energy'][-1]):.3g} mJ, 95 % interval of the "
-        f"mean law {1e3 * joint['cycle_energy_mean_law'].values[:, -1]}\n"
+        f"mean law {f'{low:.3g} ... {high:.3g} mJ' if low < high else 'unknown'}\n"
     )
     figure = Figure(figsize=(13.0, 3.8), layout="constrained")
     contact, gap, loop = figure.subplots(1, 3)

@@ -1,6 +1,8 @@
 """Meshes with named boundaries, from gmsh or any file that meshio reads."""
 
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +67,8 @@ def open_mesh(path: Path) -> "Mesh":
     if not path.is_file():
         raise CaseError(f"no mesh file {path}")
     try:
-        return meshio.read(path)
+        with redirect_stdout(StringIO()):  # it prints an empty line for each file of gmsh
+            return meshio.read(path)
     except (meshio.ReadError, OSError, SystemExit) as error:
         raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
 

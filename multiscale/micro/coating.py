@@ -13,7 +13,7 @@ __all__ = ["Coating", "coating_faces", "elements_of", "follow_faces", "moduli_by
 
 @dataclass(frozen=True)
 class Coating:
-    """One elastic layer on a body, bonded to what lies below and everywhere as thick.
+    """One elastic layer of even thickness on a body, bonded to the material below.
 
     Parameters
     ----------

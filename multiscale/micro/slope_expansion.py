@@ -6,8 +6,8 @@ symmetric: the complementary energy is the largest value of
 
 .. math:: 2 \int f\, u_z\, \mathrm{d}A - \int_{z < h} \sigma : \varepsilon\, \mathrm{d}V.    \tag{1}
 
-The fields of the flat body, continued beyond its top, err by the first order in :math:`h`, and (1)
-by the second: on the flat top, without shear, is left
+The fields of the flat body, continued beyond its top, have errors of first order in :math:`h`, and
+(1) has errors of second order. On the flat top, which carries no shear, its first order is
 
 .. math::
     f^t C_1 f = \int h \left(\sigma_{zz} \varepsilon_{zz}
@@ -15,17 +15,18 @@ by the second: on the flat top, without shear, is left
 
 The top of a half-space strains in its plane by
 :math:`\varepsilon_{\alpha\beta} = c\, \varphi_{,\alpha\beta}` with
-:math:`c = (1 - 2\nu) / (2\mu)` and :math:`\Delta \varphi = f - \bar f`. Heights of zero mean leave
-of (2) a term of the mean and the determinant of a Hessian, whose derivatives go to the heights:
+:math:`c = (1 - 2\nu) / (2\mu)` and :math:`\Delta \varphi = f - \bar f`. For heights of zero mean
+(2) becomes a term of the mean pressure and the determinant of the Hessian of
+:math:`\varphi`, whose derivatives integration by parts moves to the heights:
 
 .. math::
     C_1 f = c \left(\bar f\, h + \overline{h f}\right)
       + c\, (1 - 2\nu)\, \Delta^{-1} \operatorname{div} (H\, \nabla \Delta^{-1} f), \qquad
     H = \begin{pmatrix} h_{,yy} & -h_{,xy} \\ -h_{,xy} & h_{,xx} \end{pmatrix}.    \tag{3}
 
-Nothing is left where nothing changes its volume, :math:`\nu = 1/2`, and in plane strain the mean
-alone. The expansion of a boundary goes back to [1]_ and [2]_; (3) is derived here and is checked
-against the conforming cell.
+:math:`C_1` vanishes for incompressible bodies, :math:`\nu = 1/2`; in plane strain only the term of
+the mean remains. The expansion of a boundary goes back to [1]_ and [2]_; (3) is derived here and
+is checked against the conforming cell.
 
 References
 ----------

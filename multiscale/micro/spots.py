@@ -1,6 +1,6 @@
 r"""Contact spots: the areas i over which eqs (2) and (3) of the source are integrated.
 
-A spot is a set of contact nodes each of which is next to another one. On a grid a point has four
+A spot is a connected set of contact nodes. On a grid a point has four
 neighbours across its periodic edges; on a mesh the nodes of a facet are neighbours. With the normal
 and tangential tractions of spot i, projected on the mean plane :math:`n^0, a_a^0`,
 

@@ -120,8 +120,8 @@ AT_END = {"cycle_slip": "slipping_load", "cycle_loss": "cycle_energy"}
 and of the latter those that the path ends with, by their names there."""
 
 UNKNOWN_LOSS = (
-    "the error of the loss of a cycle is not known, since the law tells of no cells that went "
-    "through closed cycles; shear cells by [micro.shear]"
+    "the error of the loss of a cycle is not known, since no cells of the law went through closed "
+    "cycles; shear cells by [micro.shear]"
 )
 
 
@@ -209,7 +209,7 @@ class JointAnswers:
 
 
 def joint_answers(result: "xr.Dataset") -> JointAnswers:
-    """Tell the answers of joints at their preloads, then in the cycles of every amplitude."""
+    """Return the answers of joints at their preloads, then in the cycles of every amplitude."""
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     names = [name for name in AT_PRELOADS if name in result]  # real pressure may not be known
@@ -253,7 +253,7 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
 
 
 def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
-    """Tell the answers of bodies under named loads, then of the last cycle.
+    """Return the answers of bodies under named loads, then those of the last cycle.
 
     Parameters
     ----------
@@ -568,11 +568,12 @@ def _uneven_slip(
     rows: np.ndarray,
     load: np.ndarray,
 ) -> Dependence:
-    """Let slip change where a stiffer cell takes more of the shear, which others lose.
+    """Return how the slip depends on the scatter of stiffness between cells of one joint.
 
-    A law that is stiffer everywhere leaves the shear of each point as it is, so that it tells
-    nothing of one that is stiffer here and softer there. Each point slips more by its slope over
-    the shear, and at most as its stiffness rises; the law has a share in the load of all joints.
+    Where one cell is stiffer than others, it carries more of the shear and slips more; a law that
+    is stiffer everywhere has no such effect. The shear of a point rises at most in proportion to
+    its stiffness, and its slip by the logarithmic slope of slip over shear times this change. The
+    law has a share in the load of all joints.
     """
     one = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
     data = np.log(law["fit_pressure"].to_numpy())
@@ -586,7 +587,8 @@ def _uneven_slip(
 def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
     """Return the result of rough joints with their real contact, and facts about the cells.
 
-    As of :func:`with_joint_budget`; if the law has no contact area, nothing is known of it.
+    Parameters are those of :func:`with_joint_budget`. A law without contact area leaves contact
+    fraction and real pressure out.
     """
     facts, area = behaviour(law), result["point_area"].to_numpy()
     if "cell_size" in law.attrs:

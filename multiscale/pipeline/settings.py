@@ -528,11 +528,12 @@ class Case(Settings):
                     f"the shortest wave of body_{number} has {cutoff / spacing:.1f} points; "
                     f"gap and contact area need {POINTS_PER_WAVE} or more"
                 )
-            if body.hardness is not None and (body.surface_hardness or 0.0) > body.hardness:
+            if body.hardness is not None and (self.hardness or 0.0) > body.hardness:
                 thick = readable(f"{sum(one.thickness for one in body.coating):.3g} m")
                 found.append(
-                    f"the hardness of the coating of body_{number} alone cuts off local pressures; "
-                    f"spots wider than its {thick} press the softer body below, which is not seen"
+                    f"local pressures reach {readable(f'{self.hardness:.3g} Pa')}, above the "
+                    f"hardness of body_{number} below its coating: spots wider than the coating is "
+                    f"thick, {thick}, press that softer body, which is not computed"
                 )
         if self.cell.depth is not None and (
             shallow := depth_caution(self.cell.depth, max(self.cell.size))

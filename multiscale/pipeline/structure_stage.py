@@ -22,6 +22,7 @@ from multiscale.pipeline.stage import (
     StageAnswer,
     Summary,
     format_table,
+    list_cautions,
 )
 from multiscale.schema import MACRO_RESULT, Schema, with_cautions
 
@@ -47,7 +48,7 @@ def require_known(result: "xr.Dataset", answer: str) -> None:
     if np.isnan(result[answer].values).all():
         raise ConvergenceError(
             f"{result.attrs['title']}: the answer is unknown at every step; "
-            f"{result.attrs['cautions']}"
+            f"{'; '.join(list_cautions(result))}"
         )
 
 

@@ -192,7 +192,7 @@ def refuse_band(dataset: "xr.Dataset", confidence: float = 0.95) -> str:
     if n_samples < needed:
         return (
             f"{n_samples} samples are too few for a band of {100 * confidence:g} %; fit the law "
-            f"with n_samples = {needed} or more"
+            f"with {needed} samples or more"
         )
     return ""
 

@@ -156,7 +156,7 @@ def sliding_friction_at(dataset: "xr.Dataset", pressure: np.ndarray) -> np.ndarr
 
 
 def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
-    """Let the friction of large sliding at a pressure stand for the friction of the sliders.
+    """Return a law whose sliders have the friction of large sliding at a pressure.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
     Returns
     -------
     Dataset
-        Whose friction is of one cell, so that its error is not known.
+        The friction was measured in one cell, so that its error is not known.
     """
     friction = float(sliding_friction_at(law, np.array(pressure)))
     how = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
@@ -176,7 +176,7 @@ def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
     known = INTERFACE_LAW.assign(known, {"shear_friction_error": np.nan})
     return with_cautions(
         known,
-        f"{said} is the one of the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
+        f"{said} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
         f"not known; shear the cells to measure it with its scatter",
     )
 

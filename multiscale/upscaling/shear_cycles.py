@@ -30,7 +30,7 @@ class LossRatio:
     amplitude : ndarray, shape (cycles,)
         Of the traction of the mean cell, over full slip.
     ratio : ndarray, shape (realisations, cycles, 2)
-        Where the bed slips as far as the cell, and where it carries as much.
+        With the bed in a cycle of the same slip, and in a cycle of the same traction.
     """
 
     pressure: np.ndarray

@@ -177,6 +177,11 @@ REFUSED = {
         "",
         "housing is free to move along x and y and to turn about z, cover is free",
     ),
+    "not held": (
+        [('bottom = "clamped"', "")],
+        "",
+        "housing is free to move along x, y and z and to turn about x, y and z, cover is free",
+    ),
     "law of other pressures": (
         [('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]')],
         "",

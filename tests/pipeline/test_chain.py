@@ -71,7 +71,7 @@ def test_cells_alone_are_a_case_and_tell_the_interface(command, tmp_path):
     line = said.splitlines()[0]
     law = open_law(tmp_path / "out" / "interface_law.nc")
     middle = law.isel(step=law.sizes["step"] // 2)
-    assert line.startswith(f"At {1e-6 * float(middle['fit_pressure']):.4g} MPa its mean gap is ")
+    assert line.startswith(f"At {1e-6 * float(middle['fit_pressure']):.4g} MPa the mean gap of ")
     assert f"{1e6 * float(middle['fit_mean_gap']):.4g} µm" in line
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert line in page

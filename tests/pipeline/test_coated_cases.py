@@ -92,7 +92,12 @@ def test_the_hardness_of_the_coating_caps_local_pressures(tmp_path):
     case = case_of(tmp_path, (COATING, hard), own)
     assert case.hardness == 12e9
     assert cell_of(case, flat_surface(case)).hardness == 12e9
-    assert [one for one in case.cautions() if "spots wider than its 10 µm" in one]
+    (told,) = (one for one in case.cautions() if "spots wider" in one)
+    assert "reach 12 GPa, above the hardness of body_1 below its coating" in told
+    assert "10 µm" in told
+    soft = case_of(tmp_path, (COATING, hard), own, METAL)  # body_2 of 2 GPa caps the pressures
+    assert soft.hardness == 2e9
+    assert not [one for one in soft.cautions() if "spots wider" in one]
     below = case_of(tmp_path, own)
     assert below.hardness == 2e9
     assert not [one for one in below.cautions() if "spots wider" in one]

@@ -298,9 +298,7 @@ def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
     assert joint.law.friction == pytest.approx(0.3)
     told = "shear: measured by sliding at 40 MPa, friction 0.3, but stiffness ratio 1 assumed; slid"
     assert told in law.attrs["branches"]
-    assert (
-        "friction coefficient of 0.3 is the one of the slide of one cell" in law.attrs["cautions"]
-    )
+    assert "friction coefficient of 0.3 comes from the slide of one cell" in law.attrs["cautions"]
     assert np.isnan(shear_errors(law, np.array([2e7]))["friction"]["sampling"][0])
     with pytest.raises(CaseError, match=r"slide them over their length or more by \[slide\]"):
         case_of(tmp_path, text.replace('distance = "800 um"', 'distance = "100 um"'))

@@ -143,7 +143,7 @@ def test_bands_ask_for_enough_realisations_and_samples():
     band(0.9)
     with pytest.raises(CaseError, match=r"4 realisations are too few for a band of 99.9 %.* 5"):
         band(0.999, n=4)
-    with pytest.raises(CaseError, match=r"50 samples are too few .* n_samples = 80"):
+    with pytest.raises(CaseError, match=r"50 samples are too few .* with 80 samples"):
         band(0.95, n=5, samples=50)
     narrow, wide = band(0.8, n=5), band(0.95, n=5)
     assert np.all(wide[1] - wide[0] > narrow[1] - narrow[0])

@@ -123,11 +123,12 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
     return {key: node.to_dataset() for key, node in open_run(out).items()}
 
 
-def save_small(figure: Figure, file: Path, *, colours: int = 256) -> None:
-    """Write a figure in few colours."""
+def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
+    """Write a figure in few colours, chosen so that its colour maps keep both ends."""
     drawn, reduced = BytesIO(), BytesIO()
     figure.savefig(drawn, dpi=80)
-    Image.open(drawn).convert("RGB").quantize(colours).save(reduced, "png", optimize=True)
+    few = Image.open(drawn).convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
+    few.save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())
 
 

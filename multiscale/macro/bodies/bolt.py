@@ -81,7 +81,7 @@ class Bolt:
             found.reverse()
         aside = float(np.linalg.norm(np.delete(apart, axis)))
         (_, down, size, *_), (_, up, other, *_) = found
-        facing = [-down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
+        facing = [0.0 - down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
         if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
             ends = (
                 bodies[body].say_face(boundary, body)

@@ -173,8 +173,8 @@ def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
         size = np.abs(own).max(axis=1, initial=0.0)
         loose = size > HELD * max(1.0, size.max())
         moves, turns = (
-            " and ".join(axis for axis, free in zip("xyz", group, strict=True) if free)
-            for group in (loose[:3], loose[3:])
+            " and ".join(filter(None, [", ".join(axes[:-1]), *axes[-1:]]))
+            for axes in (np.array(list("xyz"))[group] for group in (loose[:3], loose[3:]))
         )
         how = [f"to move along {moves}"] * bool(moves) + [f"to turn about {turns}"] * bool(turns)
         if how:

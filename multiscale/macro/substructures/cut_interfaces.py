@@ -27,7 +27,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.faces import face_areas, face_operator
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mortar import couple
-from multiscale.macro.bodies.assembly import GROUND, Interface
+from multiscale.macro.bodies.assembly import Interface
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutInterface, Substructure
 
@@ -129,8 +129,7 @@ def cut_interface(
             held = bodies[body].say_face(str(joint.boundaries[side]), body)
             raise CaseError(
                 f"interface {place} lies on a support: all nodes of the boundary {held} are held; "
-                f"free them, or let the other "
-                f"body meet the ground, {GROUND}"
+                f"free them, or put the rigid ground in place of the held body"
             )
     return found
 
@@ -270,7 +269,9 @@ def _frame(upper: Body, boundary: str) -> np.ndarray:
     normals = -np.asarray(faces.normals).reshape(3, -1)
     normal = normals.mean(axis=1)
     if np.ptp(normals, axis=1).max() > COINCIDENT:
-        raise CaseError(f"the boundary {boundary!r} of a joint must be plane")
+        raise CaseError(
+            f"the boundary {boundary!r} of a joint must be plane; name each plane part by itself"
+        )
     least = np.eye(3)[np.argmin(np.abs(normal).round(9))]  # rounding decides no direction
     first = least - (least @ normal) * normal
     first /= np.linalg.norm(first)

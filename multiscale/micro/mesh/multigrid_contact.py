@@ -35,7 +35,7 @@ LINEAR_LIMIT = 4000
 
 @dataclass(frozen=True, eq=False)
 class LargeBody:
-    """Stiffness of a body, and what multigrid has to know of it.
+    """Stiffness of a body, and the data from which multigrid is set up.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is seen of the contact face of a mesh from above, on a grid."""
+"""The contact face of a mesh as a height map: the uppermost facet above each point of a grid."""
 
 from dataclasses import dataclass
 

@@ -8,9 +8,10 @@ whose integrals over every facet are positive,
     \varphi_c = N_c + \alpha \sum_e N_e, \quad \varphi_e = (1 - 2\alpha) N_e, \qquad
     u_e = (1 - 2\alpha) v_e + \alpha (v_{c_1} + v_{c_2}),    \tag{1}
 
-with corners c, middles e of edges and :math:`\alpha = 1/5`. The shape functions of corners have
-none, so that corners would carry no pressure. Contact in the coefficients :math:`v` is contact in
-the mean with the dual basis of :math:`\varphi`; other elements have :math:`\alpha = 0`.
+with corners c, middles e of edges and :math:`\alpha = 1/5`. The integrals of
+the shape functions of corners over a facet are zero, so that corners would carry no pressure.
+Contact in the coefficients :math:`v` is contact in the mean with the dual basis of
+:math:`\varphi`; other elements have :math:`\alpha = 0`.
 
 References
 ----------

@@ -165,11 +165,11 @@ def _summary(found: Datasets) -> Summary:
     middle = pressures.size // 2
     normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
     values = {
-        "mean_gap": (f"{1e6 * gap:.4g} µm", "its mean gap is"),
+        "mean_gap": (f"{1e6 * gap:.4g} µm", "the mean gap of the interface is"),
         "stiffness": (f"{1e-12 * float(normal.stiffness(gap)):.4g} MPa/µm", "its stiffness"),
         "contact_fraction": (
             f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
-            "the share of it that touches",
+            "its real over nominal contact area",
         ),
     }
     total = law["error_total"].isel(step=middle)

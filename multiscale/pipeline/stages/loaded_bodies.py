@@ -168,8 +168,9 @@ def _secants(result: "xr.Dataset") -> Iterator[str]:
             at = one.isel(step=known[-1])
             yield (
                 f"Against a small change of {load} at step {int(at['path_step'])} the structure "
-                f"has {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}, of whose compliance "
-                f"{100.0 * float(at['interface_compliance']):.3g} % is of the interfaces."
+                f"has a stiffness of {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}; "
+                f"{100.0 * float(at['interface_compliance']):.3g} % of the compliance comes from "
+                f"the interfaces."
             )
 
 
@@ -187,10 +188,11 @@ def _real_pressures(result: "xr.Dataset") -> Iterator[str]:
 
 
 def _energies(result: "xr.Dataset") -> Iterator[str]:
-    """Say what each interface loses in the last cycle."""
+    """Say what each interface loses in the last cycle, if it was closed."""
     if "interface_energy" in result:
         for number, lost in enumerate(result["interface_energy"].values[-1]):
-            yield f"Interface {number} loses {lost:.4g} J in the last cycle."
+            if np.isfinite(lost):
+                yield f"Interface {number} loses {1e3 * lost:.4g} mJ in the last cycle."
 
 
 def _choose(bodies: Bodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:

@@ -31,11 +31,10 @@ from multiscale.pipeline.body_budget import (
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.joint_settings import Cycles
 from multiscale.pipeline.rows import (
-    INTERVALS,
     list_bolts,
     list_cycles,
     list_facts,
-    say_intervals,
+    say_answer,
     tabulate_cycles,
     tabulate_preloads,
 )
@@ -160,7 +159,7 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
         path = f"and {own} x {few} cycles of one step to their amplitudes"
         pressed = (
-            f"{_count_steps(case)} load steps: preloads, {cycles.cycles} cycles at the last one, "
+            f"{_count_steps(case)} load steps: preloads, {cycles.cycles} cycle(s) at the last one, "
             f"and one cycle at each of {own} preloads and {few} amplitudes"
         )
     solves = Choice(
@@ -188,13 +187,13 @@ def _answer(result: "xr.Dataset") -> list[str]:
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
         return []
-    head, rows = tabulate_preloads(result)
-    row = dict(zip(head, rows[known[-1]], strict=True))
-    intervals = say_intervals([row[name] for name in INTERVALS.values()])
+    last = result.isel(step=known[-1])
+    normal, tangential = (
+        say_answer(last, f"{name}_stiffness", 1e-12, " MPa/µm") for name in ("joint", "tangential")
+    )
     return [
-        f"At a preload of {row['preload (MPa)']} MPa the joint has a normal stiffness of "
-        f"{row['joint stiffness (MPa/µm)']} MPa/µm{intervals} and, before it slips, a tangential "
-        f"stiffness of {row['tangential (MPa/µm)']} MPa/µm.",
+        f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
+        f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
         *(one[0].upper() + one[1:] + "." for one in list_cycles(result)[-2:]),
     ]
 
