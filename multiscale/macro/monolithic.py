@@ -1,7 +1,7 @@
 """Semismooth Newton on the assembled problem: default for small problems, and oracle."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.linalg import norm
@@ -23,10 +23,24 @@ from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import enough, step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["solve_interface"]
+__all__ = ["InterfaceSolution", "solve_interface"]
 
 UNSURE = 1e-8
 """Largest residual that rounding excuses."""
+
+
+@dataclass(frozen=True)
+class InterfaceSolution(Solution):
+    """Displacement of bodies, and the jumps of their interface.
+
+    Attributes
+    ----------
+    jump : ndarray, shape (d, points)
+        m. It is summed up over the steps, because the difference of both sides rounds: on a law a
+        million times as stiff as the bodies, a rounding of displacements is 1e-10 of the traction.
+    """
+
+    jump: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def solve_interface(
@@ -37,11 +51,12 @@ def solve_interface(
     law: InterfaceLaw,
     *,
     start: np.ndarray | None = None,
+    jump: np.ndarray | None = None,
     state: np.ndarray | None = None,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
-) -> Solution:
+) -> InterfaceSolution:
     r"""Solve linear elastic bodies joined by an interface law.
 
     Find :math:`u` such that
@@ -66,6 +81,8 @@ def solve_interface(
         Gives :math:`t` and its tangent, Pa and Pa/m.
     start : ndarray, shape (n,), optional
         First :math:`u`, m; zero if not given.
+    jump : ndarray, shape (d, points), optional
+        Jump of an earlier solution at the start, m; :math:`B u` if not given.
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
@@ -79,8 +96,8 @@ def solve_interface(
 
     Returns
     -------
-    Solution
-        ``value`` is :math:`u`, shape (n,), m.
+    InterfaceSolution
+        ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law.
 
     Raises
     ------
@@ -103,16 +120,18 @@ def solve_interface(
         )
     u = np.zeros(n) if start is None else np.array(start, dtype=float)
     state = np.zeros((law.n_state, points)) if state is None else state
+    jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
     whole = _Whole(stiffness, load, jump_operator, weight, law, state)
-    scale = float(norm(load)) or float(norm(whole.linearise(u).gradient)) or 1.0
+    scale = float(norm(load)) or float(norm(whole.linearise(u, jump).gradient)) or 1.0
     run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
-    return _iterate(replace(whole, scale=scale), u, run)
+    whole = replace(whole, scale=scale)
+    return _iterate(whole, whole.linearise(u, jump), run)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
-def _iterate(whole: "_Whole", start: np.ndarray, run: NewtonRun) -> Solution:
+def _iterate(whole: "_Whole", here: "_Tangent", run: NewtonRun) -> InterfaceSolution:
     """Newton's method from a start; see :func:`solve_interface`."""
-    here = tangent = whole.linearise(start)
+    tangent = here
     while run.goes_on(whole.residual(here), whole.rounding(here)):
         direction, held = whole.direction(tangent, 0.0), False
         if direction is None:
@@ -120,7 +139,7 @@ def _iterate(whole: "_Whole", start: np.ndarray, run: NewtonRun) -> Solution:
         if direction is None:
             run.stop(Status.STALLED)
             break
-        here = whole.linearise(tangent.value + direction)
+        here = whole.move(tangent, 1.0, direction)
         explodes = not whole.residual(here) <= GROWTH * run.residuals[-1]
         if held or explodes or run.since_best > ROUNDS:
             here = tangent = whole.search(tangent, direction)
@@ -128,7 +147,9 @@ def _iterate(whole: "_Whole", start: np.ndarray, run: NewtonRun) -> Solution:
             tangent = here
         else:
             tangent = whole.go_on(tangent, here)
-    return run.solution(here.value)
+    return InterfaceSolution(
+        here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.jump
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,14 +160,15 @@ class _Tangent:
     ----------
     value, gradient : ndarray, shape (n,)
         Unknowns, m, and forces out of balance, N.
-    at : ndarray, shape (d, points)
-        Jump on the law, m.
+    jump, at : ndarray, shape (d, points)
+        Jump of the bodies, and jump on the law, m.
     tangent : ndarray, shape (d, d, points)
         Tangent of the law, times the weights of the points, N/m.
     """
 
     value: np.ndarray
     gradient: np.ndarray
+    jump: np.ndarray
     at: np.ndarray
     tangent: np.ndarray
 
@@ -163,27 +185,33 @@ class _Whole:
     state: np.ndarray
     scale: float = 1.0
 
-    def linearise(self, u: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
-        """Evaluate the law at a jump, that of u if not given, and K u + B^T (w t) - f, N.
+    def linearise(
+        self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None
+    ) -> _Tangent:
+        """Evaluate the law at a jump, that of the bodies if not given, and K u + B^T (w t) - f, N.
 
         t is the traction of its tangent.
         """
-        jump = (self.jump_operator @ u).reshape(-1, self.weight.size)
         at = jump if at is None else at
         response = self.law.respond(at, self.state)
         traction = tangent_traction(response, at, jump)
         force = self.jump_operator.T @ (self.weight * traction).ravel()
         gradient = self.stiffness @ u + force - self.load
-        return _Tangent(u, gradient, at, self.weight * response.tangent)
+        return _Tangent(u, gradient, jump, at, self.weight * response.tangent)
+
+    def move(self, here: _Tangent, step: float, direction: np.ndarray) -> _Tangent:
+        """Take a step of the bodies, m."""
+        opened = (self.jump_operator @ direction).reshape(here.jump.shape)
+        return self.linearise(here.value + step * direction, here.jump + step * opened)
 
     def search(self, here: _Tangent, direction: np.ndarray) -> _Tangent:
         """Take the step to the least energy."""
 
         def slope(step: float) -> float:
-            return float(direction @ self.linearise(here.value + step * direction).gradient)
+            return float(direction @ self.move(here, step, direction).gradient)
 
         step = step_length(slope, float(direction @ here.gradient))
-        return self.linearise(here.value + step * direction)
+        return self.move(here, step, direction)
 
     def go_on(self, tangent: _Tangent, here: _Tangent) -> _Tangent:
         """Let the law go on from the tangent with which the bodies have come here."""
@@ -191,8 +219,8 @@ class _Whole:
         k = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
         if not k:  # nothing resists but the law
             return here
-        at = go_on_along_law(self.law, tangent.at, here.at, k, self.state)
-        return self.linearise(here.value, at)
+        at = go_on_along_law(self.law, tangent.at, here.jump, k, self.state)
+        return self.linearise(here.value, here.jump, at)
 
     def residual(self, here: _Tangent) -> float:
         """Norm of (1) relative to the load."""
