@@ -1,14 +1,17 @@
 """Semismooth Newton on the assembled problem: default for small problems, and oracle."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import csr_array, issparse
+from scipy.sparse import csr_array, diags_array, issparse
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
+from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.interface_newton import (
     FLOOR,
@@ -19,7 +22,7 @@ from multiscale.macro.interface_newton import (
     go_on_along_law,
     tangent_traction,
 )
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.line_search import enough, step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -109,8 +112,9 @@ def solve_interface(
     A Newton step that lowers the derivative of the energy along it is taken as it is. After any
     other the law goes on from a jump of its own, (1) of :mod:`multiscale.macro.interface_newton`,
     which laws without energy and laws of any stiffness allow. The energy tells the length of the
-    step where a small stiffness holds bodies that an open interface leaves loose, where the
-    residual explodes, and where it has not fallen for some steps.
+    step, from the iterate of the smallest residual, where a small stiffness holds bodies that an
+    open interface leaves loose, where the residual explodes, and where it has not fallen for some
+    steps.
     """
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
@@ -121,7 +125,8 @@ def solve_interface(
     u = np.zeros(n) if start is None else np.array(start, dtype=float)
     state = np.zeros((law.n_state, points)) if state is None else state
     jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
-    whole = _Whole(stiffness, load, jump_operator, weight, law, state)
+    resistance = face_stiffness(stiffness.diagonal(), jump_operator[:points], weight)
+    whole = _Whole(stiffness, load, jump_operator, weight, law, state, resistance)
     scale = float(norm(load)) or float(norm(whole.linearise(u, jump).gradient)) or 1.0
     run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
     whole = replace(whole, scale=scale)
@@ -131,22 +136,25 @@ def solve_interface(
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
 def _iterate(whole: "_Whole", here: "_Tangent", run: NewtonRun) -> InterfaceSolution:
     """Newton's method from a start; see :func:`solve_interface`."""
-    tangent = here
+    tangent = closest = here
     while run.goes_on(whole.residual(here), whole.rounding(here)):
-        direction, held = whole.direction(tangent, 0.0), False
-        if direction is None:
-            direction, held = whole.direction(tangent, FLOOR), True
-        if direction is None:
-            run.stop(Status.STALLED)
-            break
-        here = whole.move(tangent, 1.0, direction)
-        explodes = not whole.residual(here) <= GROWTH * run.residuals[-1]
-        if held or explodes or run.since_best > ROUNDS:
-            here = tangent = whole.search(tangent, direction)
-        elif enough(float(direction @ tangent.gradient), float(direction @ here.gradient)):
-            tangent = here
+        closest = closest if run.since_best else here
+        direction = whole.direction(tangent)
+        there = None if direction is None else whole.move(tangent, 1.0, direction)
+        explodes = there is None or not whole.residual(there) <= GROWTH * run.residuals[-1]
+        if direction is None or there is None or explodes or run.since_best > ROUNDS:
+            # from a jump of its own, the law would mislead the search
+            direction = whole.direction(closest)
+            if direction is None:
+                direction = whole.direction(closest, FLOOR)
+            if direction is None:
+                run.stop(Status.STALLED)
+                break
+            here = tangent = closest = whole.search(closest, direction)
+        elif enough(float(direction @ tangent.gradient), float(direction @ there.gradient)):
+            here = tangent = there
         else:
-            tangent = whole.go_on(tangent, here)
+            here, tangent = there, whole.go_on(tangent, there)
     return InterfaceSolution(
         here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.jump
     )
@@ -175,7 +183,7 @@ class _Tangent:
 
 @dataclass(frozen=True, eq=False)
 class _Whole:
-    """Equation (1); the force that its residual is relative to, N."""
+    """Equation (1), the stiffness of the bodies per area, Pa/m, and the size of the forces, N."""
 
     stiffness: csr_array | np.ndarray
     load: np.ndarray
@@ -183,11 +191,10 @@ class _Whole:
     weight: np.ndarray
     law: InterfaceLaw
     state: np.ndarray
+    resistance: float
     scale: float = 1.0
 
-    def linearise(
-        self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None
-    ) -> _Tangent:
+    def linearise(self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
         """Evaluate the law at a jump, that of the bodies if not given, and K u + B^T (w t) - f, N.
 
         t is the traction of its tangent.
@@ -215,11 +222,9 @@ class _Whole:
 
     def go_on(self, tangent: _Tangent, here: _Tangent) -> _Tangent:
         """Let the law go on from the tangent with which the bodies have come here."""
-        normal = self.jump_operator[: self.weight.size]
-        k = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
-        if not k:  # nothing resists but the law
+        if not self.resistance:  # nothing resists but the law
             return here
-        at = go_on_along_law(self.law, tangent.at, here.jump, k, self.state)
+        at = go_on_along_law(self.law, tangent.at, here.jump, self.resistance, self.state)
         return self.linearise(here.value, here.jump, at)
 
     def residual(self, here: _Tangent) -> float:
@@ -231,21 +236,63 @@ class _Whole:
         size = float(norm(abs(self.stiffness) @ np.abs(here.value)))
         return min(8.0 * np.finfo(float).eps * size / self.scale, UNSURE)
 
-    def direction(self, here: _Tangent, floor: float) -> np.ndarray | None:
-        """Newton direction, m."""
+    def direction(self, here: _Tangent, floor: float = 0.0) -> np.ndarray | None:
+        """Newton direction, m; None if the tangent is singular."""
         B, points, tangent = self.jump_operator, self.weight.size, here.tangent
         if floor:
             tangent = tangent.copy()
-            normal = self.jump_operator[:points]
-            held = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
             for row in range(len(tangent)):
-                tangent[row, row] += floor * held * self.weight
+                tangent[row, row] += floor * self.resistance * self.weight
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
         matrix = self.stiffness + B.T @ (weighted @ B)  # K + B^T (w D) B
         matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
-        try:
+        with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
-        except MultiscaleError:
+        if self.flexible is not None:
+            with suppress(MultiscaleError):
+                return self.flexible.direction(B, weighted, -here.gradient)
+        return None
+
+    @cached_property
+    def flexible(self) -> "_Flexible | None":
+        """Full matrices condensed onto the interface; None if springs do not hold the bodies."""
+        B = self.jump_operator
+        if issparse(self.stiffness) or not self.resistance:
             return None
+        springs = np.tile(self.resistance * self.weight, B.shape[0] // self.weight.size)
+        held = np.asarray(self.stiffness + B.T @ (diags_array(springs) @ B))
+        with suppress(MultiscaleError):
+            solve = factorise(held, name="the held bodies")
+            return _Flexible(solve, springs, compliances(solve, B)[0])
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Flexible:
+    r"""Bodies held by springs on their interface, whose jumps are the unknowns of a Newton step.
+
+    With the stiffness :math:`\bar K = K + B^T R B` of the bodies and springs :math:`R`, and the
+    compliance :math:`C = B \bar K^{-1} B^T`, a direction of the unknowns u and the jumps j is
+
+    .. math::
+        (I + C (w D - R))\, j = B \bar K^{-1} r, \qquad u = \bar K^{-1} (r - B^T (w D - R) j),
+        \tag{1}
+
+    with the forces out of balance :math:`r`. However stiff the law is, no stiffness of the bodies
+    is lost beside it, and the matrix has half the size of :math:`K`.
+    """
+
+    solve: Solve
+    springs: np.ndarray
+    compliance: np.ndarray
+
+    def direction(self, B: csr_array, tangent: csr_array, force: np.ndarray) -> np.ndarray:
+        """Newton direction (1), m."""
+        change = csr_array(tangent - diags_array(self.springs))
+        size = 1.0 + abs(change).max(axis=0).toarray() / self.springs  # where laws are stiff
+        change = csr_array(change @ diags_array(1.0 / size))
+        matrix = np.diag(1.0 / size) + (change.T @ self.compliance).T  # C is symmetric
+        opened = factorise(matrix, name="the tangent compliance")(B @ self.solve(force))
+        return self.solve(force - B.T @ (change @ opened))
