@@ -1,14 +1,17 @@
 """Semismooth Newton on the assembled problem: default for small problems, and oracle."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import csr_array, issparse
+from scipy.sparse import csr_array, diags_array, issparse
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
+from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.interface_newton import (
     FLOOR,
@@ -19,14 +22,28 @@ from multiscale.macro.interface_newton import (
     go_on_along_law,
     tangent_traction,
 )
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.line_search import enough, step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["solve_interface"]
+__all__ = ["InterfaceSolution", "solve_interface"]
 
 UNSURE = 1e-8
 """Largest residual that rounding excuses."""
+
+
+@dataclass(frozen=True)
+class InterfaceSolution(Solution):
+    """Displacement of bodies, and the jumps of their interface.
+
+    Attributes
+    ----------
+    jump : ndarray, shape (d, points)
+        m. It is summed up over the steps, because the difference of both sides rounds: on a law a
+        million times as stiff as the bodies, a rounding of displacements is 1e-10 of the traction.
+    """
+
+    jump: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def solve_interface(
@@ -37,11 +54,12 @@ def solve_interface(
     law: InterfaceLaw,
     *,
     start: np.ndarray | None = None,
+    jump: np.ndarray | None = None,
     state: np.ndarray | None = None,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
-) -> Solution:
+) -> InterfaceSolution:
     r"""Solve linear elastic bodies joined by an interface law.
 
     Find :math:`u` such that
@@ -66,6 +84,8 @@ def solve_interface(
         Gives :math:`t` and its tangent, Pa and Pa/m.
     start : ndarray, shape (n,), optional
         First :math:`u`, m; zero if not given.
+    jump : ndarray, shape (d, points), optional
+        Jump of an earlier solution at the start, m; :math:`B u` if not given.
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
@@ -79,8 +99,8 @@ def solve_interface(
 
     Returns
     -------
-    Solution
-        ``value`` is :math:`u`, shape (n,), m.
+    InterfaceSolution
+        ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law.
 
     Raises
     ------
@@ -92,8 +112,9 @@ def solve_interface(
     A Newton step that lowers the derivative of the energy along it is taken as it is. After any
     other the law goes on from a jump of its own, (1) of :mod:`multiscale.macro.interface_newton`,
     which laws without energy and laws of any stiffness allow. The energy tells the length of the
-    step where a small stiffness holds bodies that an open interface leaves loose, where the
-    residual explodes, and where it has not fallen for some steps.
+    step, from the iterate of the smallest residual, where a small stiffness holds bodies that an
+    open interface leaves loose, where the residual explodes, and where it has not fallen for some
+    steps.
     """
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
@@ -103,32 +124,40 @@ def solve_interface(
         )
     u = np.zeros(n) if start is None else np.array(start, dtype=float)
     state = np.zeros((law.n_state, points)) if state is None else state
-    whole = _Whole(stiffness, load, jump_operator, weight, law, state)
-    scale = float(norm(load)) or float(norm(whole.linearise(u).gradient)) or 1.0
+    jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
+    resistance = face_stiffness(stiffness.diagonal(), jump_operator[:points], weight)
+    whole = _Whole(stiffness, load, jump_operator, weight, law, state, resistance)
+    scale = float(norm(load)) or float(norm(whole.linearise(u, jump).gradient)) or 1.0
     run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
-    return _iterate(replace(whole, scale=scale), u, run)
+    whole = replace(whole, scale=scale)
+    return _iterate(whole, whole.linearise(u, jump), run)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
-def _iterate(whole: "_Whole", start: np.ndarray, run: NewtonRun) -> Solution:
+def _iterate(whole: "_Whole", here: "_Tangent", run: NewtonRun) -> InterfaceSolution:
     """Newton's method from a start; see :func:`solve_interface`."""
-    here = tangent = whole.linearise(start)
+    tangent = closest = here
     while run.goes_on(whole.residual(here), whole.rounding(here)):
-        direction, held = whole.direction(tangent, 0.0), False
-        if direction is None:
-            direction, held = whole.direction(tangent, FLOOR), True
-        if direction is None:
-            run.stop(Status.STALLED)
-            break
-        here = whole.linearise(tangent.value + direction)
-        explodes = not whole.residual(here) <= GROWTH * run.residuals[-1]
-        if held or explodes or run.since_best > ROUNDS:
-            here = tangent = whole.search(tangent, direction)
-        elif enough(float(direction @ tangent.gradient), float(direction @ here.gradient)):
-            tangent = here
+        closest = closest if run.since_best else here
+        direction = whole.direction(tangent)
+        there = None if direction is None else whole.move(tangent, 1.0, direction)
+        explodes = there is None or not whole.residual(there) <= GROWTH * run.residuals[-1]
+        if direction is None or there is None or explodes or run.since_best > ROUNDS:
+            # from a jump of its own, the law would mislead the search
+            direction = whole.direction(closest)
+            if direction is None:
+                direction = whole.direction(closest, FLOOR)
+            if direction is None:
+                run.stop(Status.STALLED)
+                break
+            here = tangent = closest = whole.search(closest, direction)
+        elif enough(float(direction @ tangent.gradient), float(direction @ there.gradient)):
+            here = tangent = there
         else:
-            tangent = whole.go_on(tangent, here)
-    return run.solution(here.value)
+            here, tangent = there, whole.go_on(tangent, there)
+    return InterfaceSolution(
+        here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.jump
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +168,22 @@ class _Tangent:
     ----------
     value, gradient : ndarray, shape (n,)
         Unknowns, m, and forces out of balance, N.
-    at : ndarray, shape (d, points)
-        Jump on the law, m.
+    jump, at : ndarray, shape (d, points)
+        Jump of the bodies, and jump on the law, m.
     tangent : ndarray, shape (d, d, points)
         Tangent of the law, times the weights of the points, N/m.
     """
 
     value: np.ndarray
     gradient: np.ndarray
+    jump: np.ndarray
     at: np.ndarray
     tangent: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class _Whole:
-    """Equation (1); the force that its residual is relative to, N."""
+    """Equation (1), the stiffness of the bodies per area, Pa/m, and the size of the forces, N."""
 
     stiffness: csr_array | np.ndarray
     load: np.ndarray
@@ -161,38 +191,41 @@ class _Whole:
     weight: np.ndarray
     law: InterfaceLaw
     state: np.ndarray
+    resistance: float
     scale: float = 1.0
 
-    def linearise(self, u: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
-        """Evaluate the law at a jump, that of u if not given, and K u + B^T (w t) - f, N.
+    def linearise(self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
+        """Evaluate the law at a jump, that of the bodies if not given, and K u + B^T (w t) - f, N.
 
         t is the traction of its tangent.
         """
-        jump = (self.jump_operator @ u).reshape(-1, self.weight.size)
         at = jump if at is None else at
         response = self.law.respond(at, self.state)
         traction = tangent_traction(response, at, jump)
         force = self.jump_operator.T @ (self.weight * traction).ravel()
         gradient = self.stiffness @ u + force - self.load
-        return _Tangent(u, gradient, at, self.weight * response.tangent)
+        return _Tangent(u, gradient, jump, at, self.weight * response.tangent)
+
+    def move(self, here: _Tangent, step: float, direction: np.ndarray) -> _Tangent:
+        """Take a step of the bodies, m."""
+        opened = (self.jump_operator @ direction).reshape(here.jump.shape)
+        return self.linearise(here.value + step * direction, here.jump + step * opened)
 
     def search(self, here: _Tangent, direction: np.ndarray) -> _Tangent:
         """Take the step to the least energy."""
 
         def slope(step: float) -> float:
-            return float(direction @ self.linearise(here.value + step * direction).gradient)
+            return float(direction @ self.move(here, step, direction).gradient)
 
         step = step_length(slope, float(direction @ here.gradient))
-        return self.linearise(here.value + step * direction)
+        return self.move(here, step, direction)
 
     def go_on(self, tangent: _Tangent, here: _Tangent) -> _Tangent:
         """Let the law go on from the tangent with which the bodies have come here."""
-        normal = self.jump_operator[: self.weight.size]
-        k = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
-        if not k:  # nothing resists but the law
+        if not self.resistance:  # nothing resists but the law
             return here
-        at = go_on_along_law(self.law, tangent.at, here.at, k, self.state)
-        return self.linearise(here.value, at)
+        at = go_on_along_law(self.law, tangent.at, here.jump, self.resistance, self.state)
+        return self.linearise(here.value, here.jump, at)
 
     def residual(self, here: _Tangent) -> float:
         """Norm of (1) relative to the load."""
@@ -203,21 +236,63 @@ class _Whole:
         size = float(norm(abs(self.stiffness) @ np.abs(here.value)))
         return min(8.0 * np.finfo(float).eps * size / self.scale, UNSURE)
 
-    def direction(self, here: _Tangent, floor: float) -> np.ndarray | None:
-        """Newton direction, m."""
+    def direction(self, here: _Tangent, floor: float = 0.0) -> np.ndarray | None:
+        """Newton direction, m; None if the tangent is singular."""
         B, points, tangent = self.jump_operator, self.weight.size, here.tangent
         if floor:
             tangent = tangent.copy()
-            normal = self.jump_operator[:points]
-            held = face_stiffness(self.stiffness.diagonal(), normal, self.weight)
             for row in range(len(tangent)):
-                tangent[row, row] += floor * held * self.weight
+                tangent[row, row] += floor * self.resistance * self.weight
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
         matrix = self.stiffness + B.T @ (weighted @ B)  # K + B^T (w D) B
         matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
-        try:
+        with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
-        except MultiscaleError:
+        if self.flexible is not None:
+            with suppress(MultiscaleError):
+                return self.flexible.direction(B, weighted, -here.gradient)
+        return None
+
+    @cached_property
+    def flexible(self) -> "_Flexible | None":
+        """Full matrices condensed onto the interface; None if springs do not hold the bodies."""
+        B = self.jump_operator
+        if issparse(self.stiffness) or not self.resistance:
             return None
+        springs = np.tile(self.resistance * self.weight, B.shape[0] // self.weight.size)
+        held = np.asarray(self.stiffness + B.T @ (diags_array(springs) @ B))
+        with suppress(MultiscaleError):
+            solve = factorise(held, name="the held bodies")
+            return _Flexible(solve, springs, compliances(solve, B)[0])
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Flexible:
+    r"""Bodies held by springs on their interface, whose jumps are the unknowns of a Newton step.
+
+    With the stiffness :math:`\bar K = K + B^T R B` of the bodies and springs :math:`R`, and the
+    compliance :math:`C = B \bar K^{-1} B^T`, a direction of the unknowns u and the jumps j is
+
+    .. math::
+        (I + C (w D - R))\, j = B \bar K^{-1} r, \qquad u = \bar K^{-1} (r - B^T (w D - R) j),
+        \tag{1}
+
+    with the forces out of balance :math:`r`. However stiff the law is, no stiffness of the bodies
+    is lost beside it, and the matrix has half the size of :math:`K`.
+    """
+
+    solve: Solve
+    springs: np.ndarray
+    compliance: np.ndarray
+
+    def direction(self, B: csr_array, tangent: csr_array, force: np.ndarray) -> np.ndarray:
+        """Newton direction (1), m."""
+        change = csr_array(tangent - diags_array(self.springs))
+        size = 1.0 + abs(change).max(axis=0).toarray() / self.springs  # where laws are stiff
+        change = csr_array(change @ diags_array(1.0 / size))
+        matrix = np.diag(1.0 / size) + (change.T @ self.compliance).T  # C is symmetric
+        opened = factorise(matrix, name="the tangent compliance")(B @ self.solve(force))
+        return self.solve(force - B.T @ (change @ opened))

@@ -141,6 +141,14 @@ def _die_without_number(one):
             marks=pytest.mark.slow,
             id="joint",
         ),
+        case("joint", law_over_block=1e6, friction=1.5, parts=1, method="whole"),
+        case(
+            "joint_path",
+            scene="does not match",
+            law_over_block=1e12,
+            friction=1.5,
+            method="whole",
+        ),
         case("rough_cell", slope=0.5, relative_pressure=1e-4, poissons_ratio=0.4999),
         pytest.param(
             case("rough_cell", slope=0.5, relative_pressure=0.1, poissons_ratio=0.4999),

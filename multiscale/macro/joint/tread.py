@@ -181,7 +181,7 @@ def slide_tread(
     )
     if not solution.converged:
         solution = replace(solution, detail=_describe(tread.block, law, pressure))
-    jump = (tread.bodies.jump @ solution.value).reshape(3, -1)
+    jump = solution.jump
     traction = law.respond(jump, np.empty((0, tread.weight.size))).traction
     return Footprint(traction, jump, tread.weight, solution)
 

@@ -106,7 +106,7 @@ class NewtonSchur:
     coarse: ClassVar[bool] = True
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10
-    max_iterations: int = 60
+    max_iterations: int = 100
     team: ProcessGroup | None = None
 
     def solve(

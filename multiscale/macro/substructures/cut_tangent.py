@@ -1,6 +1,6 @@
 r"""Newton steps of a structure that has been cut."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -9,9 +9,11 @@ from scipy.sparse import block_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, cg, gmres
 
 from multiscale.convergence import Status
+from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import CondensedStiffness, condense, split
 from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.interface_newton import (
+    FLOOR,
     GROWTH,
     face_stiffness,
     go_on_along_law,
@@ -164,6 +166,7 @@ class Newton:
         links = self.stack.links
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
         self.lending, self.known = SlackStiffness(), None
+        self.closest, self.least = self._place(), np.inf
         self.scale = float(np.abs(self.assemble(self.load)).max(initial=0.0)) or (
             self._largest(links.prestress) or 1.0
         )
@@ -224,22 +227,55 @@ class Newton:
         if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
             self.lending.reset()
         self.known = carries
+        if imbalance.residual < self.least:
+            self.closest, self.least = self._place(), imbalance.residual
+        if search and self.at is not self.jump:
+            return self._search_from_closest(tolerance)
         accuracy = min(LOOSE, imbalance.residual)
         accuracy = max(accuracy, 0.1 * tolerance / imbalance.residual, FINEST)
-        direction, count = self._solve(imbalance, carries, accuracy)
+        try:
+            direction, count = self._solve(imbalance, carries, accuracy)
+        except (MultiscaleError, np.linalg.LinAlgError):
+            if self.at is not self.jump:
+                return self._search_from_closest(tolerance)
+            search = True  # an open or frictionless interface is held, a little
+            direction, count = self._solve(self._held(imbalance), carries, accuracy)
 
         way = self._way(direction)
         work = self._sum(imbalance.force @ direction)
         if not self.problem.joints:
             step = self._exact_step(way, work)
             self._move(step, way)
-        elif search or self.problem.n_links or not self._goes_on(way, work, imbalance.residual):
+        elif search or self.problem.n_links:
             step = step_length(lambda step: self._slope(step, way), -work)
             self._move(step, way)
-        else:
+            self.closest = self._place()
+        elif self._goes_on(way, work, imbalance.residual):
             step = 1.0
+        else:
+            return count + self._search_from_closest(tolerance)
         self.lending.adapt(step)
         return count
+
+    def _place(self) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], list[np.ndarray]]:
+        """Displacement and tension reached, jumps, and jumps of the tangents."""
+        return self.u, self.elastic, self.jump, self.at
+
+    def _held(self, imbalance: Imbalance) -> Imbalance:
+        """Lend stiffness to the tangents of joints."""
+        tangents = [
+            tangent + FLOOR * k * joint.weight * np.eye(3)[:, :, None]
+            for joint, k, tangent in zip(
+                self.joints, self.resistance, imbalance.tangents, strict=True
+            )
+        ]
+        return replace(imbalance, tangents=tangents)
+
+    def _search_from_closest(self, tolerance: float) -> int:
+        """Search from the smallest residual; from jumps of their own, the laws would mislead."""
+        self.u, self.elastic, self.jump, _ = self.closest
+        self.at = self.jump
+        return self.advance(self.imbalance(), tolerance, search=True)
 
     def _way(self, direction: np.ndarray) -> _Way:
         """Let links and joints follow a direction of the unknowns."""
@@ -255,7 +291,7 @@ class Newton:
 
         See :mod:`multiscale.macro.interface_newton`. Nothing is done where the residual explodes.
         """
-        before = self.u, self.elastic, self.jump, self.at
+        before = self._place()
         self._move(1.0, way)
         after = self.imbalance()
         if not after.residual <= GROWTH * residual:
@@ -361,7 +397,7 @@ class Newton:
 
     def _slope(self, step: float, way: _Way) -> float:
         """Differentiate the energy along a direction, J."""
-        here = self.u, self.elastic, self.jump, self.at
+        here = self._place()
         self._move(step, way)
         force = self.imbalance().force
         self.u, self.elastic, self.jump, self.at = here

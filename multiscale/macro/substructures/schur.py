@@ -32,7 +32,7 @@ def solve_schur(
     *,
     after: "xr.Dataset | None" = None,
     tolerance: float = 1e-10,
-    max_iterations: int = 60,
+    max_iterations: int = 100,
     team: ProcessGroup | None = None,
     callback: Callable[[int, float, Newton], None] | None = None,
 ) -> "xr.Dataset":

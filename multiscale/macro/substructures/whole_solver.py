@@ -10,11 +10,11 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro.monolithic import solve_interface
+from multiscale.macro.monolithic import InterfaceSolution, solve_interface
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import assemble_result, check_after, load_factors
 from multiscale.macro.substructures.joint_state import advance_state, states_after
@@ -79,16 +79,23 @@ def solve_whole(
     check_after(problem, after)
     state, before = law.join(states_after(problem.joints, after)), np.zeros(0)
     u: np.ndarray | None = None
+    jump: np.ndarray | None = None
     if after is not None and problem.joints:
         u = bodies.keep(problem.unknowns(after["displacement"].values[-1]))
-        before = -after["traction"].values[-1, :, 0]
+        jump, before = after["jump"].values[-1].T, -after["traction"].values[-1, :, 0]
     columns: list[dict[str, Any]] = []
     for factor in factors:
         clock = perf_counter()
         solution = bodies.solve(
-            law, factor, start=u, state=state, max_iterations=max_iterations, tolerance=tolerance
+            law,
+            factor,
+            start=u,
+            jump=jump,
+            state=state,
+            max_iterations=max_iterations,
+            tolerance=tolerance,
         )
-        jump = (bodies.jump @ solution.value).reshape(3, -1)
+        jump = solution.jump
         response = law.respond(jump, state)
         failure = ""
         if not solution.converged:
@@ -138,10 +145,11 @@ class PreparedBodies:
         factor: np.ndarray,
         *,
         start: np.ndarray | None = None,
+        jump: np.ndarray | None = None,
         state: np.ndarray | None = None,
         max_iterations: int = 100,
         tolerance: float = 1e-10,
-    ) -> Solution:
+    ) -> InterfaceSolution:
         """Find the kept unknowns, m, for factors of the load cases, shape (cases,).
 
         See :func:`~multiscale.macro.monolithic.solve_interface`.
@@ -150,7 +158,9 @@ class PreparedBodies:
         if not whole.weight.size:
             u, load = self.expand(factor, np.zeros(0)), whole.load @ factor
             residual = float(norm(whole.stiffness @ u - load)) / (float(norm(load)) or 1.0)
-            return Solution(np.zeros(0), Status.CONVERGED, (1.0, residual))
+            return InterfaceSolution(
+                np.zeros(0), Status.CONVERGED, (1.0, residual), jump=np.zeros((3, 0))
+            )
         return solve_interface(
             condensed.blocks[0] if condensed else whole.stiffness,
             self.load @ factor,
@@ -158,6 +168,7 @@ class PreparedBodies:
             whole.weight,
             law,
             start=start,
+            jump=jump,
             state=state,
             max_iterations=max_iterations,
             tolerance=tolerance,
