@@ -285,7 +285,7 @@ def test_laws_of_other_units_or_kinds_are_refused(blocks, tmp_path):
             ("[statics]", "[statics]\nload_factors = [1]"),
             r"\[statics\] has no key 'load_factors'; known keys: preloads",
         ),
-        (BLOCKS, ("elements", "damage = [0.1]\nelements"), r"each block \(2\), got 1"),
+        (BLOCKS, ("elements", "damage = [0.1]\nelements"), r"each body \(2\), got 1"),
         (BLOCKS, ("friction", "damage = [0, 0]\nfriction"), r"each joint \(1\), got 2"),
         (BLOCKS, ("0.2", "-0.2"), r"\[interface\] friction should be greater"),
         (BLOCKS, ('"5 MPa"', '"5 mm"'), r"preloads\[0\] '5 mm' cannot be converted to Pa"),

@@ -71,8 +71,8 @@ def _tables(
         for name, field in model.model_fields.items()
     }
     head = _head(model, at)
-    keys = [name for name in inner if not inner[name]]
-    yield head, keys[1:] if "kind" in head else keys, model
+    said = "kind" if "kind" in head else ""
+    yield head, [name for name in inner if not inner[name] and name != said], model
     for models in dict.fromkeys(inner.values()):
         names = tuple(
             name + LISTED * _is_list(model.model_fields[name].rebuild_annotation())

@@ -13,7 +13,7 @@ from multiscale.io import make_folder, open_dataset, write_dataset, write_surfac
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
 from multiscale.micro.cell import AnyCell, FlatCell
-from multiscale.micro.cell_needs import cell_needs
+from multiscale.micro.cell_needs import CellPart, cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
     cell_of,
@@ -261,9 +261,18 @@ def _needs(case: Case) -> Needs:
         f"those of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
         f"as fine, {REALISATIONS[-1]}",
     )
+    choices = needs.choices
+    if case.micro.shear is not None:
+        apart = (CellPart.FRICTION, CellPart.SECOND_BODY)
+        choices = tuple(
+            replace(one, why=f"{one.why}; the sheared cells have it")
+            if one.part in apart and not one.built
+            else one
+            for one in choices
+        )
     return replace(
         needs,
-        choices=(cells, *needs.choices, *([planner] if case.accuracy is not None else [])),
+        choices=(cells, *choices, *([planner] if case.accuracy is not None else [])),
         libraries=(*needs.libraries, *reader),
     )
 

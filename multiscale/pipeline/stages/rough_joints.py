@@ -159,7 +159,7 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
         path = f"and {own} x {few} cycles of one step to their amplitudes"
         pressed = (
-            f"{_count_steps(case)} load steps: preloads, {cycles.cycles} cycle(s) at the last one, "
+            f"{_count_steps(case)} load steps: preloads, cycles at the last one ({cycles.cycles}), "
             f"and one cycle at each of {own} preloads and {few} amplitudes"
         )
     solves = Choice(
