@@ -179,9 +179,10 @@ def slide_tread(
     solution = tread.bodies.solve(
         law, np.array([pressure]), start=closed * tread.lifted, tolerance=tolerance
     )
+    jump = solution.jump
     if not solution.converged:
         solution = replace(solution, detail=_describe(tread.block, law, pressure))
-    jump = solution.jump
+        return Footprint(np.full(jump.shape, np.nan), jump, tread.weight, solution)
     traction = law.respond(jump, np.empty((0, tread.weight.size))).traction
     return Footprint(traction, jump, tread.weight, solution)
 
