@@ -167,7 +167,7 @@ def joint_path(scene: str, law_over_block: float, friction: float, method: str) 
 
 
 def _bed(law_over_block: float, friction: float) -> "Sliders":
-    """Law whose stiffness at the pressure is a multiple of that of a block."""
+    """Return a law whose stiffness at the pressure is a multiple of the stiffness of a block."""
     from multiscale.laws import Exponential, Sliders
 
     decay = PRESSURE * EDGE / (law_over_block * YOUNG)  # K = p / decay

@@ -44,8 +44,8 @@ PATIENCE = 30
 
 SOFT = 0.25
 """Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides stand in
-series, and what is around a node gives way. With all of it, metal that flows and slips goes round
-in circles."""
+series, and the material around a node gives way. With the whole stiffness, iterations on metal that
+flows and slips go round in circles."""
 
 FLOOR = 1e-8
 """Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
@@ -151,7 +151,7 @@ def go_on_along_law(
     at, jump : ndarray, shape (d, points)
         Jump of the tangent, and jump of the bodies after a step with it, m.
     stiffness : float
-        Of the bodies per area, :math:`k`, Pa/m.
+        Stiffness of the bodies per area, :math:`k`, Pa/m.
     state : ndarray, shape (law.n_state, points)
         Committed state of the law.
     """

@@ -195,9 +195,10 @@ class _Whole:
     scale: float = 1.0
 
     def linearise(self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
-        """Evaluate the law at a jump, that of the bodies if not given, and K u + B^T (w t) - f, N.
+        """Evaluate the law and the imbalance K u + B^T (w t) - f, N.
 
-        t is the traction of its tangent.
+        The law is taken at the jump of the bodies if no other jump is given, and t is the traction
+        of the tangent there.
         """
         at = jump if at is None else at
         response = self.law.respond(at, self.state)

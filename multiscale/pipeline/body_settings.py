@@ -43,8 +43,8 @@ from multiscale.pipeline.toml_model import (
     Ratio,
     Settings,
 )
-from multiscale.schema import RVE_STIFFNESS
-from multiscale.upscaling import law_from_dataset
+from multiscale.schema import DAMAGE_SECTIONS, RVE_STIFFNESS
+from multiscale.upscaling import law_from_dataset, with_damage
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -195,10 +195,13 @@ class RoughBodies(StructureKind):
         return self.build(case.interface.build(law, sound, self.joints, pressures, slabs, sample))
 
     def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
-        """Return the law of the joints with friction."""
+        """Return the law of the joints with friction, and with the damage near the surface."""
         interface: RoughInterface = case.interface
         pressure = case.statics.preloads[-1]
-        return interface.complete(law, self.poissons_ratio, pressure, case.strict)
+        law = interface.complete(law, self.poissons_ratio, pressure, case.strict)
+        if interface.damage_file is None:
+            return law
+        return with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""

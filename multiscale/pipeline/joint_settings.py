@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset, open_law
+from multiscale.io import open_law
 from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.macro import LatinMethod
 from multiscale.macro.substructures import JointLoading
@@ -22,14 +22,13 @@ from multiscale.pipeline.toml_model import (
     Tolerance,
     must_rise,
 )
-from multiscale.schema import DAMAGE_SECTIONS, with_cautions
+from multiscale.schema import with_cautions
 from multiscale.upscaling import (
     assume_shear,
     sliders_from_dataset,
     state_shear,
     take_sliding_friction,
     tangential_values,
-    with_damage,
 )
 from multiscale.upscaling.fit import told_branches
 
@@ -219,20 +218,6 @@ class RoughInterface(JointLaw):
         "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
         "whose normal is z.",
     )
-
-    def complete(
-        self,
-        law: "xr.Dataset",
-        poissons_ratio: float,
-        pressure: float,
-        strict: bool,
-        where: str = "[interface]",
-    ) -> "xr.Dataset":
-        """Return the law with a tangential branch and the damage near the surface."""
-        law = super().complete(law, poissons_ratio, pressure, strict, where)
-        if self.damage_file is None:
-            return law
-        return with_damage(law, open_dataset(self.damage_file, DAMAGE_SECTIONS))
 
     def build(
         self,

@@ -21,7 +21,7 @@ __all__ = ["AssembledNewton", "LatinMethod", "Method", "NewtonSchur", "solve_ass
 
 
 class Method(CutSolver, Protocol):
-    """A way to solve an assembly: its name, into which parts it cuts, and by what it solves."""
+    """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
 
     name: ClassVar[str]
 

@@ -113,7 +113,7 @@ class LoadPath:
     Parameters
     ----------
     names : tuple of str
-        Of the load cases of an assembly, in their order.
+        Names of the load cases of an assembly, in the order of the assembly.
     forces : tuple of float
         Resultant of each load at the factor one, N.
     steps : tuple of tuple of float, shape (steps, loads)
@@ -191,6 +191,14 @@ def _closed(first: int, steps: int, cycles: int) -> list[slice]:
     """Find the steps of each cycle, with both ends, after a rise that begins at one of them."""
     start = first + steps - 1 + 4 * steps * np.arange(cycles)
     return [slice(at, at + 4 * steps + 1) for at in start]
+
+
+def _require_compliant(assembly: Assembly) -> None:
+    """Refuse laws of rigid contact, which have no stiffness."""
+    if not all(interface.law.compliant for interface in assembly.interfaces):
+        raise CaseError(
+            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,10 +286,7 @@ def follow_loads(
     :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
     :func:`~.cycled_amplitudes.cycle_work`; interfaces share it as slip dissipates at their points.
     """
-    if not all(interface.law.compliant for interface in assembly.interfaces):
-        raise CaseError(
-            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
-        )
+    _require_compliant(assembly)
     require_held(assembly)
     factors, forces = path.factors(), np.array(path.forces)
     done = _follow(cut_assembly(assembly, method.parts), factors, method)
@@ -414,10 +419,7 @@ def load_joint(
     without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
     its face, :func:`~.cycled_amplitudes.cycle_work`.
     """
-    if not all(interface.law.compliant for interface in assembly.interfaces):
-        raise CaseError(
-            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
-        )
+    _require_compliant(assembly)
     if len(assembly.areas) != 2:
         raise CaseError(
             f"a joint needs two load cases, preload and shear, with the area that each acts on, "

@@ -15,7 +15,6 @@ from multiscale.macro.substructures import (
     add_body_fields,
     follow_loads,
 )
-from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
@@ -48,7 +47,6 @@ from multiscale.schema import with_cautions
 if TYPE_CHECKING:
     import xarray as xr
 
-    from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["LOADED_BODIES"]
 
@@ -84,7 +82,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     """Follow the path over the named loads."""
     laws = bodies.read_laws(case, found, job.read_law)
     parts = bodies.build(case, bodies.sliders(case, laws))
-    chosen = _choose(bodies, case, job.team)
+    chosen = choose_solver(case, _size(bodies, case), job.team)
     method = chosen.taken.method
     result = follow_loads(parts.assembly, parts.path, method=method, extrapolate=case.extrapolate)
     # cautions of cells of its own stand beside those of the structure
@@ -195,12 +193,6 @@ def _energies(result: "xr.Dataset") -> Iterator[str]:
                 yield f"Interface {number} loses {1e3 * lost:.4g} mJ in the last cycle."
 
 
-def _choose(bodies: Bodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:
-    """Choose the solver of the bodies."""
-    size = _size(bodies, case)
-    return choose_solver(case, size, team)
-
-
 def _size(bodies: Bodies, case: Case) -> JointSize:
     """Count unknowns, points of interfaces and load steps."""
     meshes = [body.load() for body in bodies.bodies]
@@ -213,7 +205,8 @@ def _size(bodies: Bodies, case: Case) -> JointSize:
 
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
-    size, chosen = _size(bodies, case), _choose(bodies, case)
+    size = _size(bodies, case)
+    chosen = choose_solver(case, size)
     points = size.joint_points
     needs = cut_needs(
         size.unknowns,
