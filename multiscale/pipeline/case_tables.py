@@ -293,7 +293,7 @@ class MicroSettings(Settings):
 class LawSettings(Settings):
     """The fit of the interface law."""
 
-    terms: Count = Field(20, ge=6, description="Terms of the normal law.")
+    terms: Count = Field(40, ge=6, description="Terms of the normal law.")
     samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
     apart: bool | None = Field(
         None,

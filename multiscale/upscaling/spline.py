@@ -4,7 +4,7 @@ import numpy as np
 
 __all__ = ["N_TERMS", "RIDGE", "fit_spline", "place_knots"]
 
-N_TERMS, RIDGE = 20, 3e-4
+N_TERMS, RIDGE = 40, 3e-4
 """Knots and weight of the smoothness of a law, if nothing else is asked for; dimensionless."""
 
 PASSES = 4  # of the fit, each smooth relative to the one before

@@ -24,7 +24,7 @@ def test_the_result_follows_its_schema_and_tells_where_it_comes_from():
     )
     law = fit_law(response, n_samples=20)
     INTERFACE_LAW.check(law)
-    assert law.sizes == {"term": 20, "sample": 20, "area_term": 8, "step": 8}
+    assert law.sizes == {"term": 40, "sample": 20, "area_term": 8, "step": 8}
     assert law.attrs["family"] == "convex_decreasing"
     assert law.attrs["contact_modulus"] == 1.1e11
     assert law.attrs["bodies"] == "steel on steel"
