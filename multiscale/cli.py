@@ -175,6 +175,9 @@ def export_command(
     stick_pressure: Annotated[
         str, typer.Option(help='Pressure whose stick stiffness is written, such as "20 MPa".')
     ] = "",
+    conductance: Annotated[
+        str, typer.Option(help="abaqus or calculix: write the thermal conductance for it.")
+    ] = "",
     name: Annotated[str, typer.Option(help="Name of the surface interaction.")] = "ROUGH",
     tolerance: Annotated[float, typer.Option(help="Error of the pressure between points.")] = 0.01,
     length_unit: Annotated[str, typer.Option(help="Unit of lengths in the file.")] = "mm",
@@ -189,8 +192,8 @@ def export_command(
     dataset = open_law(law)
     try_to_write(out)
     if out.suffix == ".csv":
-        if friction:
-            raise CaseError(f"--friction is written to an .inp file, got {out}")
+        if friction or conductance:
+            raise CaseError(f"--friction and --conductance are written to an .inp file, got {out}")
         write_law_table(dataset, out, length_unit=length_unit, pressure_unit=pressure_unit)
         refusal = refuse_band(dataset)
         _warn([f"the table has no band: {refusal}"] if refusal else [])
@@ -204,6 +207,7 @@ def export_command(
             tolerance=tolerance,
             friction_for=friction or None,  # type: ignore[arg-type]  # which refuses another code
             stick_pressure=to_si(stick_pressure, "Pa") if stick_pressure else None,
+            conductance_for=conductance or None,  # type: ignore[arg-type]  # as friction_for
         )
     else:
         raise CaseError(f"a law is exported to a file that ends in .inp or .csv, got {out}")

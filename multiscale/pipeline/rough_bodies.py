@@ -85,6 +85,8 @@ def _kind_of_surface(value: Any) -> str:
     return "instrument" if "file" in named else "synthetic"
 
 
+Conductivity = Annotated[float, quantity("W/m/K"), Field(gt=0.0), with_unit("W/m/K")]
+ElectricalConductivity = Annotated[float, quantity("S/m"), Field(gt=0.0), with_unit("S/m")]
 Hardening = Annotated[float, quantity("Pa"), with_unit("Pa")]
 Rough = Annotated[
     Annotated[SyntheticSurface, Tag("synthetic")] | Annotated[InstrumentSurface, Tag("instrument")],
@@ -121,6 +123,12 @@ class RoughBody(Settings):
     )
     hardening_modulus: Hardening | None = Field(
         None, description="Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."
+    )
+    thermal_conductivity: Conductivity | None = Field(
+        None, description="Thermal conductivity, W/m/K; with both bodies' the interface conducts."
+    )
+    electrical_conductivity: ElectricalConductivity | None = Field(
+        None, description="Electrical conductivity, S/m; as the thermal one, without films."
     )
     coating: tuple[CoatingSettings, ...] = ()
 

@@ -51,10 +51,12 @@ HEAD = (
 """Of joints at their preloads."""
 
 FURTHER = {
-    "unloading_stiffness": "unloading (MPa/µm)",
-    "tangential_stiffness": "tangential (MPa/µm)",
+    "unloading_stiffness": ("unloading (MPa/µm)", 1e-12),
+    "tangential_stiffness": ("tangential (MPa/µm)", 1e-12),
+    "thermal_conductance": ("heat (kW/m²K)", 1e-3),
+    "electrical_conductance": ("current (S/mm²)", 1e-6),
 }
-"""Stiffnesses that a joint has where its law has such a branch."""
+"""Answers that a joint has where its law has such a branch: heads and scales."""
 
 TWO_DIGITS = 3.55
 """Leading digits of an error up to which two of them are written, by the rule of the PDG."""
@@ -75,11 +77,11 @@ def tabulate(result: "xr.Dataset") -> Table:
             f"{1e6 * float(step['mean_gap']):.4g}",
             f"{100.0 * float(step['contact_fraction']):.3g}",
             _part(step, "real_pressure", 1e-6),
-            *(_part(step, name) for name in further),
+            *(_part(step, name, FURTHER[name][1]) for name in further),
         )
 
     beside = ("mean gap (µm)", "contact (%)", "real pressure (MPa)")
-    head = (*HEAD, *beside, *(FURTHER[name] for name in further))
+    head = (*HEAD, *beside, *(FURTHER[name][0] for name in further))
     return head, _rows_of_preloads(result, head, rest)
 
 
@@ -95,7 +97,7 @@ def tabulate_preloads(result: "xr.Dataset") -> Table:
         )
 
     shares = tuple(f"{state} (%)" for state in states)
-    head = (*HEAD, FURTHER["tangential_stiffness"], *shares, "real pressure (MPa)")
+    head = (*HEAD, FURTHER["tangential_stiffness"][0], *shares, "real pressure (MPa)")
     pressed = int(np.argmax(result["shear"].values != 0.0)) or result.sizes["step"]
     return head, _rows_of_preloads(result.isel(step=slice(pressed)), head, rest)
 

@@ -86,6 +86,14 @@ Structure = (
 KINDS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(Structure)}
 """Every kind by its name in files."""
 
+CONDUCTIVITIES = ("thermal_conductivity", "electrical_conductivity")
+
+CELLS_KEEP = {
+    "micro": {"realisations", "coarser", "shear"},
+    **{body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")},
+}
+"""Keys that finished cells do not depend on."""
+
 CELLS = ("body_1", "body_2", "cell", "micro")
 """Tables of cells, of which a case has all, or none of the last two."""
 
@@ -195,6 +203,7 @@ class Case(Settings):
             self._check_mesh()
         self._check_metal()
         self._check_coating()
+        self._check_conductivities()
         self._check_shear()
         self._check_coarser()
         if self.slide is not None:
@@ -369,6 +378,31 @@ class Case(Settings):
                 "has coatings; shear the cells by [micro.shear], or give stiffness_ratio in "
                 "[interface]"
             )
+
+    def _check_conductivities(self) -> None:
+        """Refuse a conductivity of one body alone, and of bodies with coatings."""
+        for name in CONDUCTIVITIES:
+            given = [k for k, body in enumerate(self.bodies, 1) if getattr(body, name) is not None]
+            if len(given) == 1:
+                raise ValueError(
+                    f"body_{given[0]} has the {name} that body_{3 - given[0]} lacks; give both"
+                )
+            if given and self.coated:
+                raise ValueError(
+                    f"the conductance of an interface is derived for bodies of one material, and a "
+                    f"body has coatings; leave out them or {name}"
+                )
+
+    @property
+    def conductivities(self) -> dict[str, tuple[float, float]]:
+        """Conductivities of both bodies by the name of the conductance, as far as given."""
+        pairs = {
+            name.replace("conductivity", "conductance"): tuple(
+                getattr(body, name) for body in self.bodies
+            )
+            for name in CONDUCTIVITIES
+        }
+        return {name: pair for name, pair in pairs.items() if None not in pair}
 
     def without_coatings(self) -> Self:
         """Return the case of the bodies below their coatings."""
@@ -566,4 +600,4 @@ class Case(Settings):
         cells that are sheared are not those that are pressed.
         """
         own = set(CELLS) if self.has_cells else {"structure", "grains"}
-        return self.checksum(include=own, exclude={"micro": {"realisations", "coarser", "shear"}})
+        return self.checksum(include=own, exclude=CELLS_KEEP)

@@ -14,6 +14,7 @@ from multiscale.plotting.figure import axes_or_current
 from multiscale.upscaling import (
     area_from_dataset,
     areas_from_dataset,
+    conductance_ratios,
     fitted_laws,
     hysteretic_from_dataset,
     law_from_dataset,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "plot_area_law",
+    "plot_conductance",
     "plot_gap_law",
     "plot_joint_stiffness",
     "plot_shear_law",
@@ -103,6 +105,32 @@ def plot_unloading(
     )
     ax.set(xlabel="mean gap (µm)", ylabel="mean pressure (MPa)")
     ax.set_title("normal law with its unloading branch")
+    ax.legend()
+    return ax
+
+
+def plot_conductance(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Plot conductance against mean pressure: thermal, or else electrical, with its band."""
+    ax = axes_or_current(ax)
+    name, ratio = next(iter(conductance_ratios(law).items()))
+    scale, label = {
+        "thermal_conductance": (1e-3, "thermal conductance (kW/m²K)"),
+        "electrical_conductance": (1e-6, "electrical conductance (S/mm²)"),
+    }[name]
+    data = law["fit_pressure"].to_numpy()
+    along = np.geomspace(data.min(), data.max(), 200)
+    mean, *samples = [
+        scale * ratio * one.stiffness(one.gap_at(along))
+        for one in (law_from_dataset(law), *fitted_laws(law, range(law.sizes["sample"])))
+    ]
+    if samples:
+        low, high = np.percentile(samples, BAND_PERCENTILES, axis=0)
+        ax.fill_between(
+            1e-6 * along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band"
+        )
+    ax.plot(1e-6 * along, mean, color="C0", label="law")
+    ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)", ylabel=label)
+    ax.set_title("conductance of the interface")
     ax.legend()
     return ax
 

@@ -75,6 +75,12 @@ INTERFACE_LAW = Schema(
         "shear_cycle_loss_ratio": Variable(
             ("shear_cycle", "control"), "1", "loss of the cells over the loss of the bed, each"
         ),
+        "thermal_conductance_ratio": _number(
+            "W m-1 K-1 Pa-1", "thermal conductance over the stiffness of loading"
+        ),
+        "electrical_conductance_ratio": _number(
+            "S m-1 Pa-1", "electrical conductance over the stiffness of loading"
+        ),
         "interface_damage": _number(
             "1", "mean damage of the sections parallel to the interface, eq (1)"
         ),

@@ -5,6 +5,13 @@ from multiscale.upscaling.branches import fit_branches, hysteretic_from_dataset,
 from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
+from multiscale.upscaling.conductance import (
+    CONDUCTANCES,
+    conductance_ratios,
+    conductances,
+    elastic_dependence,
+    with_conductance,
+)
 from multiscale.upscaling.damage_branch import with_damage
 from multiscale.upscaling.ensemble_statistics import (
     ensemble_average,
@@ -68,6 +75,7 @@ from multiscale.upscaling.tangential_observations import (
 )
 
 __all__ = [
+    "CONDUCTANCES",
     "FAMILIES",
     "Dependence",
     "Family",
@@ -83,7 +91,10 @@ __all__ = [
     "changed_laws",
     "compare_laws",
     "compare_scales",
+    "conductance_ratios",
+    "conductances",
     "effective_cells",
+    "elastic_dependence",
     "ensemble_average",
     "error_budget",
     "estimate_grid_error",
@@ -119,6 +130,7 @@ __all__ = [
     "unloading_family",
     "unloading_observations",
     "with_budget",
+    "with_conductance",
     "with_damage",
     "with_intervals",
     "with_scales",

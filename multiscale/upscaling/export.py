@@ -10,6 +10,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.units import to_si
+from multiscale.upscaling.conductance import conductance_ratios
 from multiscale.upscaling.reading import (
     area_from_dataset,
     law_band,
@@ -98,6 +99,7 @@ def write_pressure_overclosure(
     tolerance: float = 5e-3,
     friction_for: Literal["abaqus", "calculix"] | None = None,
     stick_pressure: float | None = None,
+    conductance_for: Literal["abaqus", "calculix"] | None = None,
 ) -> None:
     r"""Write a normal law as a tabular pressure-overclosure for CalculiX and Abaqus.
 
@@ -117,6 +119,9 @@ def write_pressure_overclosure(
     stick_pressure : float, optional
         Pressure p whose stick stiffness is written, Pa; the geometric mean of the data if not
         given.
+    conductance_for : {"abaqus", "calculix"}, optional
+        Write the thermal conductance too, as gap conductance against pressure; energies of the
+        model are in its unit of pressure times length cubed, and times in s.
 
     Raises
     ------
@@ -196,6 +201,21 @@ def write_pressure_overclosure(
                 if friction_for == "abaqus"
                 else ["*FRICTION", f"{bed.friction:.9e}, {stiffness * length / pressure:.9e}"]
             ),
+        ]
+    if conductance_for is not None:
+        if conductance_for not in ("abaqus", "calculix"):
+            raise CaseError(f"a conductance is for abaqus or calculix, got {conductance_for!r}")
+        ratio = conductance_ratios(dataset).get("thermal_conductance")
+        if ratio is None:
+            raise CaseError(
+                "the law has no thermal conductance; give thermal_conductivity of both bodies"
+            )
+        data = table.pressure[1:]
+        h = ratio * law.stiffness(law.gap_at(data)) / (pressure * length)
+        lines += [
+            "*GAP CONDUCTANCE" + (", PRESSURE" if conductance_for == "abaqus" else ""),
+            "0., 0., 0.",
+            *(f"{one:.9e}, {at / pressure:.9e}, 0." for one, at in zip(h, data, strict=True)),
         ]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode("ascii", "replace"))
 

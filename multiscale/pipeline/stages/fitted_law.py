@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.pipeline.case_budget import OnGrids, case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
-from multiscale.pipeline.settings import Case
+from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
@@ -18,18 +18,22 @@ from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import (
     plot_area_law,
+    plot_conductance,
     plot_gap_law,
     plot_shear_law,
     plot_unloading,
 )
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
+    CONDUCTANCES,
     area_from_dataset,
+    conductances,
     fit_branches,
     law_from_dataset,
     loading_branch,
     require_law,
     with_budget,
+    with_conductance,
 )
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
@@ -52,6 +56,9 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     )
     grids = _on_grids(case, found)
     law = with_loss_grid(law, grids.sheared)
+    law = with_conductance(
+        law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
+    )
     return with_budget(law, case_budget(case, loading_branch(response), law, grids))
 
 
@@ -85,6 +92,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     unloads = "unloading_stiffness_ratio" in law
     if unloads:
         figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
+    if conducts := conductances(law, law["fit_pressure"].to_numpy()):
+        figures["conductance"] = on_axes(lambda ax: plot_conductance(law, ax=ax))
     if sheared := SHEARED_CELLS.name in found:
         figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
     require_law(
@@ -112,6 +121,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
             f"Admissibility: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
+            *(_conductance(law) if conducts else ()),
             *(_shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION]) if sheared else ()),
         ],
         figures=figures,
@@ -125,6 +135,16 @@ def _unloading(law: "xr.Dataset") -> list[str]:
         f"it was under load, and springs back with the exponent "
         f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
         f"spring back errs by {100.0 * error:.2g} % of its length."
+    ]
+
+
+def _conductance(law: "xr.Dataset") -> list[str]:
+    branch = str(law.attrs["conductance_branch"])
+    return [
+        f"The conductance follows from the stiffness at the start of {branch}, since spots of "
+        f"contact hinder a current as they hinder a small further displacement (J. R. Barber, "
+        f"doi:10.1098/rspa.2002.1038). What the gap itself conducts comes on top, and films on the "
+        f"spots are not counted."
     ]
 
 
@@ -199,24 +219,37 @@ def _compared(law: "xr.Dataset") -> "xr.Dataset":
         half = value * law["error_total"].sel(quantity=name).to_numpy()
         values[name] = ("step", value, {"units": unit})
         values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
+    for name, value in conductances(law, pressure).items():
+        values[name] = ("step", value, {"units": CONDUCTANCES[name]})
     return law.assign(values)
 
 
 FITTED_LAW = Stage(
     schema=INTERFACE_LAW,
     tables=("micro",),
-    reads={"law": True, "structure": {"kind", "width"}},  # whose scales the budget compares
+    reads={
+        "law": True,
+        "structure": {"kind", "width"},  # whose scales the budget compares
+        "body_1": set(CONDUCTIVITIES),
+        "body_2": set(CONDUCTIVITIES),
+    },
     takes=(CELLS, SHEARED_CELLS, COARSER_CELLS, COARSER_SHEAR, SLIDING),
     run=_run,
     sections=_sections,
     summary=_summary,
-    pictures=("gap_law", "area_law", "unloading", "shear_law"),
+    pictures=("gap_law", "area_law", "unloading", "conductance", "shear_law"),
     answers=(
         StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
         StageAnswer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
         StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
         StageAnswer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
         StageAnswer("shear_friction", "friction", "1"),
+        StageAnswer(
+            "thermal_conductance", "thermal conductance", "kW/(m² K)", 1e-3, over="fit_pressure"
+        ),
+        StageAnswer(
+            "electrical_conductance", "electrical conductance", "S/mm²", 1e-6, over="fit_pressure"
+        ),
     ),
     compared=_compared,
 )

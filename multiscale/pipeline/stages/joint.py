@@ -32,10 +32,13 @@ from multiscale.plotting.figure import on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.upscaling import (
+    CONDUCTANCES,
     Dependence,
     area_from_dataset,
     cell_share,
     compare_scales,
+    conductance_ratios,
+    elastic_dependence,
     fitted_laws,
     law_from_dataset,
     over_steps,
@@ -70,6 +73,8 @@ ANSWERS = (
     StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
     StageAnswer("unloading_stiffness", "unloading stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("thermal_conductance", "thermal conductance", "kW/(m² K)", 1e-3, over="preload"),
+    StageAnswer("electrical_conductance", "electrical conductance", "S/mm²", 1e-6, over="preload"),
 )
 """What joints are compared by."""
 
@@ -117,7 +122,13 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
         """Blocks in even shear in series with kappa K, if the law has kappa; no point slips."""
         return {} if ratio is None else {TANGENTIAL: 1.0 / (1.0 / (ratio * K) + sheared)}
 
-    areas |= tangential(result["interface_stiffness"].to_numpy())
+    conducts = conductance_ratios(law)
+
+    def beside(K: np.ndarray) -> dict[str, np.ndarray]:
+        """Answers that follow from the stiffness of the interface."""
+        return tangential(K) | {name: one * K for name, one in conducts.items()}
+
+    areas |= beside(result["interface_stiffness"].to_numpy())
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
@@ -129,12 +140,12 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
 
     shear = [TANGENTIAL] if ratio is not None else []
     real = ["real_pressure"] if "area_pressure" in law else []
-    names = (*STIFFNESSES, *shear, *real)
+    names = (*STIFFNESSES, *shear, *conducts, *real)
 
     def answers(one: NormalLaw) -> np.ndarray:
         pressed = press_joint(joint, one, preload[steps], extrapolate=True)
         normal = {name: pressed[name].to_numpy() for name in STIFFNESSES}
-        rows = normal | tangential(normal["interface_stiffness"])
+        rows = normal | beside(normal["interface_stiffness"])
         return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
 
     known = result.isel(step=steps)
@@ -145,10 +156,12 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
             for name in ("joint_stiffness", "interface_stiffness")
         )
         solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), whole.shape)
-        rows = [whole, own, solid, *tangential(own).values(), *(1.0 + 0.0 * solid for _ in real)]
+        rows = [whole, own, solid, *beside(own).values(), *(1.0 + 0.0 * solid for _ in real)]
         drawn = np.stack(rows, axis=1)
     answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
     others = [contact_dependence(law, preload[steps], np.array(names) == "real_pressure")]
+    if conducts:
+        others.append(elastic_dependence(law, np.isin(names, list(CONDUCTANCES))[:, None]))
     if shear and told_branches(str(law.attrs.get("branches", ""))).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         kappa = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)

@@ -1,0 +1,128 @@
+"""Thermal and electrical conductance of a rough interface, from its stiffness."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.schema import INTERFACE_LAW, with_cautions
+from multiscale.upscaling.reading import law_from_dataset, require_law
+from multiscale.upscaling.structure_errors import Dependence
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "CONDUCTANCES",
+    "conductance_ratios",
+    "conductances",
+    "elastic_dependence",
+    "with_conductance",
+]
+
+CONDUCTANCES = {"thermal_conductance": "W m-2 K-1", "electrical_conductance": "S m-2"}
+"""What an interface conducts, and the units."""
+
+
+def with_conductance(
+    law: "xr.Dataset",
+    conductivities: Mapping[str, tuple[float, float]],
+    contact_modulus: float,
+    *,
+    flows: bool,
+) -> "xr.Dataset":
+    r"""Return a law with the conductances of its interface.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    conductivities : mapping of str to tuple of float
+        Conductivities :math:`k_1, k_2` of both bodies, positive, by a name of
+        :data:`CONDUCTANCES`: thermal, W m-1 K-1, or electrical, S m-1.
+    contact_modulus : float
+        :math:`E^*` of both bodies, Pa.
+    flows : bool
+        Whether a body of the cells flows. The elastic stiffness is then the stiffness at the start
+        of unloading; a law without that branch has a caution.
+
+    Notes
+    -----
+    Spots of contact hinder a current as they hinder a small further displacement: the fields of
+    both problems are the same harmonic function [1]_. With the elastic stiffness
+    :math:`\beta K(p)` of the interface for a small change of the pressure,
+
+    .. math:: h(p) = \frac{2\, \beta K(p)}{E^* (1/k_1 + 1/k_2)}.    \tag{1}
+
+    Currents through the open gap, by radiation or through a fluid, come on top; films on the spots
+    hinder an electrical current further.
+
+    References
+    ----------
+    .. [1] J. R. Barber, Proc. R. Soc. Lond. A 459 (2003) 53-66, doi:10.1098/rspa.2002.1038.
+    """
+    if not conductivities:
+        return law
+    unloads = flows and "unloading_stiffness_ratio" in law
+    beta = float(law["unloading_stiffness_ratio"]) if unloads else 1.0
+    ratios = {
+        f"{name}_ratio": 2.0 * beta / (contact_modulus * (1.0 / one + 1.0 / two))  # (1)
+        for name, (one, two) in conductivities.items()
+    }
+    law = INTERFACE_LAW.assign(law, ratios).assign_attrs(
+        conductance_branch="unloading" if unloads else "loading"
+    )
+    if not flows or unloads:
+        return law
+    return with_cautions(
+        law,
+        "the conductance rests on the stiffness of loading, and metal that flows is stiffer at the "
+        "start of unloading: it is too small; ask for unload in [micro]",
+    )
+
+
+def conductances(law: "xr.Dataset", pressure: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the conductances of a law, as far as it has them.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    pressure : ndarray, shape (steps,)
+        Nominal pressure of the interface, Pa.
+
+    Returns
+    -------
+    dict
+        By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
+    """
+    normal = law_from_dataset(law)
+    stiffness = normal.stiffness(normal.gap_at(pressure))
+    return {name: ratio * stiffness for name, ratio in conductance_ratios(law).items()}
+
+
+def conductance_ratios(law: "xr.Dataset") -> dict[str, float]:
+    """Return conductances over the stiffness of loading, W m-1 K-1 Pa-1 and S m-1 Pa-1."""
+    names = {name: f"{name}_ratio" for name in CONDUCTANCES}
+    return {name: float(law[ratio]) for name, ratio in names.items() if ratio in law.variables}
+
+
+def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
+    """Let answers that are conductances be as wrong as the start of unloading.
+
+    Parameters
+    ----------
+    law : Dataset
+        With conductances.
+    answers : ndarray of bool, shape (answers, steps)
+        Which of the answers are conductances.
+    """
+    require_law(law, "conductance_branch")
+    half = 0.0
+    if law.attrs["conductance_branch"] == "unloading":
+        half = np.nan
+        if law.sizes.get("unloading_sample"):
+            drawn = law["unloading_stiffness_ratio_sample"].to_numpy()
+            half = 0.5 * np.ptp(np.nanpercentile(drawn, [2.5, 97.5]))
+            half /= float(law["unloading_stiffness_ratio"])
+    return Dependence(answers.astype(float), {"sampling": half})

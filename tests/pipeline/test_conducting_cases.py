@@ -1,0 +1,95 @@
+"""Cases whose bodies conduct: answers with their bands, and what is refused."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.pipeline import load_case, run
+
+TEXT = """
+title = "Aluminium on steel"
+elastic = true
+[body_1]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.33
+thermal_conductivity = "200 W/m/K"
+[body_1.surface]
+rms_height = "0.8 um"
+hurst_exponent = 0.8
+long_cutoff = "200 um"
+short_cutoff = "100 um"
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+thermal_conductivity = "50 W/m/K"
+[cell]
+size = ["400 um", "400 um"]
+points = [16, 16]
+geometry = "flat"
+[micro]
+realisations = 3
+pressures = ["1 MPa", "3 MPa", "10 MPa", "30 MPa"]
+[structure]
+kind = "blocks"
+height = "5 mm"
+width = "10 mm"
+[statics]
+preloads = ["2 MPa", "10 MPa"]
+"""
+
+
+def case_of(tmp_path, *changes):
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "case.toml").write_text(text)
+    return load_case(tmp_path / "case.toml")
+
+
+def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
+    result = run(case_of(tmp_path), tmp_path / "out")["macro_result"]
+    h = result["thermal_conductance"]
+    modulus = contact_modulus((70e9, 0.33), (210e9, 0.3))
+    expected = 2.0 * result["interface_stiffness"].values / (modulus * (1 / 200 + 1 / 50))
+    np.testing.assert_allclose(h, expected)
+    assert h.attrs["units"] == "W m-2 K-1"
+    share = {
+        name: np.ptp(result[f"{name}_mean_law"].values, axis=0) / result[name].values
+        for name in ("thermal_conductance", "interface_stiffness")
+    }
+    np.testing.assert_allclose(share["thermal_conductance"], share["interface_stiffness"])
+    cells = {one: one.stat().st_mtime_ns for one in (tmp_path / "out" / "micro").iterdir()}
+    better = case_of(tmp_path, ('"200 W/m/K"', '"400 W/m/K"'))
+    again = run(better, tmp_path / "out")["macro_result"]
+    np.testing.assert_allclose(
+        again["thermal_conductance"] / h, (1 / 200 + 1 / 50) / (1 / 400 + 1 / 50)
+    )
+    assert {one: one.stat().st_mtime_ns for one in (tmp_path / "out" / "micro").iterdir()} == cells
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (
+            [('thermal_conductivity = "50 W/m/K"\n', "")],
+            "body_1 has the thermal_conductivity that body_2 lacks; give both",
+        ),
+        ([('"50 W/m/K"', '"-50 W/m/K"')], "thermal_conductivity.*greater than 0"),
+        ([('"50 W/m/K"', '"50 W/m"')], "thermal_conductivity"),
+        (
+            [
+                (
+                    "\n[body_2]",
+                    '\n[[body_1.coating]]\nthickness = "2 um"\nyoungs_modulus = "300 GPa"\n'
+                    "poissons_ratio = 0.2\n[body_2]",
+                )
+            ],
+            "bodies of one material, and a body has coatings; leave out them or thermal_cond",
+        ),
+    ],
+)
+def test_what_cannot_conduct_is_refused(tmp_path, changes, told):
+    with pytest.raises(CaseError, match=told):
+        case_of(tmp_path, *changes)

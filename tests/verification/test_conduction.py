@@ -1,0 +1,71 @@
+"""Conductance of a rough interface by its stiffness, and by conduction through its spots."""
+
+import numpy as np
+import pyamg
+import pytest
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import cg
+from skfem import Basis, BilinearForm, ElementHex1, MeshHex
+from skfem.helpers import dot, grad
+
+from multiscale.micro import Cell, Path, self_affine, solve_cell
+
+LENGTH, YOUNG, NU = 4e-4, 210e9, 0.3  # m, Pa
+CONTACT_MODULUS = YOUNG / (1.0 - NU**2)
+
+
+@BilinearForm
+def conduct(u, v, w):
+    return dot(grad(u), grad(v))
+
+
+def constriction(touching):
+    """Resistance per area of spots on a half-space of conductivity one, m: a square each.
+
+    Hexahedra of half a square at the face grow downwards; sides are periodic, the flux at the far
+    end is even.
+    """
+    m = 2 * touching.shape[0]
+    h, depth, step = LENGTH / m, [0.0], LENGTH / m
+    while depth[-1] < LENGTH:
+        depth.append(depth[-1] + step)
+        step = min(1.3 * step, LENGTH / 8)
+    mesh = MeshHex.init_tensor(*[np.linspace(0.0, LENGTH, m + 1)] * 2, np.array(depth))
+    i, j = np.round(mesh.p[:2] / h).astype(int) % m
+    layer = np.abs(mesh.p[2][:, None] - depth).argmin(axis=1)
+    periodic = csr_array((np.ones(i.size), (np.arange(i.size), (layer * m + i) * m + j)))
+    matrix = csr_array(periodic.T @ conduct.assemble(Basis(mesh, ElementHex1())) @ periodic)
+    nearest = np.floor(np.arange(m) / 2 + 0.5).astype(int) % touching.shape[0]
+    spots = np.flatnonzero(touching[np.ix_(nearest, nearest)])
+    free = np.setdiff1d(np.arange(matrix.shape[0]), spots)
+    flux = np.zeros(matrix.shape[0])
+    flux[-m * m :] = (LENGTH / m) ** 2
+    inner = csr_array(matrix[free][:, free])
+    levels = pyamg.smoothed_aggregation_solver(inner)
+    potential = np.zeros(flux.size)
+    potential[free], unsolved = cg(inner, flux[free], rtol=1e-8, M=levels.aspreconditioner())
+    assert not unsolved
+    return potential[-m * m :].mean() - depth[-1]
+
+
+@pytest.mark.slow
+def test_spots_conduct_as_the_stiffness_of_the_interface_says():
+    """Within 2 % at three pressures: h = 2 K k / E*, of a half-space on a perfect conductor."""
+    surface = self_affine(
+        (32, 32),
+        (LENGTH, LENGTH),
+        1,
+        hurst_exponent=0.8,
+        long_cutoff=2e-4,
+        short_cutoff=1e-4,
+        rms_height=4e-7,
+    )
+    cell = Cell(surface, LENGTH, 8, YOUNG, NU, geometry="flat")
+    for pressure in (4e7, 1e8, 2e8):
+        around = pressure * np.array([0.99, 1.0, 1.01])
+        found = solve_cell(cell, Path(pressure=tuple(around)), keep_fields=True)
+        gap = np.ravel(found["mean_gap"].values)
+        stiffness = -(around[2] - around[0]) / (gap[2] - gap[0])
+        touching = np.squeeze(found["pressure"].values)[1] > 0.0
+        expected = CONTACT_MODULUS / (2.0 * stiffness)
+        assert constriction(touching) == pytest.approx(expected, rel=0.02)
