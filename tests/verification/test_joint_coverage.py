@@ -50,6 +50,7 @@ def laws(factor):
         Sliders(
             replace(one, decay_length=each * one.decay_length),
             0.2,
+            stiffness_ratio=2.0 * 0.7 / 1.7,  # of alike bodies, as the case assumes
             pressures=(1e6, 3e7),
             slabs=192,  # converged: the loss errs by less than .2 %
         )
