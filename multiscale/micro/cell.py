@@ -18,6 +18,7 @@ from multiscale.micro.coating import (
     moduli_by_layer,
 )
 from multiscale.micro.graph_mesh import graded_planes
+from multiscale.surfaces.preparation import composite
 from multiscale.surfaces.statistics import nayak_parameter, rms_height, rms_slope
 from multiscale.surfaces.surface import Surface
 
@@ -232,7 +233,8 @@ class FlatCell(PeriodicLayer):
     hardness : float, optional
         Largest local pressure, Pa: the cheap plastic limit.
     slope_order : int
-        Order of the error in the slope: 1, or 2 with :func:`~.slope_expansion.expanded_compliance`.
+        Order of the error in the slopes of both surfaces: 1, or 2 with
+        :func:`~.slope_expansion.expanded_compliance`.
     second : SecondBody, optional
         Makes the obstacle deformable: the compliances of both bodies add up.
 
@@ -268,27 +270,40 @@ class FlatCell(PeriodicLayer):
 
     def _check_expansion(self) -> None:
         """Refuse what the expansion in the slopes is not derived for."""
-        one = not self.coating and not np.any([np.ptp(value) for value in self.layer_moduli])
-        if self.obstacle is not None or self.second is not None or not one:
+        for body in self.bodies:
+            if body.coating or np.any([np.ptp(value) for value in body.layer_moduli]):
+                raise CaseError(
+                    "slope_order = 2 is derived for bodies of one material, since faces between "
+                    "materials are rough too; leave out coatings and moduli of layers, or set "
+                    "slope_order to 1"
+                )
+            if body.depth < 0.5 * (period := max(self.surface.size)):
+                raise CaseError(
+                    f"slope_order = 2 is derived for half-spaces, and the depth of "
+                    f"{body.depth:.3g} m is less than half of the period of {period:.3g} m; raise "
+                    f"the depth"
+                )
+        slope = max(rms_slope(one) for one in self.surfaces)
+        if slope > STEEPEST:
             raise CaseError(
-                "slope_order = 2 is derived for one material below a rigid flat; leave out "
-                "obstacle, second body, coatings and moduli of layers, or set slope_order to 1"
-            )
-        if (slope := rms_slope(self.surface)) > STEEPEST:
-            raise CaseError(
-                f"slope_order = 2 expands in slopes, and the surface has a root mean square slope "
+                f"slope_order = 2 expands in slopes, and a surface has a root mean square slope "
                 f"of {slope:.3g}, beyond {STEEPEST:g}; use the conforming geometry"
             )
-        if self.depth < 0.5 * (period := max(self.surface.size)):
-            raise CaseError(
-                f"slope_order = 2 is derived for a half-space, and the depth of {self.depth:.3g} m "
-                f"is less than half of the period of {period:.3g} m; raise the depth"
-            )
+
+    @property
+    def surfaces(self) -> tuple[Surface, Surface]:
+        """The surface and the underside of the obstacle, heights out of their own bodies."""
+        under = 0.0 * self.surface.heights if self.obstacle is None else -self.obstacle.heights
+        return self.surface, Surface(under, self.surface.size)
 
     @property
     def bodies(self) -> tuple[PeriodicLayer, ...]:
         """The deformable bodies; the second is as flat as the first."""
         return (self,) if self.second is None else (self, self.second.layer(self.surface))
+
+    def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
+        """Return the statistics of both surfaces together, which make the gap, and heights, m."""
+        return _surface_record(composite(*self.surfaces), heights)
 
     def element_cautions(self) -> list[str]:
         """Say nothing: there are no elements."""

@@ -50,9 +50,12 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
 
     gap, closing = obstacle - heights, np.ones((nx, ny))
     respond: Callable[[np.ndarray], np.ndarray] = partial(filter_surface, symbol=symbol)
+    lift = respond  # along z; forces of expanded bodies act along their normal
     if cell.slope_order == 2:
-        nu = float(np.mean(cell.law.poissons_ratio))
-        respond = expanded_compliance(cell.surface, symbol, float(cell.layer_moduli[1][0]), nu)
+        moduli = [np.array(body.layer_moduli)[:, 0] for body in cell.bodies]
+        lame, shear = np.array([*moduli, (0.0, np.inf)][:2]).T
+        respond = expanded_compliance(cell.surfaces, symbol, shear, 0.5 * lame / (lame + shear))
+        lift = partial(respond, vertical=True)
     cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(
@@ -72,7 +75,7 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
             tolerance=max(tolerance, TOLERANCE),
         )
         displacement = np.zeros((nx, 3, ny))
-        displacement[:, 2] = -respond(found.value)
+        displacement[:, 2] = -lift(found.value)
         return ContactState(
             displacement,
             found.value,

@@ -25,8 +25,30 @@ The top of a half-space strains in its plane by
     H = \begin{pmatrix} h_{,yy} & -h_{,xy} \\ -h_{,xy} & h_{,xx} \end{pmatrix}.    \tag{3}
 
 :math:`C_1` vanishes for incompressible bodies, :math:`\nu = 1/2`; in plane strain only the term of
-the mean remains. The expansion of a boundary goes back to [1]_ and [2]_; (3) is derived here and
-is checked against the conforming cell.
+the mean remains.
+
+Two bodies, each in its own frame with z out of it and heights :math:`h_i` (so that the underside of
+the second is at :math:`-h_2` above the first), touch on a surface :math:`m` between theirs. While
+slopes are small and heights of short waves,
+
+.. math::
+    m = \frac{k_2 h_1 - k_1 h_2}{k_1 + k_2}, \qquad k_i = \frac{1 - \nu_i}{\mu_i}:    \tag{4}
+
+halfway between alike bodies, and on a rigid one, :math:`k_2 = 0`. Forces act along its normal
+:math:`(-\nabla m, 1)`, along which the gap closes. Beside the sum of :math:`C_1` of both bodies,
+their motions in the plane, :math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance
+under forces in the plane give
+
+.. math::
+    (c_1 - c_2) \left[\operatorname{div} \Delta^{-1} (f\, \nabla m)
+      - \nabla m \cdot \nabla \Delta^{-1} f\right].    \tag{5}
+
+It is proportional to Dundurs' second constant. Of alike bodies nothing but
+:math:`C_1 f = c\,(\dots)` of the composite heights :math:`h_1 + h_2` is left: *half* as much as of
+one body with these heights and the contact modulus of both.
+
+The expansion of a boundary goes back to [1]_ and [2]_; (3) and (5) are derived here and are checked
+against conforming cells. Strains are small: large strain has terms of the order of :math:`C_1`.
 
 References
 ----------
@@ -35,7 +57,7 @@ References
 .. [2] W. Craig and C. Sulem, J. Comput. Phys. 108 (1993) 73-83, doi:10.1006/jcph.1993.1164.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy import fft
@@ -46,26 +68,34 @@ __all__ = ["expanded_compliance"]
 
 
 def expanded_compliance(
-    surface: Surface, symbol: np.ndarray, shear: float, poissons_ratio: float
-) -> Callable[[np.ndarray], np.ndarray]:
-    r"""Return :math:`C_0 + C_1` of (3), symmetric, in six transforms where the flat one has two.
+    surfaces: Sequence[Surface],
+    symbol: np.ndarray,
+    shear: Sequence[float],
+    poissons_ratio: Sequence[float],
+) -> Callable[..., np.ndarray]:
+    r"""Return :math:`C_0 + C_1` of two bodies, symmetric, in six transforms; the flat one has two.
 
     Parameters
     ----------
-    surface : Surface
-        Heights :math:`h`, m.
+    surfaces : Surface and Surface
+        Heights :math:`h_i` of both bodies, each out of its body, m.
     symbol : ndarray, shape (nx, ny // 2 + 1)
-        :math:`C_0` of nodal forces for ``rfft2``, m/N.
-    shear, poissons_ratio : float
-        :math:`\mu`, Pa, and :math:`\nu`.
+        :math:`C_0` of both bodies, for nodal forces and ``rfft2``, m/N.
+    shear, poissons_ratio : two floats
+        :math:`\mu_i`, Pa, infinite for a rigid body, and :math:`\nu_i`.
 
     Returns
     -------
     callable
-        Takes nodal forces along z, shape (nx, ny), N, and returns displacements along z, m.
+        Takes nodal forces along the normal, shape (nx, ny), N, and returns displacements along it,
+        or with ``vertical=True`` along z, m.
     """
-    heights = surface.heights - np.mean(surface.heights)
-    (nx, ny), (dx, dy) = heights.shape, surface.spacing
+    (nx, ny), (dx, dy) = surfaces[0].heights.shape, surfaces[0].spacing
+    h = np.stack([one.heights - np.mean(one.heights) for one in surfaces])
+    mu, nu = np.asarray(shear), np.asarray(poissons_ratio)
+    c = (0.5 - nu) / mu
+    first, second = (1.0 - nu) / mu
+    middle = (second * h[0] - first * h[1]) / (first + second)  # (4)
     q_x, q_y = 2.0 * np.pi * np.fft.fftfreq(nx, dx)[:, None], 2.0 * np.pi * np.fft.rfftfreq(ny, dy)
     # the shortest wave has no derivative on the grid
     by_x, by_y = (
@@ -74,23 +104,27 @@ def expanded_compliance(
     )
     square = q_x**2 + q_y**2
     square[0, 0] = np.inf  # the mean has a term of its own
+    back_x, back_y = by_x / square, by_y / square  # of the inverse of minus the Laplacian
 
     def to_points(transform: np.ndarray) -> np.ndarray:
         return np.asarray(fft.irfft2(transform, s=(nx, ny), overwrite_x=True))
 
-    waves = fft.rfft2(heights)
-    h_xx, h_yy, h_xy = (to_points(k * waves) for k in (by_x**2, by_y**2, by_x * by_y))
-    local = (0.5 - poissons_ratio) / (shear * dx * dy)  # c over the area of a node, m/N
-    first, second = by_x / square, by_y / square
-    back_x, back_y = (2.0 * (0.5 - poissons_ratio) * local * k for k in (first, second))
+    area = dx * dy  # of a node, over which its force is spread
+    local = np.tensordot(c, h, 1) / area
+    bent = fft.rfft2(np.tensordot(2.0 * c * (0.5 - nu), h, 1) / area)
+    h_xx, h_yy, h_xy = (to_points(k * bent) for k in (by_x**2, by_y**2, by_x * by_y))
+    tilt = fft.rfft2((c[0] - c[1]) * middle / area)
+    tilt_x, tilt_y = to_points(by_x * tilt), to_points(by_y * tilt)
 
-    def apply(force: np.ndarray) -> np.ndarray:
+    def apply(force: np.ndarray, *, vertical: bool = False) -> np.ndarray:
         transform = fft.rfft2(force)
-        along_x, along_y = to_points(first * transform), to_points(second * transform)
+        along_x, along_y = to_points(back_x * transform), to_points(back_y * transform)
         moved = symbol * transform
-        moved += back_x * fft.rfft2(h_yy * along_x - h_xy * along_y)
-        moved += back_y * fft.rfft2(h_xx * along_y - h_xy * along_x)
-        mean = np.mean(force) * heights + np.mean(heights * force)
-        return np.asarray(to_points(moved) + local * mean)
+        moved += back_x * fft.rfft2(h_yy * along_x - h_xy * along_y - tilt_x * force)  # (3), (5)
+        moved += back_y * fft.rfft2(h_xx * along_y - h_xy * along_x - tilt_y * force)
+        found = to_points(moved) + np.mean(force) * local + np.mean(local * force)
+        if not vertical:
+            found += tilt_x * along_x + tilt_y * along_y  # (5)
+        return np.asarray(found)
 
     return apply

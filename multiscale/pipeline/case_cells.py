@@ -29,6 +29,7 @@ __all__ = [
     "coating_caution",
     "composite_coating",
     "composite_material",
+    "flat_pair",
     "longest_wave",
     "make_cells",
     "make_surfaces",
@@ -125,7 +126,11 @@ def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
     if case.cell.mesh is not None:
         return [_mesh_of_file(case, case.cell.mesh)], {}
     sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case), 1)}
-    cells = [cell_of(case, surface) for surface in _composites(list(sides.values()))]
+    cells: list[AnyCell]
+    if case.cell.slope_order == 2:  # each body has its own slopes
+        cells = [flat_pair(case, *pair) for pair in _pairs(case, list(sides.values()))]
+    else:
+        cells = [cell_of(case, surface) for surface in _composites(list(sides.values()))]
     return cells, {name: side.measured for name, side in sides.items() if side.measured is not None}
 
 
@@ -142,8 +147,8 @@ def cell_of(case: Case, surface: Surface) -> AnyCell:
 
 def _grid_cell(case: Case, surface: Surface) -> GridCell:
     flat = case.cell.geometry == "flat"
-    if flat and case.coated:
-        return _coated_pair(case, surface)
+    if flat and (case.coated or case.cell.slope_order == 2):
+        return flat_pair(case, surface)
     material = composite_material(case)
     bulk = None  # elastic
     if case.softer is not None and case.yield_stress is not None:
@@ -156,13 +161,19 @@ def _grid_cell(case: Case, surface: Surface) -> GridCell:
         geometry="flat" if flat else "conforming",
         hardness=case.hardness if flat else None,
         bulk=bulk,
-        slope_order=case.cell.slope_order,
         coating=composite_coating(case),
     )
 
 
-def _coated_pair(case: Case, surface: Surface) -> FlatCell:
-    """Build the flat cell of two bodies with coatings, whose compliances add up exactly."""
+def flat_pair(case: Case, surface: Surface, opposite: Surface | None = None) -> FlatCell:
+    """Build the flat cell of both bodies, whose compliances add up exactly.
+
+    Parameters
+    ----------
+    case : Case
+    surface, opposite : Surface
+        Of both bodies, heights out of each; a composite surface has no opposite one.
+    """
     depth, layers = case.cell.given_depth, case.cell.layers
     lower, upper = (
         SecondBody(depth, layers, Elastic(body.youngs_modulus, body.poissons_ratio), body.stack)
@@ -173,7 +184,9 @@ def _coated_pair(case: Case, surface: Surface) -> FlatCell:
         depth,
         layers,
         lower.law,
+        obstacle=None if opposite is None else Surface(-opposite.heights, opposite.size),
         hardness=case.hardness,
+        slope_order=case.cell.slope_order,
         second=upper,
         coating=lower.coating,
     )
@@ -206,7 +219,7 @@ def coating_caution(case: Case) -> list[str]:
         return []
     n = max(case.cell.points)
     line = Surface(np.zeros((n, 1)), (max(case.cell.size), case.cell.spacing))
-    one, both = _grid_cell(case, line), _coated_pair(case, line)
+    one, both = _grid_cell(case, line), flat_pair(case, line)
     alone = FlatCell(line, one.depth, one.layers, one.law, coating=one.coating)
     own, exact = (flat_gap(cell)[2][1:, 0] for cell in (alone, both))
     error = float(np.max(np.abs(own / exact - 1.0)))
@@ -299,8 +312,12 @@ def two_surfaces(case: Case) -> list[tuple[Surface, Surface]]:
     CaseError
         As :func:`make_cells`.
     """
+    return _pairs(case, rough_sides(case))
+
+
+def _pairs(case: Case, sides: list[RoughSide]) -> list[tuple[Surface, Surface]]:
     smooth = [Surface(np.zeros(case.cell.points), case.cell.size)] * case.micro.realisations
-    lower, upper = (side.surfaces or smooth for side in rough_sides(case))
+    lower, upper = (side.surfaces or smooth for side in sides)
     return list(zip(lower, upper, strict=True))
 
 

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, solve_cell
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import Cell, Coating, Path, SecondBody, solve_cell
 from multiscale.micro.gap_control import assemble_gap_cell
 from multiscale.micro.slope_expansion import expanded_compliance
-from tests.support import egg_box, rough_square, wave
+from multiscale.surfaces import Surface, composite
+from tests.support import egg_box, flat, rough_square, wave
 
 
 def bumps(slope):
@@ -18,15 +20,25 @@ def bumps(slope):
 
 def correction(surface, poissons_ratio):
     """C_1 alone, of an elastic body with the shear modulus 1/2."""
-    nx, ny = surface.heights.shape
-    return expanded_compliance(surface, np.zeros((nx, ny // 2 + 1)), 0.5, poissons_ratio)
+    return of_pair((surface, flat(len(surface.heights))), (0.5, np.inf), (poissons_ratio, 0.0))
 
 
-def changed_gap(**kind):
-    """Gap over slope, less the one of vanishing slopes, which takes away the error of elements."""
+def of_pair(surfaces, shear, poissons_ratio):
+    """C_1 alone, of two bodies."""
+    nx, ny = surfaces[0].heights.shape
+    return expanded_compliance(surfaces, np.zeros((nx, ny // 2 + 1)), shear, poissons_ratio)
+
+
+def changed_gap(n=32, share=1.0, **kind):
+    """Gap over slope, less the one of vanishing slopes, which takes away the error of elements.
+
+    The obstacle carries the heights that the surface leaves.
+    """
     gaps = []
     for slope in (1e-5, 0.08, 0.16):
-        cell = Cell(egg_box(32, slope / (np.sqrt(2.0) * np.pi)), 1.0, 10, 1.0, 0.3, **kind)
+        heights = egg_box(n, slope / (np.sqrt(2.0) * np.pi)).heights
+        surface, under = (Surface(part * heights, (1.0, 1.0)) for part in (share, share - 1.0))
+        cell = Cell(surface, 1.0, 10, 1.0, 0.3, obstacle=under if share < 1.0 else None, **kind)
         path = Path(pressure=(0.4 * slope,))
         gaps.append(solve_cell(cell, path, tolerance=1e-6)["mean_gap"].values[0] / slope)
     return np.subtract(gaps[1:], gaps[0])
@@ -41,6 +53,41 @@ def test_conforming_minus_expanded_is_of_second_order_in_the_slope():
     np.testing.assert_allclose(first, 0.85, atol=0.1)
     np.testing.assert_allclose(second, 2.0, atol=0.4)
     assert np.all(differences[1] < 0.25 * differences[0])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_slopes_of_a_rough_obstacle_are_expanded_too(share):
+    conforming = changed_gap(64, share)
+    first, second = (
+        np.abs(conforming - changed_gap(64, share, geometry="flat", slope_order=order))
+        for order in (1, 2)
+    )
+    assert np.log2(second[1] / second[0]) == pytest.approx(2.0, abs=0.1)
+    assert second[0] < 0.4 * first[0]
+
+
+def test_two_bodies_comply_as_each_of_them_under_the_surface_between():
+    h = [rough_square(24, 0.5, 0.25, slope, seed=seed) for seed, slope in enumerate((0.1, 0.3))]
+    shear, nu, force = (0.5, 2.0), (0.1, 0.3), np.random.default_rng(3).random((24, 24))
+    k = [(1.0 - ratio) / modulus for modulus, ratio in zip(shear, nu, strict=True)]
+    between = (k[1] * h[0].heights - k[0] * h[1].heights) / sum(k)
+    rigid = [Surface(sign * between, (1.0, 1.0)) for sign in (-1.0, 1.0)]
+    apart = [of_pair((h[i], rigid[i]), (shear[i], np.inf), (nu[i], 0.0)) for i in (0, 1)]
+    both = of_pair(h, shear, nu)
+    for vertical in (False, True):
+        expected = sum(one(force, vertical=vertical) for one in apart)
+        np.testing.assert_allclose(both(force, vertical=vertical), expected, rtol=1e-9)
+    other = np.random.default_rng(4).random((24, 24))
+    assert np.vdot(other, both(force)) == pytest.approx(np.vdot(force, both(other)), rel=1e-12)
+    assert np.vdot(other, both(force, vertical=True)) != pytest.approx(np.vdot(other, both(force)))
+
+
+def test_alike_bodies_have_half_of_the_correction_of_their_composite():
+    lower, upper = (rough_square(24, 0.5, 0.25, 0.2, seed=seed) for seed in (1, 2))
+    force = np.random.default_rng(5).random((24, 24))
+    both = of_pair((lower, upper), (0.5, 0.5), (0.2, 0.2))(force)
+    alone = of_pair((composite(lower, upper), flat(24)), (0.25, np.inf), (0.2, 0.0))(force)
+    np.testing.assert_allclose(both, 0.5 * alone, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -97,21 +144,26 @@ def test_slopes_change_nothing_where_volume_stays_and_the_mean_alone_in_plane_st
     np.testing.assert_allclose(correction(ridge, 0.2)(along), 0.6 * 24**2 * mean, rtol=1e-10)
 
 
-flat = partial(Cell, geometry="flat", slope_order=2)
+steep = partial(Cell, geometry="flat", slope_order=2)
+
+
+thin, film = SecondBody(0.2, 4, Elastic(1.0, 0.3)), (Coating(0.1, 2.0, 0.3),)
 
 
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: flat(bumps(0.6), 1.0, 4, 1.0, 0.3), "slope of 0.6.*, beyond 0.5"),
-        (lambda: flat(bumps(0.1), 0.3, 4, 1.0, 0.3), "less than half of the period"),
-        (lambda: flat(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "one material"),
-        (lambda: flat(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.1)), "below a rigid flat"),
+        (lambda: steep(bumps(0.6), 1.0, 4, 1.0, 0.3), "slope of 0.6.*, beyond 0.5"),
+        (lambda: steep(bumps(0.1), 0.3, 4, 1.0, 0.3), "less than half of the period"),
+        (lambda: steep(bumps(0.1), 1.0, 4, np.arange(1.0, 5.0), 0.3), "one material"),
+        (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, obstacle=bumps(0.6)), "beyond 0.5"),
+        (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, opposite=thin), "depth of 0.2 m"),
+        (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, coating=film), "are rough too"),
         (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, slope_order=2), "belongs to flat cells"),
         (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, geometry="flat", slope_order=3), "1 or 2"),
-        (lambda: assemble_gap_cell(flat(bumps(0.1), 1.0, 4, 1.0, 0.3)), "slope_order = 1 only"),
+        (lambda: assemble_gap_cell(steep(bumps(0.1), 1.0, 4, 1.0, 0.3)), "slope_order = 1 only"),
     ],
-    ids=["steep", "thin", "layers", "obstacle", "conforming", "third", "gap"],
+    ids=["steep", "thin", "layers", "obstacle", "second", "coated", "conforming", "third", "gap"],
 )
 def test_what_is_not_expanded_is_refused(make, sentence):
     with pytest.raises(CaseError, match=sentence):

@@ -6,7 +6,8 @@ import pytest
 from multiscale.cli import run_command
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset, open_response, read_surface
-from multiscale.micro import Cell, run_ensemble
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import Cell, SecondBody, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.pipeline import case_cells, load_case, make_cells, run
 from multiscale.pipeline.case_cells import composite_material
@@ -248,23 +249,38 @@ preloads = ["20 MPa"]
 """
 
 
+def test_a_case_of_second_order_expands_both_bodies_under_their_own_surfaces(case):
+    cell = case.cell.model_copy(update={"geometry": "flat", "slope_order": 2})
+    one = make_cells(case.model_copy(update={"cell": cell}))[0]
+    lower, upper = case_cells.two_surfaces(case)[0]
+    np.testing.assert_array_equal(one.surface.heights, lower.heights)
+    np.testing.assert_array_equal(one.obstacle.heights, -upper.heights)
+    assert one.second.law == one.law == Elastic(210e9, 0.3)
+    both = one.surface_record(heights=True)["height"][0].T
+    np.testing.assert_allclose(both, lower.heights + upper.heights)
+
+
 def test_flat_cells_say_what_their_slopes_leave_and_conforming_cells_leave_nothing(tmp_path):
     surface = rough_square(32, 1.0, 0.25, 0.1)
     path = LoadPath(pressure=(0.01, 0.03))
 
-    def errors(**kind):
-        cell = Cell(surface, 1.0, 6, 1.0, 0.3, **kind)
+    def errors(modulus=1.0, **kind):
+        cell = Cell(surface, 1.0, 6, modulus, 0.3, **kind)
         response = run_ensemble([cell], path)
         return with_slope_errors(response, cell, tmp_path / str(kind), "one")
 
     first, second = (errors(geometry="flat", slope_order=order) for order in (1, 2))
-    expected = 0.2 * first["mean_gap_slope_error"]
+    expected = 0.2 / 1.2 * first["mean_gap_slope_error"]
     np.testing.assert_allclose(second["mean_gap_slope_error"], expected, rtol=1e-6)
     assert np.all(first["mean_gap_slope_error"] > 1e-3)
     exact = errors(geometry="conforming")
     assert not exact["mean_gap_slope_error"].any()
     assert exact.attrs["small_slopes"] == "nothing: the mesh follows the surface"
+    second = SecondBody(1.0, 6, Elastic(2.0, 0.3))
+    pair = errors(2.0, geometry="flat", opposite=second)  # complies as one body of half the modulus
+    half = first["mean_gap_slope_error"] * 0.5 * 1.8 / 1.2
+    np.testing.assert_allclose(pair["mean_gap_slope_error"], half, rtol=0.05)
     thin = Cell(surface, 0.4, 6, 1.0, 0.3, geometry="flat")
     unknown = with_slope_errors(run_ensemble([thin], path), thin, tmp_path / "thin", "one")
     assert unknown["mean_gap_slope_error"].isnull().all()
-    assert "not known: slope_order = 2 is derived for a half-space" in unknown.attrs["small_slopes"]
+    assert "not known: slope_order = 2 is derived for half-spaces" in unknown.attrs["small_slopes"]

@@ -4,8 +4,32 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.pipeline import load_case
+from multiscale.pipeline.case_cells import composite_material, make_surfaces
 
 POINTS = 256
+
+
+@pytest.mark.slow
+def test_spots_of_ground_steel_are_those_of_its_shortest_wave_on_every_grid():
+    # too few waves for a power law: the exponent that Hill's estimator finds grows with the size
+    # above which it looks, from .3 to 2, whatever the grid
+    case, exponents, means = load_case("ground_steel"), [], []
+    for points in (128, 256):
+        cell = case.cell.model_copy(update={"points": (points, points), "geometry": "flat"})
+        micro = case.micro.model_copy(update={"realisations": 4})
+        surfaces = make_surfaces(case.model_copy(update={"cell": cell, "micro": micro}))
+        material, depth = composite_material(case), case.cell.given_depth
+        cells = [Cell(one, depth, 14, *material, geometry="flat") for one in surfaces]
+        area = run_ensemble(cells, Path(pressure=(240e6,)), keep_spots=True)["spot_area"].values
+        area = area[np.isfinite(area)] / case.body_1.surface.short_cutoff**2
+        means.append(area.mean())
+        above = [area[area > least] / least for least in (1 / 64, 1 / 4, 1.0)]
+        exponents.append([1.0 / np.mean(np.log(one)) for one in above])
+    assert means[0] == pytest.approx(means[1], rel=0.06)
+    assert 0.5 < means[1] < 1.1
+    np.testing.assert_allclose(exponents[0], exponents[1], rtol=0.06)
+    assert np.all(np.diff(exponents[1]) > 0.3)
 
 
 @pytest.mark.slow

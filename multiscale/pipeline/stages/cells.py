@@ -19,9 +19,11 @@ from multiscale.pipeline.case_cells import (
     cell_of,
     coating_caution,
     composite_material,
+    flat_pair,
     longest_wave,
     measured_cells,
     surface_modulus,
+    two_surfaces,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -32,7 +34,7 @@ from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
 from multiscale.schema import FIELDS, MICRO_RESPONSE
-from multiscale.surfaces import Roughness, rms_slope
+from multiscale.surfaces import Roughness
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -56,6 +58,9 @@ MESH_CAUTION = (
 )
 
 STEEP = 0.3  # root mean square slope
+
+SLOPE_OF_PAIR = 8.0
+"""Error of the second order in the slope over change by it and slope: 6 to 11 of alike bodies."""
 
 HEAD = (
     "measured",
@@ -112,8 +117,9 @@ def run_micro(
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
     if isinstance(cells[0], FlatCell):
-        bare = cell_of(case.without_coatings(), cells[0].surface)
-        response = with_slope_errors(response, bare, file.parent / "micro-slope-order", identity)
+        bare, folder = case.without_coatings(), file.parent / "micro-slope-order"
+        pair = flat_pair(bare, *two_surfaces(bare)[0])
+        response = with_slope_errors(response, pair, folder, identity)
     if fields:
         write_fields(case, file.parent, file.parent)
     response = _with_roughness(response, measured).assign_attrs(
@@ -181,8 +187,9 @@ def with_slope_errors(
 ) -> "xr.Dataset":
     """Return a response with what slopes taken as small make of it, by one of its realisations.
 
-    A flat cell is solved to both orders in the slope. The first order errs by the difference, the
-    second by about twice the root mean square slope times the difference.
+    A flat cell is solved to both orders in the slope. The second order errs by about the difference
+    times the root mean square slope, twice on a rigid flat and :data:`SLOPE_OF_PAIR` times between
+    two bodies, the first order by the difference and as much.
     """
     if not isinstance(cell, FlatCell):
         return response  # says already that there are none
@@ -194,7 +201,8 @@ def with_slope_errors(
         errors, told = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
     else:
         found = run_ensemble(orders, path, folder=folder, identity=identity)
-        share = 1.0 if cell.slope_order == 1 else 2.0 * rms_slope(cell.surface)
+        rest = (SLOPE_OF_PAIR if cell.second else 2.0) * float(response["rms_slope"].max())
+        share = 1.0 + rest if cell.slope_order == 1 else rest
         changes = {name: found[name].to_numpy() for name in names}
         errors = {name: share * (one - two) / two for name, (one, two) in changes.items()}
         told = "expanded in the slopes in one realisation, without coatings"
