@@ -203,6 +203,7 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pages")
 def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(write, tmp_path):
     modulus = '.youngs_modulus = ["70 GPa", "210 GPa"]'
     table = f"[sweep]\nbody_1{modulus}\nbody_2{modulus}\ncell.points = [[36, 36], [16, 16]]\n"

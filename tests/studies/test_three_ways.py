@@ -61,6 +61,7 @@ def test_a_seed_gives_the_cell_the_surface_of_the_structure():
     assert TiltedJoint(1 / 8).surface(3, 8).heights.shape == (256, 1)
 
 
+@pytest.mark.slow
 def test_three_ways_leave_errors_times_and_a_figure(tmp_path):
     lines = []
     found = three_ways(
