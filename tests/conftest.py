@@ -50,6 +50,13 @@ def run_folder(tmp_path_factory):
 
 
 @pytest.fixture
+def without_pages(monkeypatch):
+    """Leave figures and report out: for runs of which a test looks at datasets and print only."""
+    for name in ("draw_figures", "write_report", "write_reports"):
+        monkeypatch.setattr(f"multiscale.report.{name}", lambda *_, **__: None)
+
+
+@pytest.fixture
 def command(monkeypatch, capsys, tmp_path):
     """Call the command line in this process, in a folder of its own.
 

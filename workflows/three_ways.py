@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from multiscale.io import make_folder, write_dataset
-from multiscale.pipeline import EndToEndCase, end_to_end, three_ways
-from multiscale.pipeline.end_to_end import CASES
-from multiscale.pipeline.three_ways import EFFORTS, QUICK_EFFORTS
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import END_TO_END, WORK_PRECISION
+from multiscale.studies import EndToEndCase, end_to_end, three_ways
+from multiscale.studies.end_to_end import CASES
+from multiscale.studies.three_ways import EFFORTS, QUICK_EFFORTS
 
 QUICK_CASES = (EndToEndCase(1 / 4, cells=3, realisations=3, points_per_wave=4),)
 

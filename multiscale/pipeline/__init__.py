@@ -2,36 +2,20 @@
 
 from multiscale.pipeline.case import load_case
 from multiscale.pipeline.case_cells import make_cells
-from multiscale.pipeline.concurrent import CellLaw
-from multiscale.pipeline.end_to_end import EndToEndCase, end_to_end
 from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import requirements
-from multiscale.pipeline.rough_scenes import RoughWave, TiltedJoint
-from multiscale.pipeline.rough_structure import (
-    RoughStructure,
-    solve_concurrent,
-    solve_direct,
-    solve_sequential,
-)
 from multiscale.pipeline.run import Results, run, run_macro
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.sweep import Sweep, load_sweep, run_sweep
-from multiscale.pipeline.three_ways import three_ways
 from multiscale.pipeline.tyre_settings import TyreCase
 
 __all__ = [
     "Case",
-    "CellLaw",
-    "EndToEndCase",
     "Plan",
     "Results",
-    "RoughStructure",
-    "RoughWave",
     "Sweep",
-    "TiltedJoint",
     "TyreCase",
-    "end_to_end",
     "load_case",
     "load_sweep",
     "make_cells",
@@ -41,8 +25,4 @@ __all__ = [
     "run_macro",
     "run_micro",
     "run_sweep",
-    "solve_concurrent",
-    "solve_direct",
-    "solve_sequential",
-    "three_ways",
 ]

@@ -1,5 +1,6 @@
 """The rough-contact scene and the boundary-element codes beside this package."""
 
+from functools import cache
 from importlib.metadata import version
 
 import numpy as np
@@ -24,6 +25,7 @@ def rough(points, slope, seed):
     return rough_square(points, 0.5e-3, 0.125e-3, slope, seed=seed, size=1e-3)
 
 
+@cache  # several tests look at the same answers
 def beside_tamaas(solve, slope, seed, points=128):
     """Mean gaps over the rms height and contact fractions: of the code, of Tamaas."""
     surface = rough(points, slope, seed)

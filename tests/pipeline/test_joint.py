@@ -8,10 +8,10 @@ from multiscale.io import open_law
 from multiscale.laws import Exponential
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
-from multiscale.pipeline.rough_structure import Answer, checked
 from multiscale.pipeline.rows import list_facts, round_by, tabulate
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.schema import INTERFACE_LAW
+from multiscale.studies.rough_structure import Answer, checked
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset
 from multiscale.upscaling.fit import say_branches
 

@@ -27,7 +27,7 @@ CASE = small_steel(12, "\n[law]\nsamples = 4\n").replace(
     '["5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa", "160 MPa"]', '["10 MPa"]'
 )
 SWEEP = CASE.replace("realisations = 12", "realisations = 3") + (
-    '[sweep]\nbody_1.youngs_modulus = ["70 GPa", "140 GPa", "210 GPa"]\n'
+    '[sweep]\nbody_1.youngs_modulus = ["70 GPa", "210 GPa"]\n'
 )
 SINGLE = CASE.replace("realisations = 12", "realisations = 8")
 
@@ -168,7 +168,7 @@ def check_after_kill(out, what, status, said):
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("text", "count"), [pytest.param(SWEEP, 9, id="sweep"), pytest.param(SINGLE, 8, id="run")]
+    ("text", "count"), [pytest.param(SWEEP, 6, id="sweep"), pytest.param(SINGLE, 8, id="run")]
 )
 def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_path, text, count):
     rng = np.random.default_rng(seed=5)

@@ -103,7 +103,7 @@ def test_bad_metal_is_refused_with_its_key(tmp_path, text, message):
 @pytest.mark.slow
 def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path):
     text = TEXT.replace("[64, 64]", "[24, 24]").replace("layers = 8", "layers = 4")
-    text = text.replace("realisations = 6", "realisations = 4")
+    text = text.replace("realisations = 6", "realisations = 3")
     case = case_of(tmp_path, text)
     results = run(case, tmp_path / "out")
     response, joint = results.micro_response, results.macro_result

@@ -203,6 +203,7 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pages")
 def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(write, tmp_path):
     modulus = '.youngs_modulus = ["70 GPa", "210 GPa"]'
     table = f"[sweep]\nbody_1{modulus}\nbody_2{modulus}\ncell.points = [[36, 36], [16, 16]]\n"
@@ -220,18 +221,3 @@ def test_messages_tell_keys_of_one_name_apart_and_cautions_of_points_are_told(wr
     assert setting.format(210) in (tmp_path / "out" / "log.txt").read_text(encoding="utf-8")
     # points that are found finished are told of, too
     assert told in CliRunner().invoke(app, arguments).stderr
-
-
-@pytest.mark.slow
-def test_workers_of_a_dask_scheduler_give_the_same_dataset(write, tmp_path):
-    from distributed import Client, LocalCluster
-
-    sweep = load_sweep(write(SMALL + SWEEP))
-    serial = run_sweep(sweep, tmp_path / "serial")
-    with (
-        LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-        client.get_executor() as executor,
-    ):
-        spread = run_sweep(sweep, tmp_path / "dask", executor=executor)
-    xr.testing.assert_allclose(serial, spread, rtol=1e-9)  # another number of threads

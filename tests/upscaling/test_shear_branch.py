@@ -72,6 +72,7 @@ def measured(law, decay):
 def test_ratio_and_friction_are_found_again_though_the_cells_differ_in_stiffness(law, decay):
     found = with_shear(law, pressed(decay), sheared(decay))
     INTERFACE_LAW.check(found)
+    assert "shear_loss_ratio" not in found
     np.testing.assert_allclose(found["shear_stiffness_ratio"], KAPPA, rtol=0.01)
     assert float(found["shear_friction"]) == pytest.approx(MU, rel=1e-3)
     # cells that are alike but for their decay lengths leave no scatter
@@ -263,7 +264,7 @@ E_STAR = 0.5e9 / (1.0 - 0.3**2)
 
 
 def test_cells_of_two_bodies_are_pressed_sheared_released_and_pressed_again(tmp_path):
-    cells = [two_bodies(12, seed) for seed in range(2)]
+    cells = [two_bodies(12, 0)]
     pressures = 0.05 * E_STAR * np.array([0.05, 0.1])
     path = shear_path(cells[0], list(pressures), along="x", steps=5, legs=2)
     response = run_ensemble(cells, path, folder=tmp_path, identity="sheared")
@@ -271,17 +272,17 @@ def test_cells_of_two_bodies_are_pressed_sheared_released_and_pressed_again(tmp_
     assert response.drop_vars("wall_time").equals(again.drop_vars("wall_time"))
     assert response["converged"].values.all()
     normal, along = (response["traction"].values[..., k] for k in (0, 1))
-    np.testing.assert_allclose(-normal, np.tile(response["nominal_pressure"], (2, 1)), rtol=1e-6)
+    np.testing.assert_allclose(-normal, response["nominal_pressure"].values[None], rtol=1e-6)
     slip = response["displacement_jump"].values[..., 1]
     for start in (0, 12):  # press, five steps there, five back, release
         there, back, end = (start + k for k in (5, 10, 11))
         share = along[:, [there, back]] / (0.3 * -normal[:, [there, back]])
-        np.testing.assert_allclose(share, [[1.0, -1.0]] * 2, atol=0.03)
+        np.testing.assert_allclose(share, [[1.0, -1.0]], atol=0.03)
         np.testing.assert_allclose(slip[:, back] / slip[:, there], -1.0, atol=0.05)
         np.testing.assert_allclose(response["traction"].values[:, end], 0.0, atol=1e-9)
         np.testing.assert_allclose(slip[:, end], 0.0, atol=1e-12)
-    alone = run_ensemble(cells[:1], shear_path(cells[0], [pressures[1]], along="x", steps=5))
-    second = response["traction"].values[:1, 12:18]
+    alone = run_ensemble(cells, shear_path(cells[0], [pressures[1]], along="x", steps=5))
+    second = response["traction"].values[:, 12:18]
     np.testing.assert_allclose(alone["traction"].values[:, :6], second, rtol=1e-5, atol=10.0)
 
 
@@ -432,7 +433,6 @@ def test_the_loss_of_cycles_over_the_loss_of_the_bed_is_found(law, decay, lost):
     assert found["shear_cycle_pressure"].values.tolist() == [2e7]
     assert float(found["shear_cycle_amplitude"][0]) == pytest.approx(1.0 - np.exp(-1.0), rel=0.02)
     assert found["shear_loss_ratio_sample"].shape == (60, 2)
-    assert "shear_loss_ratio" not in with_shear(law, pressed(decay), sheared(decay))
     INTERFACE_LAW.check(found)
 
 

@@ -5,7 +5,7 @@ Question: what does condensing the roughness into a law cost in accuracy, and sa
     python workflows/guides/11_three_ways.py
 """
 
-from multiscale.pipeline import (
+from multiscale.studies import (
     RoughWave,
     solve_concurrent,
     solve_direct,

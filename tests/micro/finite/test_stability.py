@@ -57,7 +57,7 @@ def test_a_very_soft_metal_is_pressed_and_released(hardening):
 @pytest.mark.slow
 def test_a_nearly_incompressible_body_does_not_lock():
     found = [
-        -press(NeoHookean(1.0, nu), Path(approach=(0.01, 0.02)), n=8)["traction"].values[0, :, 0]
+        -press(NeoHookean(1.0, nu), Path(approach=(0.02,)), n=8)["traction"].values[0, :, 0]
         for nu in (0.49, 0.4999)
     ]
     # the contact modulus tends to a limit, 4 / 3 E; the layer is stiffer as it must bulge

@@ -15,7 +15,7 @@ from multiscale.macro.joint.plane_joint import (
     resolve_plane_joint,
 )
 from multiscale.micro import FlatCell, Path, Surface, contact_modulus, solve_cell
-from multiscale.pipeline.rough_structure import Answer, RoughStructure
+from multiscale.studies.rough_structure import Answer, RoughStructure
 
 __all__ = ["RoughWave", "TiltedJoint"]
 

@@ -15,7 +15,7 @@ from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
 from multiscale.micro import Cell, Path, self_affine, solve_cell
 from multiscale.micro.gap_control import GapCell
-from multiscale.pipeline import CellLaw
+from multiscale.studies import CellLaw
 from multiscale.upscaling import fit_law, law_from_dataset
 
 RMS = 1e-6

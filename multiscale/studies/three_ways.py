@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.rough_scenes import RoughWave, TiltedJoint
-from multiscale.pipeline.rough_structure import (
+from multiscale.schema import WORK_PRECISION
+from multiscale.studies.rough_scenes import RoughWave, TiltedJoint
+from multiscale.studies.rough_structure import (
     RoughStructure,
     solve_concurrent,
     solve_direct,
     solve_sequential,
 )
-from multiscale.schema import WORK_PRECISION
 from multiscale.upscaling import estimate_grid_error
 
 if TYPE_CHECKING:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.rough_scenes import RoughWave
-from multiscale.pipeline.rough_structure import (
+from multiscale.schema import END_TO_END
+from multiscale.studies.rough_scenes import RoughWave
+from multiscale.studies.rough_structure import (
     CELL_WAVES,
     Answer,
     RoughStructure,
@@ -19,7 +20,6 @@ from multiscale.pipeline.rough_structure import (
     solve_direct,
     solve_sequential,
 )
-from multiscale.schema import END_TO_END
 from multiscale.upscaling import estimate_grid_error
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, load_shares
 from multiscale.micro import FlatCell, Path, Surface, run_ensemble, self_affine
-from multiscale.pipeline.concurrent import CellLaw
+from multiscale.studies.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
 
 if TYPE_CHECKING:

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.pipeline import (
+from multiscale.plotting import draw_work_precision
+from multiscale.schema import END_TO_END, WORK_PRECISION
+from multiscale.studies import (
     EndToEndCase,
     RoughWave,
     TiltedJoint,
@@ -14,9 +16,7 @@ from multiscale.pipeline import (
     solve_sequential,
     three_ways,
 )
-from multiscale.pipeline.three_ways import Effort
-from multiscale.plotting import draw_work_precision
-from multiscale.schema import END_TO_END, WORK_PRECISION
+from multiscale.studies.three_ways import Effort
 
 
 def test_law_and_cell_of_one_surface_agree():
@@ -61,6 +61,7 @@ def test_a_seed_gives_the_cell_the_surface_of_the_structure():
     assert TiltedJoint(1 / 8).surface(3, 8).heights.shape == (256, 1)
 
 
+@pytest.mark.slow
 def test_three_ways_leave_errors_times_and_a_figure(tmp_path):
     lines = []
     found = three_ways(
@@ -106,7 +107,7 @@ def check_parts(table):
 @pytest.mark.parametrize("number", range(4), ids=["1/4", "1/8", "1/16", "1/32"])
 def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(number):
     """Errors within 3 % at a standard error of at most 0.7 %; no order in the ratio is claimed."""
-    from multiscale.pipeline.end_to_end import CASES
+    from multiscale.studies.end_to_end import CASES
 
     table = end_to_end([CASES[number]])
     check_parts(table)
