@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import load_mesh
-from multiscale.laws.bulk import Elastic, GradedElastic
+from multiscale.laws.bulk import J2, Elastic, GradedElastic
 from multiscale.micro.cell import CellSides, MeshCell
 from multiscale.micro.mesh.graph_elements import ElementKind, scalar_element
 
@@ -20,7 +20,7 @@ __all__ = ["cell_from_file"]
 
 def cell_from_file(
     path: Path,
-    law: Elastic,
+    law: Elastic | J2,
     element: ElementKind,
     *,
     scale: float = 1.0,
@@ -29,6 +29,7 @@ def cell_from_file(
     base: str = "bottom",
     sides: CellSides = CellSides.PERIODIC,
     points: tuple[int, int] | None = None,
+    friction_coefficient: float = 0.0,
 ) -> MeshCell:
     """Build a cell on a mesh of gmsh, or of any program whose files meshio reads.
 
@@ -36,7 +37,7 @@ def cell_from_file(
     ----------
     path : Path
         Tetrahedra or hexahedra of first order between planes x = const and y = const.
-    law : Elastic
+    law : Elastic or J2
         Law of a mesh without named volumes.
     element : ElementKind
         Element of the displacement on the corners of the file.
@@ -49,6 +50,8 @@ def cell_from_file(
     sides : CellSides
     points : tuple of int, optional
         Points along x and y of the fields that are kept.
+    friction_coefficient : float
+        As of :class:`MeshCell`.
 
     Raises
     ------
@@ -74,7 +77,12 @@ def cell_from_file(
     named = {"top": found[contact], "base": found[base]}
     own_law = law if not volumes and not mesh.subdomains else _law_of(mesh, volumes or {}, path)
     return MeshCell(
-        mesh.with_boundaries(named), scalar_element(element), own_law, sides, points=points
+        mesh.with_boundaries(named),
+        scalar_element(element),
+        own_law,
+        sides,
+        points=points,
+        friction_coefficient=friction_coefficient,
     )
 
 
