@@ -36,7 +36,7 @@ def cell_from_file(
     Parameters
     ----------
     path : Path
-        Tetrahedra or hexahedra of first order between planes x = const and y = const.
+        Tetrahedra or hexahedra of first or second order between planes x = const and y = const.
     law : Elastic or J2
         Law of a mesh without named volumes.
     element : ElementKind
@@ -58,7 +58,7 @@ def cell_from_file(
     CaseError
         If the file cannot be read, elements are inverted, or names and elements do not fit.
     """
-    mesh = load_mesh(path, scale=scale)
+    mesh = load_mesh(path, scale=scale, curved=True)
     if mesh.dim() != 3:
         raise CaseError(f"{path} is a plane mesh, and a cell has three dimensions; mesh a solid")
     if element.simplex != (len(mesh.t) == 4):
@@ -66,6 +66,12 @@ def cell_from_file(
         fit = [kind.value for kind in ElementKind if kind.simplex != element.simplex]
         raise CaseError(
             f"{path} has {own}, which an element {element.value!r} does not fit; use one of {fit}"
+        )
+    if element.order == 1 and mesh.doflocs.shape[1] > mesh.nvertices:
+        own = "tet10" if element.simplex else "hex27"
+        raise CaseError(
+            f"{path} has elements of second order, which an element {element.value!r} does not "
+            f"fit; use {own!r}, or save the mesh in first order"
         )
     found = dict(mesh.boundaries or {})
     missing = [name for name in (contact, base) if name not in found]

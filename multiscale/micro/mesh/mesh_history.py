@@ -43,7 +43,7 @@ from multiscale.micro.mesh.mesh_problem import (
     cell_basis,
     give_grid,
 )
-from multiscale.micro.mesh.unknowns import current_weight
+from multiscale.micro.mesh.unknowns import strained_weight
 from multiscale.micro.path import Path
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
@@ -275,7 +275,7 @@ def _average(
     weight = None
     if cell.law.finite_strain:
         moved = (mesh.unknowns.expand @ v).reshape(-1, 3).T
-        weight = problem.arrange(current_weight(cell, mesh.basis, mesh.unknowns, moved))
+        weight = problem.arrange(strained_weight(cell, mesh.basis, mesh.unknowns, moved))
     active = state.active[:, 0]
     pushed = problem.arrange(np.where(active, -force[:, 2], 0.0))
     step = average_contact(

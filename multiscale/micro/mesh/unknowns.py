@@ -36,8 +36,8 @@ __all__ = [
     "CellUnknowns",
     "TopFace",
     "cell_unknowns",
-    "current_weight",
     "mean_strain",
+    "strained_weight",
     "top_face",
 ]
 
@@ -191,7 +191,7 @@ def top_face(cell: MeshCell, basis: "CellBasis") -> TopFace:
     return TopFace(facets, values, sparse.csr_array(inverse), values.T @ total)
 
 
-def current_weight(
+def strained_weight(
     cell: MeshCell, basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarray
 ) -> np.ndarray:
     r"""Projected area of every contact coefficient of a strained cell, m2.
