@@ -39,7 +39,10 @@ def mesh_size(cell: MeshCell) -> MeshSize:
     unknowns = 3 * int(Dofs(cell.mesh, cell.element).N)
     flat = cell.obstacle is None and cell.sides is not CellSides.TRACTION and not cell.remembers
     multigrid = flat and unknowns > MOST_FACTORED
-    row = {4: 45, 8: 81, 10: 85, 27: 195}[len(cell.element.doflocs)]  # entries of the stiffness
-    factors = 0 if multigrid else 12 * unknowns**1.33
+    row = {4: 45, 8: 81, 10: 85, 27: 110}[
+        len(cell.element.doflocs)
+    ]  # like entries of the stiffness
+    factors = 0.0 if multigrid else 12 * unknowns**1.33
+    factors *= 2 if cell.remembers else 1  # of the stiffness and of Newton's matrix
     # measured with hexahedra of 37,000 to 553,000 unknowns: assembly, stiffness and coarse spaces
     return MeshSize(unknowns, multigrid, int(140 * unknowns * row + factors))
