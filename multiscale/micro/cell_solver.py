@@ -144,8 +144,8 @@ def _check_still(path: Path) -> None:
     """Refuse slide and time for a cell whose answer has no history."""
     if path.slide is not None or path.time is not None:
         raise CaseError(
-            "a linear elastic body has no time, and slides neither as a flat cell nor on a general "
-            "mesh; leave out slide and time"
+            "a linear elastic body has no time, and slides neither as a flat cell nor on a mesh "
+            "without friction; leave out slide and time"
         )
 
 
