@@ -43,6 +43,6 @@ def mesh_size(cell: MeshCell) -> MeshSize:
         len(cell.element.doflocs)
     ]  # like entries of the stiffness
     factors = 0.0 if multigrid else 12 * unknowns**1.33
-    factors *= 2 if cell.remembers else 1  # of the stiffness and of Newton's matrix
+    held = 2 if cell.remembers else 1  # the stiffness, and Newton's matrix beside it
     # measured with hexahedra of 37,000 to 553,000 unknowns: assembly, stiffness and coarse spaces
-    return MeshSize(unknowns, multigrid, int(140 * unknowns * row + factors))
+    return MeshSize(unknowns, multigrid, int(held * (140 * unknowns * row + factors)))
