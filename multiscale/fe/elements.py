@@ -5,8 +5,9 @@ In every element the volume ratio of the law is its mean over the undeformed ele
 .. math:: \bar J = \frac{1}{V}\int J \, \mathrm{d}V, \qquad
     \Pi = \int \psi_s(F)\, \mathrm{d}V + V\, U(\bar J),    \tag{1}
 
-so that neither plastic flow nor :math:`\nu \to 1/2` locks quadrilaterals and hexahedra; on
-triangles and tetrahedra the mean is the value itself.
+so that neither plastic flow nor :math:`\nu \to 1/2` locks quadrilaterals and hexahedra of first
+order; on triangles and tetrahedra of first order the mean is the value itself. Elements of second
+order take the volume ratio of every point.
 
 References
 ----------
@@ -25,9 +26,15 @@ from multiscale.laws.bulk import BulkLaw
 from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
 
 if TYPE_CHECKING:
-    from skfem import Mesh
+    from skfem import CellBasis, Mesh
 
-__all__ = ["Elements", "element_response", "prepare_elements", "sum_blocks"]
+__all__ = [
+    "Elements",
+    "element_response",
+    "elements_of_basis",
+    "prepare_elements",
+    "sum_blocks",
+]
 
 
 @dataclass(frozen=True)
@@ -41,12 +48,14 @@ class Elements:
     unknowns : ndarray of int, shape (elements, nodes * d)
         Unknown d a + i of every entry of an element matrix.
     size : int, number of unknowns
+    mean_volume : bool, whether the volume ratio is its mean over the element, (1)
     """
 
     gradient: np.ndarray
     weight: np.ndarray
     unknowns: np.ndarray
     size: int
+    mean_volume: bool = True
 
 
 def prepare_elements(mesh: "Mesh") -> Elements:
@@ -56,7 +65,12 @@ def prepare_elements(mesh: "Mesh") -> Elements:
     order = 3 if isinstance(mesh, (MeshQuad, MeshHex)) else 1
     if isinstance(mesh, MeshHex):
         order = 2  # scikit-fem counts so on hexahedra: two points a direction
-    basis = Basis(mesh, mesh.elem(), intorder=order)
+    return elements_of_basis(Basis(mesh, mesh.elem(), intorder=order), mean_volume=True)
+
+
+def elements_of_basis(basis: "CellBasis", *, mean_volume: bool) -> Elements:
+    """Gradients and weights at the quadrature points of a basis of one displacement component."""
+    mesh = basis.mesh
     shape = np.asarray(basis.dx).shape
     d = mesh.dim()
     gradient = np.stack(
@@ -68,6 +82,7 @@ def prepare_elements(mesh: "Mesh") -> Elements:
         np.asarray(basis.dx),
         unknowns.reshape(shape[0], -1),
         d * basis.N,
+        mean_volume,
     )
 
 
@@ -101,12 +116,17 @@ def element_response(
         return np.full(elements.size, np.nan), empty, state, float(J.min())
 
     volume = w.sum(axis=1)
-    first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
     response = law.respond_shape(F, state)
-    stress = response.stress + first[:, None] * slope
-    tangent = response.tangent
+    if elements.mean_volume:
+        first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
+        pressure, tangent = first[:, None], response.tangent
+    else:
+        pressure, own = law.respond_volume(J)
+        curvature = np.zeros_like(volume)
+        tangent = response.tangent + own * slope[:, :, None, None] * slope
+    stress = response.stress + pressure * slope
     if law.finite_strain:
-        tangent = tangent + first[:, None] * cofactor_derivative(F)
+        tangent = tangent + pressure * cofactor_derivative(F)
     blocks, force = _integrate(
         G,
         w,

@@ -1,7 +1,8 @@
 """scikit-fem mesh of a body from a mesh file."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ FLAT = 1e-9
 """Jacobian of an element, relative to the cube of its length, up to which it has no volume."""
 
 
-def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "") -> "Mesh":
+def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool = False) -> "Mesh":
     """Read a mesh with its named boundaries from a file of gmsh or of another program.
 
     Parameters
@@ -31,6 +32,9 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "") -> "Mesh":
     volume : str
         Named group of elements that is the body; all elements if not given. Facets of other
         elements are left out of the boundaries.
+    curved : bool
+        Whether elements of second order are read, too: hexahedra of 20 nodes, whose faces get
+        nodes in their middle, hexahedra of 27 nodes and tetrahedra of 10.
 
     Returns
     -------
@@ -46,7 +50,7 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "") -> "Mesh":
     """
     from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
-    arrays = read_mesh(path, volume)
+    arrays = read_mesh(path, volume, curved=curved)
     kinds = {"triangle": MeshTri, "quad": MeshQuad, "tetra": MeshTet, "hexahedron": MeshHex}
     order = HEX_ORDER if arrays.kind == "hexahedron" else slice(None)
     mesh = kinds[arrays.kind](scale * arrays.points, np.ascontiguousarray(arrays.cells.T[order]))
@@ -59,7 +63,66 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "") -> "Mesh":
             raise CaseError(f"{path}: boundary {name!r} has a facet that no element has")
         if max(index) >= 0:
             boundaries[name] = np.unique([facet for facet in index if facet >= 0])
+    if arrays.middles is not None:
+        mesh = _bend(mesh, arrays.cells, scale * arrays.middles)
     return mesh.with_boundaries(boundaries).with_subdomains(arrays.volumes)
+
+
+EDGES = {
+    4: ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)),
+    8: tuple((k, (k + 1) % 4) for k in range(4))
+    + tuple((4 + k, 4 + (k + 1) % 4) for k in range(4))
+    + tuple((k, k + 4) for k in range(4)),
+}
+"""Corners of the edges of tetrahedra and hexahedra, in the order of VTK."""
+
+FACES = ((0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7))
+"""Corners of the faces of hexahedra, in the order of VTK."""
+
+
+def _bend(mesh: "Mesh", cells: np.ndarray, middles: np.ndarray) -> "Mesh":
+    """Put nodes in the middle of edges, of faces and of elements where a file has them.
+
+    Parameters
+    ----------
+    cells : ndarray of int, shape (elements, corners)
+        Corners in the order of VTK.
+    middles : ndarray, shape (3, elements, nodes)
+        Nodes of edges, then of faces and of the element; of hexahedra the nodes of edges alone may
+        be given.
+    """
+    from skfem import MeshHex2, MeshTet2
+    from skfem.assembly import Dofs
+
+    hexahedra, edges = cells.shape[1] == 8, EDGES[cells.shape[1]]
+    if hexahedra and middles.shape[2] == len(edges):
+        middles = np.concatenate([middles, _serendipity(mesh.p[:, cells], middles)], axis=2)
+    bent = (MeshHex2 if hexahedra else MeshTet2).from_mesh(mesh)
+    dofs, points = Dofs(bent, bent.elem()), bent.doflocs.copy()
+
+    def place(corners: tuple[tuple[int, ...], ...], own: np.ndarray, first: int, at: Any) -> None:
+        number = {tuple(one): k for k, one in enumerate(np.sort(own, axis=0).T.tolist())}
+        for k, ends in enumerate(corners):
+            found = [number[tuple(one)] for one in np.sort(cells[:, list(ends)], axis=1).tolist()]
+            points[:, at[0, found]] = middles[:, :, first + k]
+
+    place(edges, mesh.edges, 0, dofs.edge_dofs)
+    if hexahedra:
+        place(FACES, mesh.facets, len(edges), dofs.facet_dofs)
+        points[:, dofs.interior_dofs[0]] = middles[:, :, -1]
+    return replace(bent, doflocs=points)
+
+
+def _serendipity(corners: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Middles of the faces and of hexahedra of 20 nodes, shape (3, elements, 7)."""
+    between = [set(ends) for ends in EDGES[8]]
+    faces = [
+        0.5 * edges[:, :, [k for k, ends in enumerate(between) if ends <= set(face)]].sum(axis=2)
+        - 0.25 * corners[:, :, list(face)].sum(axis=2)
+        for face in FACES
+    ]
+    inside = 0.25 * edges.sum(axis=2) - 0.25 * corners.sum(axis=2)
+    return np.stack([*faces, inside], axis=2)
 
 
 def _check_elements(mesh: "Mesh", path: Path) -> None:

@@ -21,6 +21,17 @@ SOLIDS = ("hexahedron", "tetra", "quad", "triangle")
 FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
 """Facets of these elements."""
 
+CURVED = {"hexahedron20": "hexahedron", "hexahedron27": "hexahedron", "tetra10": "tetra"}
+"""Elements of second order, which have nodes between the corners of these elements."""
+
+CURVED_FACETS = {"hexahedron20": "quad8", "hexahedron27": "quad9", "tetra10": "triangle6"}
+"""Facets of elements of second order."""
+
+SHAPES = CURVED | {"quad8": "quad", "quad9": "quad", "triangle6": "triangle"}
+"""Elements of first order with the corners of elements of second order."""
+
+CORNERS = {"hexahedron": 8, "tetra": 4, "quad": 4, "triangle": 3, "line": 2}
+
 DIMENSIONS = {"hexahedron": 3, "tetra": 3, "quad": 2, "triangle": 2, "line": 1}
 
 
@@ -40,6 +51,9 @@ class MeshArrays:
         Corners of the facets of every named boundary.
     volumes : dict of str to ndarray of int, shape (elements,)
         Elements of every named set of them.
+    middles : ndarray, shape (d, elements, nodes), optional
+        Coordinates of the nodes between the corners of elements of second order, in the order of
+        VTK: of edges, of faces and inside.
     """
 
     kind: str
@@ -47,6 +61,7 @@ class MeshArrays:
     cells: np.ndarray
     boundaries: dict[str, np.ndarray]
     volumes: dict[str, np.ndarray] = field(default_factory=dict)
+    middles: np.ndarray | None = None
 
 
 def open_mesh(path: Path) -> "Mesh":
@@ -73,7 +88,7 @@ def open_mesh(path: Path) -> "Mesh":
         raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
 
 
-def read_mesh(path: Path, volume: str = "") -> MeshArrays:
+def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArrays:
     """Read a mesh of one kind of element with its named boundaries.
 
     In gmsh a physical group of lines or surfaces names a boundary, and the solid needs its own
@@ -85,6 +100,8 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
         A ``.msh`` file of gmsh or any other file that meshio reads.
     volume : str
         Named group of solid elements that is read; all of them if not given.
+    curved : bool
+        Whether elements of second order are read, too.
 
     Returns
     -------
@@ -100,15 +117,17 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
     """
     mesh = open_mesh(path)
     found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
-    kinds = [name for name in SOLIDS if name in found]
-    solids = [name for name in kinds if name not in {FACETS[kind] for kind in kinds}]
+    kinds = [name for name in (*(CURVED if curved else ()), *SOLIDS) if name in found]
+    solids = [name for name in kinds if name not in {FACETS.get(kind) for kind in kinds}]
     if len(solids) != 1:
         raise CaseError(
-            f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} (first order, "
-            f"without nodes on edges), got {sorted(found)}"
+            f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} "
+            + ("or of their second order" if curved else "(first order, without nodes on edges)")
+            + f", got {sorted(found)}"
         )
-    kind = solids[0]
-    cells, volumes = found[kind], _named_blocks(mesh, kind, corners=False)
+    full = solids[0]
+    kind, facet = CURVED.get(full, full), CURVED_FACETS.get(full) or FACETS[full]
+    cells, volumes = found[full], _named_blocks(mesh, full, corners=False)
     if volume:
         if volume not in volumes:
             raise CaseError(
@@ -116,6 +135,10 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
                 f"{sorted(volumes)}"
             )
         cells, volumes = cells[volumes[volume]], {}
+    middles = None
+    if full in CURVED:
+        cells, between = cells[:, : CORNERS[kind]], cells[:, CORNERS[kind] :]
+        middles = np.moveaxis(mesh.points[between], 2, 0)
     used, renumbered = np.unique(cells, return_inverse=True)
     points = mesh.points[used].T
     if kind in ("triangle", "quad"):
@@ -125,9 +148,9 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
     number = np.full(len(mesh.points), -1)
     number[used] = np.arange(len(used))
     boundaries = {
-        name: number[facets]
-        for name, facets in _named_blocks(mesh, FACETS[kind], corners=True).items()
-        if len(facets) and np.all(number[facets] >= 0)
+        name: number[facets[:, : CORNERS[FACETS[kind]]]]
+        for name, facets in _named_blocks(mesh, facet, corners=True).items()
+        if len(facets) and np.all(number[facets[:, : CORNERS[FACETS[kind]]]] >= 0)
     }
     return MeshArrays(
         kind,
@@ -135,6 +158,7 @@ def read_mesh(path: Path, volume: str = "") -> MeshArrays:
         renumbered.reshape(cells.shape),
         boundaries,
         volumes,
+        middles,
     )
 
 
@@ -144,7 +168,9 @@ def _named_blocks(mesh: Any, kind: str, *, corners: bool) -> dict[str, np.ndarra
     groups = mesh.cell_data.get("gmsh:physical")
     if groups is not None:  # older gmsh formats store numbers, and the names elsewhere
         for name, (tag, dimension) in mesh.field_data.items():
-            if dimension != DIMENSIONS[kind]:  # groups of several dimensions may share a number
+            if (
+                dimension != DIMENSIONS[SHAPES.get(kind, kind)]
+            ):  # groups of several dimensions may share a number
                 continue
             members.setdefault(name, [np.flatnonzero(group == tag) for group in groups])
     named: dict[str, list[np.ndarray]] = {}

@@ -445,7 +445,7 @@ class CellSides(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class MeshCell:
-    """An elastic body on any scikit-fem mesh, pressed by a rigid obstacle: the general path.
+    """A body on any scikit-fem mesh, pressed by a rigid obstacle: the general path.
 
     Parameters
     ----------
@@ -454,7 +454,7 @@ class MeshCell:
         (clamped) and ``"top"`` (contact). The top may overhang.
     element : Element
         Scalar element for each displacement component, for instance ``ElementTetP2()``.
-    law : Elastic or GradedElastic
+    law : Elastic, GradedElastic or J2
         Graded moduli have the shape (elements,).
     sides : CellSides
         Periodic sides, whose nodes must match; sides that slide in their planes; or uniform
@@ -465,6 +465,8 @@ class MeshCell:
         The layer that the mesh discretises, if its contact nodes are the points of a surface.
     points : tuple of int, optional
         Points along x and y of the fields that are kept of a mesh without such a layer.
+    friction_coefficient : float
+        Coefficient of the local Coulomb law.
 
     Raises
     ------
@@ -474,18 +476,30 @@ class MeshCell:
 
     mesh: "Mesh"
     element: "Element"
-    law: Linear
+    law: Linear | J2
     sides: CellSides = CellSides.PERIODIC
     obstacle: Surface | None = None
     layer: PeriodicLayer | None = None
     points: tuple[int, int] | None = None
+    friction_coefficient: float = 0.0
     small_slopes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.law, Linear):
+        if not isinstance(self.law, Linear | J2):
             raise CaseError(
-                f"a cell on a general mesh takes Elastic or GradedElastic as its law, got "
+                f"a cell on a general mesh takes Elastic, GradedElastic or J2 as its law, got "
                 f"{type(self.law).__name__}"
+            )
+        mu = self.friction_coefficient
+        if not 0.0 <= mu < np.inf:
+            raise CaseError(f"the friction coefficient must not be negative, got {mu:g}")
+        fits = {CellSides.PERIODIC} if mu > 0.0 else {CellSides.PERIODIC, CellSides.SLIDING}
+        if self.remembers and (self.sides not in fits or self.obstacle is not None):
+            raise CaseError(
+                f"a mesh with {'friction' if mu > 0.0 else 'a metal that flows'} takes "
+                f"{' or '.join(sorted(fits))} sides and a flat obstacle, got {self.sides} sides"
+                f"{'' if self.obstacle is None else ' and a rough obstacle'}; change them, or put "
+                f"the roughness on the mesh"
             )
         check_moduli(self.law.youngs_modulus, self.law.poissons_ratio, least=0.0)
         found = sorted(self.mesh.boundaries or {})
@@ -510,7 +524,12 @@ class MeshCell:
     @property
     def recovers_stress(self) -> bool:
         """Whether all contact forces come from stresses: sides that move as one have others."""
-        return self.sides is not CellSides.DISPLACEMENT
+        return self.sides is not CellSides.DISPLACEMENT and not self.remembers
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the answer depends on the path: the body flows, or there is friction."""
+        return self.law.flows or self.friction_coefficient > 0.0
 
     @property
     def field_shape(self) -> tuple[int, int] | None:
@@ -519,7 +538,13 @@ class MeshCell:
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""
-        return [] if self.layer is None else self.layer.cautions()
+        found = [] if self.layer is None else self.layer.cautions()
+        if self.law.flows and self.element.maxdeg == 1:
+            found.append(
+                "tetrahedra of first order lock where a metal flows at constant volume, and are "
+                "too stiff; take the element tet10 or hex8"
+            )
+        return found
 
     def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
         """Return statistics of the surface that a response keeps, and its heights, m."""

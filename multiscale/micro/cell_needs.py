@@ -195,14 +195,18 @@ def _(cell: GraphCell, kept: dict[str, Any]) -> Needs:
 def _(cell: MeshCell, kept: dict[str, Any]) -> Needs:
     from multiscale.micro.mesh.mesh_size import mesh_size
 
-    size = mesh_size(cell)
+    size, large = mesh_size(cell), cell.law.finite_strain
+    mean = cell.law.flows and cell.element.maxdeg <= 3  # of elements of first order
     return Needs(
-        kinematics="small strain on a finite-element mesh, rigid flat obstacle"
-        if cell.obstacle is None
-        else "small strain on a finite-element mesh, rigid rough obstacle",
+        unknowns_per_contact=3 if cell.friction_coefficient > 0.0 else 1,
+        kinematics=f"{'large' if large else 'small'} strain on a finite-element mesh, rigid "
+        f"{'flat' if cell.obstacle is None else 'rough'} obstacle",
         choices=_choices(
             {
                 CellPart.STIFFNESS: True,
+                CellPart.TANGENT: large,
+                CellPart.FRICTION: cell.friction_coefficient > 0.0,
+                CellPart.MEAN_DILATATION: mean,
                 CellPart.FACTORS: not size.multigrid,
                 CellPart.MULTIGRID: size.multigrid,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None,
@@ -210,11 +214,22 @@ def _(cell: MeshCell, kept: dict[str, Any]) -> Needs:
             },
             {
                 CellPart.STIFFNESS: "of the elements, as a matrix",
+                CellPart.FACTORS: "of Newton's matrix, computed in every iteration"
+                if cell.remembers
+                else CellPart.FACTORS.why_not
+                if size.multigrid
+                else CellPart.FACTORS.why,
+                CellPart.TANGENT: "of the elements as they are strained, as a matrix"
+                if large
+                else CellPart.TANGENT.why_not,
                 CellPart.LAYER_FACTORS: "a matrix is at hand, and has another way to speed up the "
                 "iteration",
-                CellPart.MEAN_DILATATION: "the element is the user's choice",
+                CellPart.MEAN_DILATATION: _MEAN.format("in the energy")
+                if mean
+                else "the element is the user's choice",
             },
         ),
+        state_variables=cell.law.history,
         libraries=("numba", "pyamg", "scikit-fem") if size.multigrid else ("numba", "scikit-fem"),
         memory=size.memory,
         **kept,

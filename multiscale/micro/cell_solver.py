@@ -11,13 +11,10 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.micro import averages
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
-from multiscale.micro.contact_area import contact_areas
-from multiscale.micro.contact_state import CellProblem, ContactState
+from multiscale.micro.contact_state import CellProblem, ContactState, average_contact
 from multiscale.micro.path import Path
-from multiscale.micro.spots import grid_neighbours, spot_averages
 from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -128,6 +125,10 @@ def _(cell: GraphCell, path: Path, recover_stress: bool) -> Callable[..., Steps]
 def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
     with _compiled():
         from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell
+    if cell.remembers:
+        from multiscale.micro.mesh.mesh_history import follow_mesh_path
+
+        return partial(follow_mesh_path, cell)
     _check_still(path)
     return partial(_press, assemble_mesh_cell(cell, recover_stress=recover_stress))
 
@@ -143,8 +144,8 @@ def _check_still(path: Path) -> None:
     """Refuse slide and time for a cell whose answer has no history."""
     if path.slide is not None or path.time is not None:
         raise CaseError(
-            "a linear elastic body has no time, and slides neither as a flat cell nor on a general "
-            "mesh; leave out slide and time"
+            "a linear elastic body has no time, and slides neither as a flat cell nor on a mesh "
+            "without friction; leave out slide and time"
         )
 
 
@@ -172,7 +173,7 @@ def _press(
         )
         converged = found.status is Status.CONVERGED
         state = found if converged else state
-        step = _average(problem, found, fields=fields, spots=spots) if converged else {}
+        step = average_contact(problem, found, fields=fields, spots=spots) if converged else {}
         steps.append(
             step
             | {
@@ -210,42 +211,6 @@ def _compiled() -> Iterator[None]:
             f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
             f"can be written to"
         ) from error
-
-
-def _average(
-    problem: CellProblem, state: ContactState, *, fields: bool, spots: bool
-) -> dict[str, Any]:
-    """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx)."""
-    area, weight = problem.nominal_area, problem.weight
-    nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
-    moved = problem.surface_displacement(state.displacement)
-    mean = np.array([np.sum(weight * moved[:, k]) / area for k in (2, 0, 1)])
-    real = contact_areas(
-        state.force, weight, edges=problem.edges, flowing=state.force >= problem.cap
-    )
-    step = {
-        "traction": averages.average_traction(nodal, area),
-        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
-        "mean_gap": averages.mean_gap(
-            problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], weight
-        ),
-        "contact_fraction": max(float(np.sum(real)) / area, 0.0),
-    }
-    if spots:
-        beside = problem.neighbours() if problem.neighbours else grid_neighbours(weight.shape)
-        active = state.force.ravel() > 0.0
-        step |= spot_averages(nodal, nodal, real.ravel(), active, beside, area)
-    if problem.recover is not None:
-        force = problem.recover(state.displacement, state.active)
-        step["recovered_traction"] = averages.average_traction(force[None], area)
-    if fields:
-        deformed = problem.surface_height + moved[:, 2]
-        gap = problem.obstacle_height - state.approach - deformed
-        closed = state.force > 0.0  # below overhangs the projected area is none, or negative
-        pressure = np.zeros_like(state.force)
-        np.divide(state.force * problem.normal[:, 2], weight, out=pressure, where=closed)
-        step["pressure"], step["gap"] = (problem.field(one).T for one in (pressure, gap))
-    return step
 
 
 def _pad_spots(steps: Steps) -> None:

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer
+from multiscale.micro import averages
+from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer, contact_areas
+from multiscale.micro.spots import grid_neighbours, spot_averages
 
-__all__ = ["CellProblem", "ContactState", "obstacle_normal", "untouched"]
+__all__ = ["CellProblem", "ContactState", "average_contact", "obstacle_normal", "untouched"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,8 @@ class CellProblem:
         order; a periodic grid's if not given.
     field : callable
         Values on the grid of fields, (nx, ny), from values at contact nodes.
+    arrange : callable
+        Values at contact nodes in the order of this problem, from those in the order of a mesh.
     """
 
     solve: Callable[..., "ContactState"]
@@ -53,6 +58,7 @@ class CellProblem:
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
     neighbours: Callable[[], np.ndarray] | None = None
     field: Callable[[np.ndarray], np.ndarray] = np.asarray
+    arrange: Callable[[np.ndarray], np.ndarray] = np.asarray
 
     @property
     def nominal_area(self) -> float:
@@ -110,3 +116,57 @@ def untouched(
     return ContactState(
         np.zeros(shape), nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,)
     )
+
+
+def average_contact(
+    problem: CellProblem,
+    state: ContactState,
+    *,
+    friction: np.ndarray | None = None,
+    weight: np.ndarray | None = None,
+    fields: bool,
+    spots: bool,
+) -> dict[str, Any]:
+    """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx).
+
+    Parameters
+    ----------
+    problem : CellProblem
+    state : ContactState
+    friction : ndarray, shape (nodes, 3), optional
+        Friction forces on the body, N; none if not given.
+    weight : ndarray, optional
+        Area of each contact node on the mean plane as the body is strained, m2; as before the
+        strain if not given.
+    fields, spots : bool
+        As of :func:`multiscale.micro.solve_cell`.
+    """
+    area, now = problem.nominal_area, problem.weight if weight is None else weight
+    by_normal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
+    nodal = by_normal if friction is None else by_normal + friction
+    moved = problem.surface_displacement(state.displacement)
+    mean = np.array([np.sum(problem.weight * moved[:, k]) / area for k in (2, 0, 1)])
+    real = contact_areas(state.force, now, edges=problem.edges, flowing=state.force >= problem.cap)
+    step = {
+        "traction": averages.average_traction(nodal, area),
+        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
+        "mean_gap": averages.mean_gap(
+            problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], now
+        ),
+        "contact_fraction": max(float(np.sum(real)) / area, 0.0),
+    }
+    if spots:
+        beside = problem.neighbours() if problem.neighbours else grid_neighbours(now.shape)
+        active = state.force.ravel() > 0.0
+        step |= spot_averages(nodal, by_normal, real.ravel(), active, beside, area)
+    if problem.recover is not None:
+        force = problem.recover(state.displacement, state.active)
+        step["recovered_traction"] = averages.average_traction(force[None], area)
+    if fields:
+        deformed = problem.surface_height + moved[:, 2]
+        gap = problem.obstacle_height - state.approach - deformed
+        closed = state.force > 0.0  # below overhangs the projected area is none, or negative
+        pressure = np.zeros_like(state.force)
+        np.divide(state.force * problem.normal[:, 2], problem.weight, out=pressure, where=closed)
+        step["pressure"], step["gap"] = (problem.field(one).T for one in (pressure, gap))
+    return step

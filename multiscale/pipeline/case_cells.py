@@ -140,7 +140,7 @@ def cell_of(case: Case, surface: Surface) -> AnyCell:
         return _mesh_of_file(case, case.cell.mesh)
     if case.cell.geometry == "mesh":
         element, sides = _elements(case.cell)
-        law, depth = Elastic(*composite_material(case)), case.cell.given_depth
+        law, depth = _metal(case) or Elastic(*composite_material(case)), case.cell.given_depth
         return graph_mesh_cell(surface, depth, case.cell.layers, law, element, sides=sides)
     return _grid_cell(case, surface)
 
@@ -149,20 +149,24 @@ def _grid_cell(case: Case, surface: Surface) -> GridCell:
     flat = case.cell.geometry == "flat"
     if flat and (case.coated or case.cell.slope_order == 2):
         return flat_pair(case, surface)
-    material = composite_material(case)
-    bulk = None  # elastic
-    if case.softer is not None and case.yield_stress is not None:
-        bulk = J2(*material, case.yield_stress, case.softer.hardening_modulus or 0.0)
     return Cell(
         surface,
         case.cell.given_depth,
         case.cell.layers,
-        *material,
+        *composite_material(case),
         geometry="flat" if flat else "conforming",
         hardness=case.hardness if flat else None,
-        bulk=bulk,
+        bulk=_metal(case),
         coating=composite_coating(case),
     )
+
+
+def _metal(case: Case) -> J2 | None:
+    """Law of the body that stands for both, if it flows."""
+    if case.softer is None or case.yield_stress is None:
+        return None
+    hardening = case.softer.hardening_modulus or 0.0
+    return J2(*composite_material(case), case.yield_stress, hardening)
 
 
 def flat_pair(case: Case, surface: Surface, opposite: Surface | None = None) -> FlatCell:
@@ -247,7 +251,7 @@ def _mesh_of_file(case: Case, path: Path) -> MeshCell:
     element, sides = _elements(settings)
     cell = cell_from_file(
         path,
-        Elastic(*composite_material(case)),
+        _metal(case) or Elastic(*composite_material(case)),
         element,
         scale=settings.unit or 1.0,
         volumes=volumes,

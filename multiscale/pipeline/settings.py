@@ -227,10 +227,10 @@ class Case(Settings):
                 "[micro.shear] shears cells on surfaces of two bodies, and mesh in [cell] has "
                 "none; leave out one of them"
             )
-        if self.hardness is not None:
+        if self.hardness is not None and self.cell.volumes:
             raise ValueError(
-                "cells on meshes are elastic, and a body has a hardness; leave it out, or set "
-                'geometry = "conforming" or "flat" in [cell]'
+                "named volumes in [cell] are elastic, and a body has a hardness, by which all of a "
+                "mesh flows; leave out one of them"
             )
         if self.slide is not None:
             raise ValueError(

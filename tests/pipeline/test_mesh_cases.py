@@ -171,6 +171,23 @@ def test_inverted_elements_are_counted_and_placed(tmp_path):
         make_cells(load_case(path))
 
 
+def test_a_hard_body_makes_a_mesh_flow_and_unload(tmp_path):
+    hard = {"youngs_modulus": "200 GPa", "poissons_ratio": "0.3", "hardness": "3 GPa"}
+    micro = {"realisations": 1, "pressures": ["50 MPa", "100 MPa", "200 MPa"], "unload": True}
+    path = written(tmp_path / "case.toml", elastic=False, body_2=hard, micro=micro)
+    case = load_case(path)
+    needs = requirements(case)
+    assert "accumulated plastic strain" in needs.state_variables
+    assert "of Newton's matrix" in needs.built["factors"]
+    (cell,) = make_cells(case)
+    assert cell.law.yield_stress == case.yield_stress
+    volumes = {"matrix": {"youngs_modulus": "200 GPa", "poissons_ratio": "0.3"}}
+    file = of_file("rve.msh", volumes=volumes)
+    path = written(tmp_path / "2.toml", file, elastic=False, body_2=hard, micro=micro, rough=False)
+    with pytest.raises(CaseError, match=r"named volumes in \[cell\] are elastic"):
+        load_case(path)
+
+
 def test_needs_of_a_mesh_say_what_it_builds_and_leaves_out(tmp_path):
     needs = requirements(load_case(written(tmp_path / "case.toml")))
     assert "scikit-fem" in needs.libraries

@@ -68,7 +68,7 @@ def solve_increment(
             break
         before = run.residuals[-2] if run.steps else np.inf
         forcing = min(FORCING[1], max(FORCING[0], 0.9 * (now.error / before) ** 1.5))
-        move, shift, iterations = now.newton_step(forcing, 0.1 * tolerance)
+        move, shift, iterations = scene.newton_step(now, forcing, 0.1 * tolerance)
         linear += iterations
         found = _search(equations, now, move, shift)
         if found is None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 __all__ = ["BodyResponse", "FiniteBody", "Increment", "linear_body"]
 
@@ -25,12 +26,15 @@ class BodyResponse:
         positive.
     flowing : float
         Share of the Gauss points that flow, 0 to 1.
+    matrix : csr_array, optional
+        The tangent as a matrix, of a body that assembles one, N/m.
     """
 
     force: np.ndarray
     tangent: Callable[[np.ndarray], np.ndarray]
     least_dilatation: float
     flowing: float
+    matrix: csr_array | None = None
 
 
 @dataclass(frozen=True, eq=False)

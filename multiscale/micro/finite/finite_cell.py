@@ -11,7 +11,7 @@ from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.large_strain import large_strain_body
 from multiscale.micro.finite.pair_reference import PairReference, add_compliances
 from multiscale.micro.finite.pair_scene import PairScene
-from multiscale.micro.finite.scene import CellScene, RigidScene
+from multiscale.micro.finite.scene import CellScene, GraphScene
 from multiscale.micro.finite.two_bodies import Halves, Underside, join_bodies
 from multiscale.micro.flat_reference import Reference, flat_inverse, flat_reference
 from multiscale.micro.graph_mesh import GraphMesh
@@ -30,7 +30,7 @@ def make_scene(cell: FiniteCell) -> CellScene:
     mu = cell.friction_coefficient
     if cell.second is None:
         obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.law.finite_strain)
-        return RigidScene(body, obstacle, mu, _weights(reference.inverse), reference)
+        return GraphScene(body, obstacle, mu, _weights(reference.inverse), reference)
     other = cell.second_layer
     mesh = _mesh(other)
     second = _body(other, mesh)

@@ -1,6 +1,8 @@
 """A path on a cell with friction or at large strain, and the averages of its steps."""
 
 import logging
+from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +22,15 @@ from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.path import Path
 from multiscale.micro.spots import grid_neighbours, spot_averages
 
-__all__ = ["current_weight", "follow_path", "largest_approach"]
+__all__ = [
+    "Way",
+    "current_weight",
+    "follow_path",
+    "largest_approach",
+    "plastic_approach",
+    "pressed_increments",
+    "walk_path",
+]
 
 logger = logging.getLogger(__name__)
 
@@ -63,8 +73,46 @@ def follow_path(
         If time is given to a body without viscosity, or the slide is too long.
     """
     _check(cell, path)
-    scene = make_scene(cell)
-    area, edges = float(np.prod(cell.surface.size)), element_edges(cell)
+    scene, edges = make_scene(cell), element_edges(cell)
+    way = Way(
+        scene,
+        float(np.prod(cell.surface.size)),
+        largest_approach(cell, path.refinement),
+        lambda state, target: _fewest_increments(cell, path, state, target),
+        lambda state: _average(cell, edges, scene, state, fields=fields, spots=spots),
+    )
+    return walk_path(way, path, tolerance=tolerance, checkpoint=checkpoint)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """What walking along a path takes of a cell.
+
+    Attributes
+    ----------
+    scene : CellScene
+    area : float
+        Nominal area, m2.
+    largest_approach : float
+        Largest change of the approach in one increment, m.
+    fewest_increments : callable
+        ``fewest_increments(state, target)`` of the step from a state to a target.
+    average : callable
+        ``average(state)`` returns the averages of a state in equilibrium.
+    """
+
+    scene: CellScene
+    area: float
+    largest_approach: float
+    fewest_increments: Callable[[CellState, Target], int]
+    average: Callable[[CellState], dict[str, Any]]
+
+
+def walk_path(
+    way: Way, path: Path, *, tolerance: float, checkpoint: Checkpoint | None
+) -> list[dict[str, Any]]:
+    """Walk along a path step by step; see :func:`follow_path`."""
+    scene = way.scene
     steps, known = ([], None) if checkpoint is None else checkpoint.found(CellState)
     state = known or rest_state(scene)
     for k in range(len(steps), len(path)):
@@ -74,7 +122,7 @@ def follow_path(
             continue
         before = path.time[k - 1] if path.time is not None and k > 0 else 0.0
         target = Target(
-            None if path.pressure is None else path.pressure[k] * area,
+            None if path.pressure is None else path.pressure[k] * way.area,
             None if path.approach is None else path.approach[k],
             np.zeros(2) if path.slide is None else np.array(path.slide[k], dtype=float),
             0.0 if path.time is None else path.time[k] - before,
@@ -83,9 +131,9 @@ def follow_path(
             scene,
             state,
             target,
-            increments=_fewest_increments(cell, path, state, target),
+            increments=max(path.increments, way.fewest_increments(state, target)),
             tolerance=tolerance,
-            largest_approach=largest_approach(cell, path.refinement),
+            largest_approach=way.largest_approach,
         )
         logger.info(
             "step %d: %s, %d increments, %d Newton, %d linear iterations",
@@ -106,8 +154,7 @@ def follow_path(
         else:
             state = walk.state
             solved = {"converged": 1, "increments": float(walk.increments)}
-            average = _average(cell, edges, scene, state, fields=fields, spots=spots)
-            steps.append(_cost(walk, perf_counter() - begin) | solved | average)
+            steps.append(_cost(walk, perf_counter() - begin) | solved | way.average(state))
         if checkpoint is not None:
             checkpoint.keep(steps, state)
     return steps
@@ -134,14 +181,19 @@ def _check(cell: FiniteCell, path: Path) -> None:
 
 
 def _fewest_increments(cell: FiniteCell, path: Path, state: CellState, target: Target) -> int:
-    count, largest = path.increments, largest_approach(cell, path.refinement)
+    largest = largest_approach(cell, path.refinement)
+    count = pressed_increments(state, target, largest)
     if _passes(cell):
         length = float(np.hypot(*(target.slide - state.slide)))
         count = max(count, _slid_increments(cell, length, largest))
-    if target.approach is not None and np.isfinite(largest):
-        moved = abs(target.approach - state.approach)
-        count = max(count, int(np.ceil(moved / largest - 1e-9)))
     return count
+
+
+def pressed_increments(state: CellState, target: Target, largest: float) -> int:
+    """Count the increments of a prescribed approach, with the largest in one of them, m."""
+    if target.approach is None or not np.isfinite(largest):
+        return 1
+    return int(np.ceil(abs(target.approach - state.approach) / largest - 1e-9))
 
 
 def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
@@ -179,7 +231,12 @@ def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
         span = np.ptp(heights) + (0.0 if obstacle is None else np.ptp(obstacle.heights))
     else:
         span = np.ptp(heights - obstacle.heights)
-    return PLASTIC_APPROACH * 0.5 * float(span) / refinement or np.inf
+    return plastic_approach(float(span), refinement)
+
+
+def plastic_approach(span: float, refinement: int) -> float:
+    """Return the largest approach of an increment of a body that flows, m, for a span of gaps."""
+    return PLASTIC_APPROACH * 0.5 * span / refinement or np.inf
 
 
 def _passes(cell: FiniteCell) -> bool:

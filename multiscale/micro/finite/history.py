@@ -8,8 +8,6 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.micro.finite.cell_newton import solve_increment
 from multiscale.micro.finite.scene import CellScene, CellState, Target
-from multiscale.micro.flat import solve_flat
-from multiscale.micro.lateral_fft import filter_surface
 
 __all__ = ["Walk", "rest_state", "walk_step"]
 
@@ -228,14 +226,12 @@ def _increment(
 def _first_touch(
     scene: CellScene, state: CellState, aim: Target
 ) -> tuple[np.ndarray, float] | None:
-    """Contact nodes and approach, m, of the flat reference, for a cell without contact."""
+    """Contact nodes and approach, m, of an estimate, for a cell without contact."""
     meeting = scene.meet(state.displacement, 0.0, aim.slide)
     gap, closing = meeting.gap, meeting.normal[:, 2]
     if aim.approach is not None:
         return gap - closing * aim.approach < 0.0, aim.approach
-    symbol = scene.vertical[0]
-    found = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=aim.load)
-    return found.value > 0.0, found.approach
+    return scene.first_touch(gap, closing, float(aim.load or 0.0))
 
 
 def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.micro.finite.pair_reference import JoinedReference, PairReference
-from multiscale.micro.finite.scene import CellScene, CellState
+from multiscale.micro.finite.scene import CellScene, CellState, touch_flat
 from multiscale.micro.finite.two_bodies import MIRROR, Halves, PairMeeting, Underside
 
 __all__ = ["PairScene"]
@@ -31,10 +31,11 @@ class PairScene(CellScene):
     reference: PairReference
     halves: Halves
 
-    @property
-    def vertical(self) -> tuple[np.ndarray, np.ndarray]:
-        """Symbols of the vertical compliance of both surfaces and of an approximate inverse."""
-        return self.reference.both.vertical
+    def first_touch(
+        self, gap: np.ndarray, closing: np.ndarray, load: float
+    ) -> tuple[np.ndarray, float]:
+        """Press the flat cells of both bodies."""
+        return touch_flat(self.reference.both.vertical[0], gap, closing, load)
 
     def surface(self, vector: np.ndarray) -> np.ndarray:
         """Surface of the first body, a view of shape (nx, 3, ny)."""

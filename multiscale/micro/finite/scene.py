@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,9 +12,22 @@ from multiscale.micro.finite.constraint import Support
 from multiscale.micro.finite.finite_body import FiniteBody
 from multiscale.micro.finite.height_obstacle import HeightObstacle, RigidMeeting
 from multiscale.micro.finite.two_bodies import PairMeeting, Underside
+from multiscale.micro.flat import solve_flat
 from multiscale.micro.flat_reference import Reference
+from multiscale.micro.lateral_fft import filter_surface
 
-__all__ = ["CellScene", "CellState", "Meeting", "RigidScene", "Target"]
+if TYPE_CHECKING:
+    from multiscale.micro.finite.equations import Iterate
+
+__all__ = [
+    "CellScene",
+    "CellState",
+    "GraphScene",
+    "Meeting",
+    "RigidScene",
+    "Target",
+    "touch_flat",
+]
 
 
 Meeting = RigidMeeting | PairMeeting
@@ -41,10 +54,11 @@ class CellScene(ABC):
     friction: float
     weights: tuple[float, float]
 
-    @property
     @abstractmethod
-    def vertical(self) -> tuple[np.ndarray, np.ndarray]:
-        """Symbols of the vertical compliance of the surface and of an approximate inverse."""
+    def first_touch(
+        self, gap: np.ndarray, closing: np.ndarray, load: float
+    ) -> tuple[np.ndarray, float]:
+        """Estimate contact nodes and approach, m, of an open cell under a load, N."""
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -64,9 +78,23 @@ class CellScene(ABC):
     def slip_since(self, start: "CellState") -> Callable[..., np.ndarray]:
         """Return ``slip(u, approach, slide)``, the motion past the opposite side, m."""
 
-    @abstractmethod
     def reference_at(self, meeting: Any) -> Support:
         """Return the reference of the preconditioner at the contact points of a meeting."""
+        raise TypeError(f"{type(self).__name__} takes Newton steps without a reference")
+
+    def newton_step(
+        self, now: "Iterate", forcing: float, floor: float
+    ) -> tuple[np.ndarray, float, int]:
+        """Solve the linear problem of a Newton step; see :meth:`Iterate.newton_step`."""
+        return now.newton_step(forcing, floor)
+
+
+def touch_flat(
+    symbol: np.ndarray, gap: np.ndarray, closing: np.ndarray, load: float
+) -> tuple[np.ndarray, float]:
+    """Contact nodes and approach, m, of a flat cell with the symbol of its vertical compliance."""
+    found = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=load)
+    return found.value > 0.0, found.approach
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +104,9 @@ class RigidScene(CellScene):
     Attributes
     ----------
     obstacle : HeightObstacle
-    reference : Reference
-        Flat cell for the preconditioner.
     """
 
     obstacle: HeightObstacle
-    reference: Reference
-
-    @property
-    def vertical(self) -> tuple[np.ndarray, np.ndarray]:
-        """Symbols of the vertical compliance of the surface and of an approximate inverse."""
-        return self.reference.vertical
-
-    def surface(self, vector: np.ndarray) -> np.ndarray:
-        """Part of a displacement or force at the surface, a view of shape (nx, 3, ny)."""
-        return np.asarray(vector[:, -1])
 
     def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> RigidMeeting:
         """Find where the body meets the obstacle."""
@@ -106,6 +122,29 @@ class RigidScene(CellScene):
             return np.asarray(moved)
 
         return slip
+
+
+@dataclass(frozen=True, eq=False)
+class GraphScene(RigidScene):
+    """A layer whose top is a graph, against a rigid obstacle.
+
+    Attributes
+    ----------
+    reference : Reference
+        Flat cell for the preconditioner.
+    """
+
+    reference: Reference
+
+    def first_touch(
+        self, gap: np.ndarray, closing: np.ndarray, load: float
+    ) -> tuple[np.ndarray, float]:
+        """Press the flat cell."""
+        return touch_flat(self.reference.vertical[0], gap, closing, load)
+
+    def surface(self, vector: np.ndarray) -> np.ndarray:
+        """Part of a displacement or force at the surface, a view of shape (nx, 3, ny)."""
+        return np.asarray(vector[:, -1])
 
     def reference_at(self, meeting: Any) -> Reference:
         """Return the reference; it is the same everywhere."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import load_mesh
-from multiscale.laws.bulk import Elastic, GradedElastic
+from multiscale.laws.bulk import J2, Elastic, GradedElastic
 from multiscale.micro.cell import CellSides, MeshCell
 from multiscale.micro.mesh.graph_elements import ElementKind, scalar_element
 
@@ -20,7 +20,7 @@ __all__ = ["cell_from_file"]
 
 def cell_from_file(
     path: Path,
-    law: Elastic,
+    law: Elastic | J2,
     element: ElementKind,
     *,
     scale: float = 1.0,
@@ -29,14 +29,15 @@ def cell_from_file(
     base: str = "bottom",
     sides: CellSides = CellSides.PERIODIC,
     points: tuple[int, int] | None = None,
+    friction_coefficient: float = 0.0,
 ) -> MeshCell:
     """Build a cell on a mesh of gmsh, or of any program whose files meshio reads.
 
     Parameters
     ----------
     path : Path
-        Tetrahedra or hexahedra of first order between planes x = const and y = const.
-    law : Elastic
+        Tetrahedra or hexahedra of first or second order between planes x = const and y = const.
+    law : Elastic or J2
         Law of a mesh without named volumes.
     element : ElementKind
         Element of the displacement on the corners of the file.
@@ -49,13 +50,15 @@ def cell_from_file(
     sides : CellSides
     points : tuple of int, optional
         Points along x and y of the fields that are kept.
+    friction_coefficient : float
+        As of :class:`MeshCell`.
 
     Raises
     ------
     CaseError
         If the file cannot be read, elements are inverted, or names and elements do not fit.
     """
-    mesh = load_mesh(path, scale=scale)
+    mesh = load_mesh(path, scale=scale, curved=True)
     if mesh.dim() != 3:
         raise CaseError(f"{path} is a plane mesh, and a cell has three dimensions; mesh a solid")
     if element.simplex != (len(mesh.t) == 4):
@@ -63,6 +66,12 @@ def cell_from_file(
         fit = [kind.value for kind in ElementKind if kind.simplex != element.simplex]
         raise CaseError(
             f"{path} has {own}, which an element {element.value!r} does not fit; use one of {fit}"
+        )
+    if element.order == 1 and mesh.doflocs.shape[1] > mesh.nvertices:
+        own = "tet10" if element.simplex else "hex27"
+        raise CaseError(
+            f"{path} has elements of second order, which an element {element.value!r} does not "
+            f"fit; use {own!r}, or save the mesh in first order"
         )
     found = dict(mesh.boundaries or {})
     missing = [name for name in (contact, base) if name not in found]
@@ -74,7 +83,12 @@ def cell_from_file(
     named = {"top": found[contact], "base": found[base]}
     own_law = law if not volumes and not mesh.subdomains else _law_of(mesh, volumes or {}, path)
     return MeshCell(
-        mesh.with_boundaries(named), scalar_element(element), own_law, sides, points=points
+        mesh.with_boundaries(named),
+        scalar_element(element),
+        own_law,
+        sides,
+        points=points,
+        friction_coefficient=friction_coefficient,
     )
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import GradedElastic
-from multiscale.micro.cell import CellSides, GraphCell, Linear, MeshCell
+from multiscale.laws.bulk import J2, GradedElastic
+from multiscale.micro.cell import CellSides, Linear, MeshCell, PeriodicLayer
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.surfaces.surface import Surface
 
@@ -53,11 +53,12 @@ def graph_mesh_cell(
     surface: Surface,
     depth: float,
     layers: int,
-    law: Linear,
+    law: Linear | J2,
     element: ElementKind = ElementKind.HEX8,
     *,
     sides: CellSides = CellSides.PERIODIC,
     obstacle: Surface | None = None,
+    friction_coefficient: float = 0.0,
 ) -> MeshCell:
     r"""Mesh the layer below a surface with any element, its top nodes at the points of the surface.
 
@@ -72,10 +73,10 @@ def graph_mesh_cell(
         Distance from the clamped base to the mean plane of the top, m.
     layers : int
         Layers of nodes above the base, graded towards the top; even for second order.
-    law : Elastic or GradedElastic
+    law : Elastic, GradedElastic or J2
         Graded moduli have the shape (layers,), from the base up.
     element : ElementKind
-    sides, obstacle
+    sides, obstacle, friction_coefficient
         As of :class:`MeshCell`.
 
     Raises
@@ -83,7 +84,7 @@ def graph_mesh_cell(
     CaseError
         If the grid does not fit the element, or moduli vary within a layer.
     """
-    layer = GraphCell(surface, depth, layers, law, obstacle)
+    layer = PeriodicLayer(surface, depth, layers, law)
     if layer.heterogeneous:
         raise CaseError(
             "moduli on a mesh of a graph vary from layer to layer at most; build a MeshCell with "
@@ -102,7 +103,7 @@ def graph_mesh_cell(
         )
     flat, number = _flat_mesh(surface, planes[::order], element)
     mesh = _lifted(flat, surface, planes[-1])
-    own: Linear = law
+    own: Linear | J2 = law
     if isinstance(law, GradedElastic):
         own = GradedElastic(
             *(
@@ -110,7 +111,15 @@ def graph_mesh_cell(
                 for value in (law.youngs_modulus, law.poissons_ratio)
             )
         )
-    return MeshCell(mesh, scalar_element(element), own, sides, obstacle, layer)
+    return MeshCell(
+        mesh,
+        scalar_element(element),
+        own,
+        sides,
+        obstacle,
+        layer,
+        friction_coefficient=friction_coefficient,
+    )
 
 
 def _flat_mesh(

@@ -1,7 +1,7 @@
 """The general path: an elastic body on any scikit-fem mesh and element, factorised once."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,13 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from skfem import CellBasis
 
-__all__ = ["assemble_mesh_cell", "cell_basis"]
+__all__ = [
+    "ElasticMesh",
+    "assemble_elastic_mesh",
+    "assemble_mesh_cell",
+    "cell_basis",
+    "give_grid",
+]
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
@@ -40,7 +46,34 @@ def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellP
         If elements are inverted, the nodes of periodic sides do not match, or the contact face
         comes down to the base.
     """
-    basis = cell_basis(cell)
+    mesh = assemble_elastic_mesh(cell, cell_basis(cell), recover_stress=recover_stress)
+    return give_grid(cell, mesh, mesh.problem)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticMesh:
+    """The equations of an elastic body on a mesh, its contact quantities in the order of nodes.
+
+    Attributes
+    ----------
+    problem : CellProblem
+    basis : CellBasis
+        Of one displacement component.
+    unknowns : CellUnknowns
+    stiffness : csr_array, shape (unknowns, unknowns)
+        N/m.
+    """
+
+    problem: CellProblem
+    basis: "CellBasis"
+    unknowns: CellUnknowns
+    stiffness: sparse.csr_array
+
+
+def assemble_elastic_mesh(
+    cell: MeshCell, basis: "CellBasis", *, recover_stress: bool = False
+) -> ElasticMesh:
+    """Set up the elastic body of a cell; see :func:`assemble_mesh_cell`."""
     lame, shear = lame_parameters(cell.law.youngs_modulus, cell.law.poissons_ratio)
     unknowns = cell_unknowns(cell, basis)
     expand, nodes = unknowns.expand, unknowns.nodes
@@ -84,8 +117,14 @@ def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellP
         neighbours=unknowns.neighbours,
         field=field,
     )
+    return ElasticMesh(problem, basis, unknowns, stiffness)
+
+
+def give_grid(cell: MeshCell, mesh: ElasticMesh, problem: CellProblem) -> CellProblem:
+    """Give contact quantities the shape of the grid of a cell whose contact nodes are one."""
     if cell.layer is None:
         return problem
+    basis, nodes = mesh.basis, mesh.unknowns.nodes
     grid, points = cell.layer.surface, basis.doflocs[:2, nodes]
     i, j = (
         np.rint(at / step).astype(int) % n
@@ -212,6 +251,7 @@ def _on_grid(
         edges=element_edges(layer),
         neighbours=None,
         field=np.asarray,
+        arrange=lambda values: values[there],
     )
 
 

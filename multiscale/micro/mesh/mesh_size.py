@@ -9,7 +9,7 @@ __all__ = ["MOST_FACTORED", "MeshSize", "mesh_size"]
 MOST_FACTORED = 20_000
 """Unknowns above which factors of a stiffness in three dimensions fill up, and multigrid is used.
 
-A rough obstacle and sides of uniform traction have factors always.
+A rough obstacle, sides of uniform traction, metals and friction have factors always.
 """
 
 
@@ -37,9 +37,12 @@ def mesh_size(cell: MeshCell) -> MeshSize:
     from skfem.assembly import Dofs
 
     unknowns = 3 * int(Dofs(cell.mesh, cell.element).N)
-    flat = cell.obstacle is None and cell.sides is not CellSides.TRACTION
+    flat = cell.obstacle is None and cell.sides is not CellSides.TRACTION and not cell.remembers
     multigrid = flat and unknowns > MOST_FACTORED
-    row = {4: 45, 8: 81, 10: 85, 27: 195}[len(cell.element.doflocs)]  # entries of the stiffness
-    factors = 0 if multigrid else 12 * unknowns**1.33
+    row = {4: 45, 8: 81, 10: 85, 27: 110}[
+        len(cell.element.doflocs)
+    ]  # like entries of the stiffness
+    factors = 0.0 if multigrid else 12 * unknowns**1.33
+    held = 2 if cell.remembers else 1  # the stiffness, and Newton's matrix beside it
     # measured with hexahedra of 37,000 to 553,000 unknowns: assembly, stiffness and coarse spaces
-    return MeshSize(unknowns, multigrid, int(140 * unknowns * row + factors))
+    return MeshSize(unknowns, multigrid, int(held * (140 * unknowns * row + factors)))

@@ -4,8 +4,9 @@ On an active set A the nodes of A follow the obstacle and the others are free,
 
 .. math:: v_A = g_A - \delta, \quad K_{ff} v_f = -K_{fA} v_A, \quad \lambda_A = -(K v)_A,    \tag{1}
 
-which conjugate gradients solve for :math:`v = w_0 + \delta w_1`; a prescribed load
-:math:`F = \sum \lambda_A` gives :math:`\delta`. Their preconditioner is one cycle of smoothed
+which conjugate gradients solve for :math:`v_f` and, under a load :math:`F = \sum \lambda_A`, for
+:math:`\delta` at once: with a motion d that lowers A by one, :math:`d_A = -1`, the unknowns
+:math:`v + \delta d` have a symmetric positive matrix. Their preconditioner is one cycle of smoothed
 aggregation, whose coarse spaces hold the six rigid motions [1]_. It is set up for one active set
 and serves those that follow, with the rows of A left out, until it gets slow.
 
@@ -157,10 +158,10 @@ def solve_large_contact(
         return untouched((n,), gap, np.ones_like(gap), approach)
     if start is None:
         active = able & (gap <= np.quantile(gap[able], 0.1) if approach is None else gap < approach)
-        w = np.zeros((2, n))
+        v, delta = np.zeros(n), float(gap[active].mean())
     else:
-        active = start.active.copy()
-        w = np.stack([start.displacement, np.zeros(n)])
+        active, v, delta = start.active.copy(), start.displacement.copy(), start.approach
+    delta, lowered = delta if approach is None else approach, np.zeros(n)
     cycles = _Cycles(body)
     residuals: list[float] = []
     linear, sharp, status = 0, False, Status.MAX_ITERATIONS
@@ -170,15 +171,19 @@ def solve_large_contact(
         free = np.ones(n, dtype=bool)
         free[held] = False
         precondition = cycles.precondition(free)
-        for k, motion in enumerate((gap[active], np.full(len(held), -1.0))):  # of (1)
-            w[k, held] = motion
-            w[k], count = _relax(body.stiffness, w[k], free, precondition, 0.3 * goal)
-            linear += count
-            cycles.slow |= count > SLOW
-        forces = -(body.stiffness @ w.T).T
-        pull = forces[:, held].sum(axis=1)
-        delta = approach if approach is not None else (float(load or 0.0) - pull[0]) / pull[1]
-        v, out_of_balance = w[0] + delta * w[1], forces[0] + delta * forces[1]
+        if load is not None:
+            lowered[held] = -1.0
+            if not residuals:  # fair for the active sets that follow, too
+                lowered, count = _lower(body.stiffness, lowered, free, precondition)
+                linear += count
+        v[held] = gap[active] - delta  # (1)
+        v, change, count = _balance(
+            body.stiffness, v, free, precondition, (lowered, load), 0.3 * goal
+        )
+        delta += change
+        linear += count
+        cycles.slow |= count > SLOW
+        out_of_balance = -(body.stiffness @ v)
         force = np.zeros_like(gap)
         force[active] = out_of_balance[held]
         residual = float(np.linalg.norm(out_of_balance[free]) / np.linalg.norm(force))
@@ -214,22 +219,48 @@ def solve_large_contact(
     )
 
 
-def _relax(
+def _lower(
+    stiffness: sparse.csr_array,
+    lowered: np.ndarray,
+    free: np.ndarray,
+    precondition: Callable[[np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, int]:
+    """Let the free unknowns follow the lowered contact nodes."""
+    found, _, count = _balance(stiffness, lowered, free, precondition, (np.zeros(0), None), LOOSE)
+    return found, count
+
+
+def _balance(
     stiffness: sparse.csr_array,
     start: np.ndarray,
     free: np.ndarray,
     precondition: Callable[[np.ndarray], np.ndarray],
+    pressed: tuple[np.ndarray, float | None],
     goal: float,
-) -> tuple[np.ndarray, int]:
-    """Balance the free unknowns; the residual is relative to the forces on the others."""
+) -> tuple[np.ndarray, float, int]:
+    """Balance the free unknowns, and a load by lowering the others as ``pressed`` tells.
+
+    Returns displacement, change of the approach and iterations. The residual is relative to the
+    forces on the others, or to the least norm that they have under the load.
+    """
+    lowered, load = pressed
     force = stiffness @ start
-    residual = np.where(free, -force, 0.0)
+    rest = np.append(np.where(free, -force, 0.0), 0.0)
     scale = float(np.linalg.norm(force[~free])) or 1.0
-    change, count = conjugate_gradients(
-        lambda u: np.where(free, stiffness @ u, 0.0),
-        residual,
-        precondition,
-        goal=goal * scale,
-        limit=500,
-    )
-    return start + change, count
+    pushed, own = np.zeros_like(start), 1.0
+    if load is not None:
+        pushed = stiffness @ lowered
+        own, rest[-1] = float(lowered @ pushed), load - float(pushed @ start)
+        scale = load / float(np.sqrt(np.count_nonzero(~free)))
+
+    def apply(y: np.ndarray) -> np.ndarray:
+        moved = stiffness @ y[:-1] + y[-1] * pushed
+        return np.append(np.where(free, moved, 0.0), pushed @ y[:-1] + own * y[-1])
+
+    def improve(residual: np.ndarray) -> np.ndarray:
+        return np.append(precondition(residual[:-1]), residual[-1] / own)
+
+    y, count = conjugate_gradients(apply, rest, improve, goal=goal * scale, limit=500)
+    if load is None:
+        return start + y[:-1], 0.0, count
+    return start + y[:-1] + y[-1] * lowered, float(y[-1]), count

@@ -26,12 +26,20 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.errors import CaseError
+from multiscale.laws.bulk.bulk_law import cofactor
 from multiscale.micro.cell import CellSides, MeshCell
 
 if TYPE_CHECKING:
     from skfem import CellBasis
 
-__all__ = ["CellUnknowns", "TopFace", "cell_unknowns", "mean_strain", "top_face"]
+__all__ = [
+    "CellUnknowns",
+    "TopFace",
+    "cell_unknowns",
+    "mean_strain",
+    "strained_weight",
+    "top_face",
+]
 
 ALPHA = 0.2
 
@@ -181,6 +189,32 @@ def top_face(cell: MeshCell, basis: "CellBasis") -> TopFace:
     values = sparse.csr_array(sparse.diags_array(keep) + mean)  # (1)
     inverse = sparse.diags_array(1.0 / keep) @ (sparse.eye_array(basis.N) - mean)
     return TopFace(facets, values, sparse.csr_array(inverse), values.T @ total)
+
+
+def strained_weight(
+    cell: MeshCell, basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarray
+) -> np.ndarray:
+    r"""Projected area of every contact coefficient of a strained cell, m2.
+
+    Parameters
+    ----------
+    moved : ndarray, shape (3, n)
+        Displacements of the nodes, m.
+
+    Returns
+    -------
+    ndarray, shape (contacts,)
+        :math:`\int \varphi_i\, (\mathrm{cof} F\, n)_z`, by Nanson's formula.
+    """
+    from skfem import FacetBasis
+
+    face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
+    F = np.array([face.interpolate(one).grad for one in moved]) + np.eye(3)[:, :, None, None]
+    projected = np.sum(cofactor(F)[2] * np.asarray(face.normals), axis=0) * face.dx
+    shares = [np.sum(np.asarray(one[0]) * projected, axis=1) for one in face.basis]
+    total = np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=basis.N)
+    values = top_face(cell, basis).values
+    return np.asarray(np.bincount(unknowns.image, values.T @ total)[unknowns.nodes])
 
 
 def mean_strain(basis: "CellBasis") -> np.ndarray:

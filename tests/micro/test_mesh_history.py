@@ -1,0 +1,151 @@
+"""Cells on meshes that flow or rub: the same elements as the compiled kernels, and closed forms."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import J2, Elastic
+from multiscale.micro import Cell, Path, Surface, run_ensemble, solve_cell
+from multiscale.micro.cell import CellSides
+from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
+from tests.support import rough_square
+
+METAL = J2(1.0, 0.3, 0.005, 0.02)
+MU = 0.3
+
+
+def rough():
+    return rough_square(8, 1.0, 0.5, 0.1, seed=2)
+
+
+def assert_close(found, expected, names, tolerance):
+    for name in names:
+        one, other = found[name].values, expected[name].values
+        np.testing.assert_allclose(one, other, atol=tolerance * np.nanmax(np.abs(other)))
+
+
+@pytest.mark.slow  # compiles the kernel of plastic cells
+def test_a_metal_of_hexahedra_is_the_metal_of_the_kernel():
+    path = Path(approach=(0.02, 0.04, 0.03, 0.02))  # loads and unloads
+    kept = {"keep_fields": True, "keep_spots": True, "tolerance": 1e-10}
+    mesh = solve_cell(graph_mesh_cell(rough(), 1.0, 4, METAL), path, **kept)
+    kernel = solve_cell(Cell(rough(), 1.0, 4, 1.0, 0.3, bulk=METAL), path, **kept)
+    assert mesh["converged"].values.all()
+    assert mesh["flowing_fraction"].values[0, 1] > 0.5
+    assert_close(mesh, kernel, ("traction", "displacement_jump", "pressure", "gap"), 1e-8)
+    # each node's area by its shape function, in place of a quarter of its facets
+    assert_close(mesh, kernel, ("mean_gap", "contact_fraction"), 2e-4)
+
+
+@pytest.mark.parametrize("kind", list(ElementKind))
+def test_a_flat_metal_is_pressed_in_uniaxial_strain(kind):
+    # of all elements, since the strain is uniform: elastic, then at a distance 2/3 sigma_y
+    flat, limit = Surface(np.zeros((4, 4)), (1.0, 1.0)), 0.002
+    metal = J2(1.0, 0.3, limit)
+    approach = np.array([1e-3, 8e-3, 6e-3])
+    cell = graph_mesh_cell(flat, 1.0, 2, metal, kind)
+    found = solve_cell(cell, Path(approach=tuple(approach)), tolerance=1e-11)
+    assert found["converged"].values.all()
+    strain = np.log(1.0 - approach)
+    shear, bulk = 1.0 / 2.6, 1.0 / 1.2
+    flowing = bulk * strain[1] - 2.0 / 3.0 * limit
+    kirchhoff = np.array(
+        [
+            (bulk + 4.0 / 3.0 * shear) * strain[0],
+            flowing,
+            flowing + (bulk + 4.0 / 3.0 * shear) * (strain[2] - strain[1]),
+        ]
+    )
+    # the lateral stretch is one, so that the nominal stress is that of Kirchhoff over the stretch
+    expected = kirchhoff / (1.0 - approach)
+    np.testing.assert_allclose(found["traction"].values[0, :, 0], expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        ElementKind.TET4,
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ElementKind if kind != "tet4"),
+    ],
+)
+def test_an_ensemble_of_metals_keeps_a_dent(kind, tmp_path):
+    cells = [graph_mesh_cell(rough(), 1.0, 2, METAL, kind)]
+    response = run_ensemble(cells, Path(pressure=(0.002, 0.004, 0.002)), folder=tmp_path)
+    assert response["converged"].values.all()
+    gap = response["mean_gap"].values[0]
+    assert gap[1] < gap[2] < gap[0]
+    assert list(response["branch"].values) == [0, 0, 1]
+
+
+def test_friction_on_hexahedra_is_the_friction_of_the_kernel():
+    a = 0.004
+    slide = ((0, 0), (0, 0), (a, 0), (10 * a, 0), (-3 * a, 0), (-3 * a, a))
+    path = Path(pressure=(0.005, 0.01, 0.01, 0.01, 0.01, 0.004), slide=slide)
+    kept = {"keep_fields": True, "keep_spots": True, "tolerance": 1e-10}
+    cell = graph_mesh_cell(rough(), 1.0, 4, Elastic(1.0, 0.3), friction_coefficient=MU)
+    mesh = solve_cell(cell, path, **kept)
+    kernel = solve_cell(Cell(rough(), 1.0, 4, 1.0, 0.3, friction_coefficient=MU), path, **kept)
+    assert mesh["converged"].values.all()
+    names = ("traction", "displacement_jump", "mean_gap", "contact_fraction", "pressure", "gap")
+    names += ("traction_by_normal", "slip_fraction", "friction_work")
+    assert_close(mesh, kernel, names, 1e-8)
+    shares = mesh["spot_traction"].sum("spot")
+    np.testing.assert_allclose(shares, mesh["traction"], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", list(ElementKind))
+def test_every_element_slips_at_the_bound_and_dissipates(kind):
+    a = 0.004
+    slide = ((0, 0), (a, 0), (12 * a, 0), (-12 * a, 0), (a, 0), (12 * a, 0))
+    path = Path(pressure=(0.01,) * 6, slide=slide)
+    cell = graph_mesh_cell(rough(), 1.0, 4, Elastic(1.0, 0.3), kind, friction_coefficient=MU)
+    found = solve_cell(cell, path)
+    assert found["converged"].values.all()
+    normal, along, across = found["traction"].values[0].T
+    full = np.array([2, 3, 5])
+    np.testing.assert_allclose(np.hypot(along, across)[full], -MU * normal[full], rtol=1e-3)
+    assert np.hypot(along, across)[1] < 0.9 * MU * 0.01  # the first step sticks in part
+    assert np.all(np.diff(found["friction_work"].values[0]) >= 0.0)
+
+
+@pytest.mark.slow
+def test_a_metal_with_friction_slips_at_the_bound():
+    path = Path(pressure=(0.004, 0.004, 0.004), slide=((0, 0), (0.1, 0), (0.0, 0)))
+    cell = graph_mesh_cell(rough(), 1.0, 2, METAL, friction_coefficient=0.1)
+    found = solve_cell(cell, path)
+    assert found["converged"].values.all()
+    normal, along, _ = found["traction"].values[0].T
+    np.testing.assert_allclose(along[1:], [-0.1 * normal[1], 0.1 * normal[2]], rtol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        pytest.param({"friction_coefficient": -1.0}, "must not be negative", id="negative"),
+        pytest.param(
+            {"friction_coefficient": 0.1, "sides": CellSides.SLIDING},
+            "with friction takes periodic sides and a flat obstacle, got sliding",
+            id="sides",
+        ),
+        pytest.param(
+            {"law": METAL, "sides": CellSides.TRACTION},
+            "flows takes periodic or sliding sides and a flat obstacle, got traction",
+            id="traction",
+        ),
+        pytest.param(
+            {"law": METAL, "obstacle": Surface(np.zeros((8, 8)), (1.0, 1.0))},
+            "and a rough obstacle; change them",
+            id="obstacle",
+        ),
+    ],
+)
+def test_what_a_path_on_a_mesh_does_not_take_is_a_sentence(changes, message):
+    given = {"law": Elastic(1.0, 0.3)} | changes
+    with pytest.raises(CaseError, match=message):
+        graph_mesh_cell(rough(), 1.0, 4, given.pop("law"), **given)
+
+
+def test_times_are_refused():
+    cell = graph_mesh_cell(rough(), 1.0, 4, METAL)
+    with pytest.raises(CaseError, match="no viscosity"):
+        solve_cell(cell, Path(pressure=(0.001,), time=(1.0,)))
