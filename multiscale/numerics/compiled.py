@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
@@ -33,28 +34,42 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     """
     if function is None:
         return lambda late: compiled(late, **options)
-    dispatcher = numba.njit(error_model="numpy", cache=True, **options)(function)
+    dispatcher = numba.njit(error_model="numpy", **options)(function)
     dispatcher._cache = _LockedCache(function)
     return dispatcher
 
 
-class _LockedCache(FunctionCache):
-    """The cache of a kernel, locked from a miss until the result is saved."""
+class _LockedCache:
+    """The cache of a kernel, opened at its first call, locked from a miss to the saved result."""
 
-    _lock: IO[bytes] | None = None
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self._lock: IO[bytes] | None = None
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = super().load_overload(sig, target_context)
-        if found is None and self._lock is None and self._enabled:
-            self._lock = _locked(Path(self.cache_path) / f"{self._impl.filename_base}.lock")
-            found = super().load_overload(sig, target_context)
+    @cached_property
+    def _files(self) -> FunctionCache:
+        return FunctionCache(self._function)
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the files."""
+        return str(self._files.cache_path)
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return a compiled kernel, or None with the lock held."""
+        found = self._files.load_overload(signature, target)
+        if found is None and self._lock is None:
+            name = f"{self._function.__qualname__}-{self._function.__code__.co_firstlineno}.lock"
+            self._lock = _locked(Path(self.cache_path) / name)
+            found = self._files.load_overload(signature, target)
             if found is not None:
                 self._unlock()
         return found
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Save a compiled kernel and give the lock back."""
         try:
-            super().save_overload(sig, data)
+            self._files.save_overload(signature, data)
         finally:
             self._unlock()
 
@@ -66,7 +81,7 @@ class _LockedCache(FunctionCache):
 
 def _locked(path: Path) -> IO[bytes] | None:
     """Open a file and lock it until it is closed; None if it cannot be locked."""
-    with suppress(ImportError, OSError):
+    with suppress(ImportError, OSError):  # without locks or a writable folder
         import fcntl
 
         path.parent.mkdir(parents=True, exist_ok=True)

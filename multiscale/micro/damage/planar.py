@@ -61,12 +61,14 @@ def union_area(polygon: np.ndarray, sets: Ellipses) -> float:
     strip = sets.strip.copy()
     strip[:, 2:] = (strip[:, 2:] - (strip[:, :2] @ origin)[:, None]) / size
     root = sets.root / size
+    (a, b), (c, d) = root.transpose(1, 2, 0)
+    inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
     area = _union_area(
         (polygon - origin) / size,
         (sets.centre - origin) / size,
         root,
-        np.linalg.inv(root),
-        np.linalg.norm(root, 2, axis=(1, 2)),
+        inverse.transpose(2, 0, 1).copy(),
+        0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c)),  # the larger semi-axis
         strip,
     )
     return float(size**2 * area)
