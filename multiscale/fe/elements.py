@@ -18,12 +18,12 @@ References
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.bulk import BulkLaw
 from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
+from multiscale.numerics.compiled import compiled
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
@@ -150,7 +150,7 @@ def sum_blocks(
     return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _integrate(G, w, stress, tangent, slope, curvature):  # type: ignore[no-untyped-def]
     """Element tangents and forces from stress, tangent and derivative of the volume."""
     n_elements, n_points, n_nodes, d = G.shape

@@ -17,12 +17,12 @@ References
    doi:10.1016/j.cma.2003.10.010: projection and clipping in three dimensions.
 """
 
-import numba
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.fe.elements import sum_blocks
 from multiscale.fe.facets import facet_normals
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["couple"]
 
@@ -101,7 +101,7 @@ def _integrate_polygons(
     return one[kept], two[kept], own[kept], other[kept]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _facing_pairs(x1, x2, unit, n2, reach):  # type: ignore[no-untyped-def]
     """Pairs whose projections may overlap: their circles do."""
     one, two = [], []
@@ -125,7 +125,7 @@ def _facing_pairs(x1, x2, unit, n2, reach):  # type: ignore[no-untyped-def]
     return np.array(one, dtype=np.int64), np.array(two, dtype=np.int64)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _clip_pairs(x1, x2, unit, one, two, points, weights):  # type: ignore[no-untyped-def]
     """Blocks of (1) for every pair of facets."""
     m1, m2 = x1.shape[1], x2.shape[1]
@@ -160,7 +160,7 @@ def _clip_pairs(x1, x2, unit, one, two, points, weights):  # type: ignore[no-unt
     return own, other
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _clip(polygon, window):  # type: ignore[no-untyped-def]
     """Part of a polygon inside a convex counter-clockwise window (Sutherland and Hodgman)."""
     kept = np.empty((16, 2))
@@ -183,13 +183,13 @@ def _clip(polygon, window):  # type: ignore[no-untyped-def]
     return kept[:n]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _cross(a, b, c):  # type: ignore[no-untyped-def]
     """Twice the signed area of a triangle."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _area(polygon):  # type: ignore[no-untyped-def]
     """Signed area of a polygon."""
     total = 0.0
@@ -198,7 +198,7 @@ def _area(polygon):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _shape(corners, y, N):  # type: ignore[no-untyped-def]
     """Shape functions of a flat triangle or quadrilateral at a point."""
     if len(corners) == 3:

@@ -1,9 +1,9 @@
 """Steps of a result as VTU files, and the collection that ParaView opens as a series."""
 
 from collections.abc import Iterable
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def write_series(
             with replacing(folder / file) as whole:
                 mesh.write(whole, file_format="vtu")
             entries.append(
-                f'    <DataSet timestep="{float(at)!r}" part="{number}" file={quoteattr(file)}/>\n'
+                f'    <DataSet timestep="{float(at)!r}" part="{number}" file="{escape(file)}"/>\n'
             )
     collection = folder / f"{name}.pvd"  # written last: it names only existing files
     text = (

@@ -8,6 +8,8 @@ stiffness of every point on this curve, and the scales of force and length.
 import numba
 import numpy as np
 
+from multiscale.numerics.compiled import compiled
+
 __all__ = ["resolve", "respond_slabs"]
 
 LEAST_DIVISOR = 1e-300
@@ -21,7 +23,7 @@ MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
 """Iteration and halving limits of Newton's method, and its residual relative to all forces."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
     """Return load and stiffness (a) of slab i at point c."""
     gap, upper = place[0, c], edges[0, i]
@@ -36,7 +38,7 @@ def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
     return place[3, c] * N, place[3, c] / place[4, c] * w
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     """Return load and stiffness at the end, w1/l0 and m of (b), and dm/dw (0 for the quotient)."""
     N0, w0 = _slab(i, start, c, edges)
@@ -51,7 +53,7 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     return N, w, keep, min(max((N - N0) / fall, min(w0, w)), w), 0.0
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
     """Return tangential traction, tangent, new state and energies of a step, (a) to (d).
 
@@ -114,7 +116,7 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
     return traction, tangent, new, account
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
     """Return traction (c) at a change of the jump, and the tangent of traction and direction."""
     tx = ty = h_xy = 0.0
@@ -131,7 +133,7 @@ def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
     return tx, ty, h_xx, h_yy, h_xy
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def resolve(source, k, state, start, end, edges, friction, kappa):  # type: ignore[no-untyped-def]
     """Return the tangential jump on the law and on a search direction, and the failed points.
 

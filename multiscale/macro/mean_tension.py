@@ -1,12 +1,13 @@
 r"""Tension of links in the middle of a time step, such that no energy is gained."""
 
-import numba
 import numpy as np
+
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["mean_tension"]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def mean_tension(
     before: np.ndarray,
     after: np.ndarray,

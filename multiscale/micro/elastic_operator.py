@@ -22,11 +22,12 @@ from multiscale.micro.hexahedron import (
     lateral_heights,
     scatter,
 )
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["stiffness_operator"]
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-untyped-def]
     """Volume average of the divergence over each element."""
     for v in range(lanes):
@@ -49,7 +50,7 @@ def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-un
         mean[v] /= volume[v]
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _forces(  # type: ignore[no-untyped-def]
     grad, flux, geometry, lame, shear, mean, mean_dilatation, area, lanes
 ):
@@ -101,7 +102,7 @@ def _forces(  # type: ignore[no-untyped-def]
                     flux[rz + 24 * BATCH + v] += (zz - slope_x * xz - slope_y * yz) * inverse
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _apply(  # type: ignore[no-untyped-def]
     heights, planes, factor, dx, dy, lame, shear, mean_dilatation, u, out
 ):

@@ -6,8 +6,9 @@ are products of :math:`2 \times 2` matrices, and the derivative along an edge di
 at both Gauss points of that direction: 12 numbers instead of 24 per component.
 """
 
-import numba
 import numpy as np
+
+from multiscale.numerics.compiled import compiled
 
 __all__ = [
     "BATCH",
@@ -29,7 +30,7 @@ X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y a
 NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def differences(nodes, grad, d, e, f, scale, lanes):  # type: ignore[no-untyped-def]
     """Edge derivative in one direction at the Gauss points (qe, qf) of the other two.
 
@@ -47,7 +48,7 @@ def differences(nodes, grad, d, e, f, scale, lanes):  # type: ignore[no-untyped-
         grad[2 * BATCH + v], grad[3 * BATCH + v] = FAR * p + NEAR * r, FAR * q + NEAR * s
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def differences_transposed(grad, nodes, d, e, f, scale, lanes):  # type: ignore[no-untyped-def]
     """Add the transpose of :func:`differences` to ``nodes``."""
     for v in range(lanes):
@@ -67,7 +68,7 @@ def differences_transposed(grad, nodes, d, e, f, scale, lanes):  # type: ignore[
         nodes[d + e + f + v] += b
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def lateral_heights(heights, i, i1, start, dx, dy, lateral, lanes):  # type: ignore[no-untyped-def]
     """Surface heights (rows 0-3) and slopes (x: rows 4-5, y: rows 6-7) at the Gauss points."""
     ny = heights.shape[1]
@@ -84,7 +85,7 @@ def lateral_heights(heights, i, i1, start, dx, dy, lateral, lanes):  # type: ign
         lateral[6 * BATCH + v], lateral[7 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[no-untyped-def]
     """Element heights and slopes of the vertical map z = Z + phi h at the Gauss points."""
     near, far = NEAR * f0 + FAR * f1, FAR * f0 + NEAR * f1
@@ -97,7 +98,7 @@ def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[
             geometry[(5 + 2 * q) * BATCH + v] = far * slope
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def gather(field, sides, layer, start, lanes, nodes):  # type: ignore[no-untyped-def]
     """Corner values of a batch, component by component; the base is held.
 
@@ -125,7 +126,7 @@ def gather(field, sides, layer, start, lanes, nodes):  # type: ignore[no-untyped
                         nodes[low + v], nodes[high + v] = nodes[low], nodes[high]
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def scatter(nodes, sides, layer, start, lanes, out):  # type: ignore[no-untyped-def]
     """Add corner forces to a field, the transpose of :func:`gather`."""
     ny = out.shape[3]

@@ -13,6 +13,8 @@ import numba
 import numpy as np
 from scipy import fft
 
+from multiscale.numerics.compiled import compiled
+
 __all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
 
 
@@ -63,7 +65,7 @@ def brick_stiffness(
     return np.asarray(np.moveaxis(stiffness, (0, 1), (3, 7)))
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
     """Block factorisation for every wavenumber; ``stencil[layer, c, c', dx, dy, i, j]``."""
     layers, m = stencil.shape[0], ny // 2 + 1
@@ -121,7 +123,7 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                 entries[3, j], entries[4, j], entries[5, j] = pivot[1, 1], pivot[1, 2], pivot[2, 2]
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
     """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
 
@@ -150,7 +152,7 @@ def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
                     now[2, v] = d[2, j] * x + d[4, j] * y + d[5, j] * z
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
     """Substitute downwards from the surface."""
     nx, layers, _, m = inverse.shape

@@ -5,13 +5,13 @@ the impulses are not unique, so they are factorised here without the check of
 :func:`multiscale.numerics.factorisation.factorise`; the methods look at what comes out.
 """
 
-import numba
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from multiscale.nonsmooth.friction_problem import ScaledFriction
+from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 
 __all__ = ["factorise_blocks"]
@@ -69,7 +69,7 @@ def factorise_blocks(
     return lambda b: np.asarray(sparse.solve(b.ravel(), "T")).reshape(shape)
 
 
-@numba.njit(cache=True)
+@compiled
 def _times_left(blocks, starts, left):  # type: ignore[no-untyped-def]
     """Multiply the block rows of W by A."""
     out = np.empty_like(blocks)
@@ -85,7 +85,7 @@ def _times_left(blocks, starts, left):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def _fill_full(columns, starts, diagonal, blocks, added, full):  # type: ignore[no-untyped-def]
     """Write the blocks, with ``added`` on the diagonal, into a full matrix."""
     for i in range(starts.size - 1):
@@ -98,7 +98,7 @@ def _fill_full(columns, starts, diagonal, blocks, added, full):  # type: ignore[
                         full[3 * i + a, 3 * j + b] += added[i, a, b]
 
 
-@numba.njit(cache=True)
+@compiled
 def _scalar_rows(columns, starts, diagonal, blocks, added):  # type: ignore[no-untyped-def]
     """Compressed rows of the blocks with ``added`` on the diagonal."""
     contacts = starts.size - 1

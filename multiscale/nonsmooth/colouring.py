@@ -1,8 +1,9 @@
 """Colours of the contact graph: contacts of one colour can be solved side by side."""
 
-import numba
 import numpy as np
 from scipy.sparse import csr_array
+
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["colour_contacts"]
 
@@ -35,7 +36,7 @@ def colour_contacts(columns: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray
     return order, bounds
 
 
-@numba.njit(cache=True)
+@compiled
 def _greedy_colours(columns, starts):  # type: ignore[no-untyped-def]
     """Give every contact the smallest colour that none of its neighbours has yet."""
     contacts = starts.size - 1

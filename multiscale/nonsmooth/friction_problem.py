@@ -2,12 +2,12 @@ r"""The friction problem in dimensionless 3x3 blocks: what every method of this 
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import bsr_array, csr_array
 
 from multiscale.nonsmooth.coulomb import ROUND_OFF, closing_norm, contact_mass
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["ScaledFriction", "scale_friction"]
 
@@ -137,7 +137,7 @@ def scale_friction(
     )
 
 
-@numba.njit(cache=True)
+@compiled
 def _with_diagonal(data, indices, indptr):  # type: ignore[no-untyped-def]
     """Copy block rows into 3x3 blocks, adding diagonal blocks that are missing."""
     contacts, dim = indptr.size - 1, data.shape[1]
@@ -170,7 +170,7 @@ def _with_diagonal(data, indices, indptr):  # type: ignore[no-untyped-def]
     return columns, starts, diagonal, blocks
 
 
-@numba.njit(cache=True)
+@compiled
 def _rescale(blocks, columns, starts, diagonal, unit, carries):  # type: ignore[no-untyped-def]
     """D W D in place; components that carry nothing keep only a one on the diagonal."""
     for i in range(starts.size - 1):
@@ -187,7 +187,7 @@ def _rescale(blocks, columns, starts, diagonal, unit, carries):  # type: ignore[
                 blocks[diagonal[i], a, a] = 1.0
 
 
-@numba.njit(cache=True)
+@compiled
 def add_product(blocks, columns, starts, reaction, velocity):  # type: ignore[no-untyped-def]
     """Add W r to a velocity of shape (contacts, 3) in place."""
     for i in range(starts.size - 1):
@@ -201,7 +201,7 @@ def add_product(blocks, columns, starts, reaction, velocity):  # type: ignore[no
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = a0, a1, a2
 
 
-@numba.njit(cache=True)
+@compiled
 def natural_map_squares(velocity, reaction, friction, mass, unit):  # type: ignore[no-untyped-def]
     """Norms of the natural map over its step, m/s: the contact mass, and the mass unit."""
     weighted, plain = 0.0, 0.0

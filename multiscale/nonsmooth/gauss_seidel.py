@@ -13,6 +13,7 @@ from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.one_contact import solve_one_contact
 from multiscale.nonsmooth.progress import Recorder
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["gauss_seidel", "sweep", "sweep_coloured"]
 
@@ -64,7 +65,7 @@ def gauss_seidel(
     return r
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i):  # type: ignore[no-untyped-def]
     """Solve contact i with the others held."""
     q0, q1, q2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
@@ -80,7 +81,7 @@ def _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i):
     reaction[i, 0], reaction[i, 1], reaction[i, 2] = r0, r1, r2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def sweep(blocks, columns, starts, diagonal, velocity, friction, order, reaction, sweeps):  # type: ignore[no-untyped-def]
     """Solve the contacts one after another in the given order, ``sweeps`` times, in place."""
     for _ in range(sweeps):
@@ -88,7 +89,7 @@ def sweep(blocks, columns, starts, diagonal, velocity, friction, order, reaction
             _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def sweep_coloured(  # type: ignore[no-untyped-def]
     blocks, columns, starts, diagonal, velocity, friction, order, colours, reaction, sweeps
 ):

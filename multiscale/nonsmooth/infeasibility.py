@@ -1,7 +1,6 @@
 """Certificates that a linear complementarity problem has no admissible point."""
 
 import numpy as np
-from scipy.optimize import linprog
 from scipy.sparse import csr_array
 
 from multiscale.nonsmooth.lcp_operator import Entries
@@ -31,6 +30,8 @@ def infeasibility_detail(problem: ScaledLCP, last: list[np.ndarray]) -> str:
     problem : ScaledLCP, given by its entries; nothing is found otherwise
     last : list of ndarray, shape (n,), the last iterate of every method
     """
+    from scipy.optimize import linprog
+
     if not isinstance(problem.operator, Entries):
         return ""
     transposed = problem.operator.matrix.T

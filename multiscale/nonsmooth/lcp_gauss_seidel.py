@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-import numba
 import numpy as np
 
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["iterate_gauss_seidel"]
 
@@ -34,7 +34,7 @@ def iterate_gauss_seidel(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.n
         yield x.copy()
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _sweep(data, indices, indptr, diagonal, vector, x):  # type: ignore[no-untyped-def]
     n = x.size
     for sweep in range(SWEEPS):

@@ -1,12 +1,13 @@
 r"""Coulomb's law at a single contact, solved exactly."""
 
-import numba
 import numpy as np
+
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["solve_one_contact"]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     r"""Solve the friction problem of one contact.
 
@@ -87,7 +88,7 @@ def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     return max(r0, 0.0), shrink * r1, shrink * r2
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")
+@compiled(inline="always")
 def _solve_pair(a11, a12, a21, a22, b1, b2):  # type: ignore[no-untyped-def]
     """Solve two equations by elimination with pivoting: backward stable, unlike Cramer's rule."""
     if abs(a11) >= abs(a21):

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from itertools import islice
 
-import numba
 import numpy as np
 
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
 from multiscale.nonsmooth.newton_min import iterate_newton_min
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["iterate_pivoting"]
 
@@ -76,7 +76,7 @@ def _point(values: np.ndarray, basis: np.ndarray, n: int) -> np.ndarray:
     return x
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _follow(tableau, basis, entering, pivots):  # type: ignore[no-untyped-def]
     """Change tableau and basis by some pivots; return what enters next, or -1 - it on a ray."""
     artificial = 2 * basis.size
@@ -91,7 +91,7 @@ def _follow(tableau, basis, entering, pivots):  # type: ignore[no-untyped-def]
     return entering
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _leaving_row(tableau, basis, entering):  # type: ignore[no-untyped-def]
     """Row of the lexicographically smallest ratio; -1 if the entering variable is unbounded."""
     n = basis.size
@@ -122,7 +122,7 @@ def _leaving_row(tableau, basis, entering):  # type: ignore[no-untyped-def]
     return best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _exchange(tableau, basis, row, entering):  # type: ignore[no-untyped-def]
     """Pivot and return the complement of the variable that left."""
     n = basis.size

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-import numba
 import numpy as np
 
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
 from multiscale.nonsmooth.spectrum import largest_eigenvalue
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["iterate_projected_gradient"]
 
@@ -50,7 +50,7 @@ def iterate_projected_gradient(problem: ScaledLCP, start: np.ndarray) -> Iterato
         carried = True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _multiply(data, indices, indptr, x, out):  # type: ignore[no-untyped-def]
     for i in range(out.size):
         total = 0.0
@@ -59,7 +59,7 @@ def _multiply(data, indices, indptr, x, out):  # type: ignore[no-untyped-def]
         out[i] = total
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@compiled(fastmath={"reassoc", "contract"})
 def _dot(a, b):  # type: ignore[no-untyped-def]
     """Scalar product; the threads that BLAS would start for it cost more than they bring."""
     total = 0.0
@@ -68,14 +68,14 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _free(x, gradient, out):  # type: ignore[no-untyped-def]
     """Write the free gradient to out."""
     for i in range(x.size):
         out[i] = gradient[i] if x[i] > 0.0 else 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _advance(data, indices, indptr, vector, largest, x, p, carried):  # type: ignore[no-untyped-def]
     """Change x and the direction p by STEPS steps; return whether they end on a ray."""
     n = x.size

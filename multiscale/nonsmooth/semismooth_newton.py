@@ -1,11 +1,11 @@
 r"""Semismooth Newton on the residual of Alart and Curnier, regularised for singular W."""
 
-import numba
 import numpy as np
 
 from multiscale.nonsmooth.block_system import factorise_blocks
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.progress import Recorder
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["semismooth_newton"]
 
@@ -72,7 +72,7 @@ def semismooth_newton(
     return r
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def linearise(velocity, reaction, friction):  # type: ignore[no-untyped-def]
     """Residual F of Alart and Curnier with a unit step, and the blocks of F' = A W + B."""
     contacts = friction.size

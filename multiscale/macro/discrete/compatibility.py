@@ -3,12 +3,12 @@ r"""Compatibility operator :math:`e = B u` of nodes and links."""
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.link import Beam
 from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["LinkEquations", "compatibility", "elongations", "equations", "nodal_forces"]
 
@@ -160,7 +160,7 @@ def compatibility(system: LinkSystem) -> csr_array:
     return equations(system).operator
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return B u, shape (rows,)."""
     e = np.empty(unknown.shape[0])
@@ -173,7 +173,7 @@ def elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> 
     return e
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def nodal_forces(
     unknown: np.ndarray, coefficient: np.ndarray, tension: np.ndarray, n: int
 ) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from multiscale.convergence import Status
@@ -10,6 +9,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState, force_scale, round_off, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -144,7 +144,7 @@ def solve_newton(
     return state_of(model, run.solution(u), elastic)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def exact_step(
     elastic: np.ndarray,
     growth: np.ndarray,

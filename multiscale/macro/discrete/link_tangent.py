@@ -2,13 +2,13 @@ r"""Tangent stiffness :math:`B^T k B` with a pattern and ordering that are compu
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.numerics.cholesky import Factorise, prepare_cholesky
+from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Tangent", "prepare_tangent"]
@@ -89,7 +89,7 @@ def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
     return Tangent(start, column, place, model.coefficient, prepare_cholesky(start, column))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _pattern(
     graph_start: np.ndarray, neighbour: np.ndarray, number: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +118,7 @@ def _pattern(
     return start, column
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _places(unknown: np.ndarray, start: np.ndarray, column: np.ndarray) -> np.ndarray:
     """Return the entry to which every product of two coefficients of a row is added."""
     width = unknown.shape[1]
@@ -144,7 +144,7 @@ def _places(unknown: np.ndarray, start: np.ndarray, column: np.ndarray) -> np.nd
     return place
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _fill(
     place: np.ndarray, coefficient: np.ndarray, stiffness: np.ndarray, size: int
 ) -> np.ndarray:
@@ -161,7 +161,7 @@ def _fill(
     return entries
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _fill_geometric(
     place: np.ndarray,
     direction: np.ndarray,

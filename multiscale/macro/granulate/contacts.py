@@ -6,6 +6,8 @@ from typing import Self
 import numba
 import numpy as np
 
+from multiscale.numerics.compiled import compiled
+
 __all__ = [
     "Contacts",
     "allowed_step",
@@ -106,7 +108,7 @@ def _had_impulse(k, pair_impulse):  # type: ignore[no-untyped-def]
     return loaded
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
     """List the grains whose gap to a wall is at most the reach, as pairs (grain, grains + wall)."""
     n, walls = radius.size, kind.size
@@ -120,7 +122,7 @@ def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  
     return pairs[:found].copy()
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def allowed_step(  # type: ignore[no-untyped-def]
     pairs, pair_impulse, position, radius, period, walls, velocity, longest, last, accuracy, gravity
 ):
@@ -161,7 +163,7 @@ def allowed_step(  # type: ignore[no-untyped-def]
     return h
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def build_contacts(  # type: ignore[no-untyped-def]
     pairs,
     pair_impulse,
@@ -256,7 +258,7 @@ def build_contacts(  # type: ignore[no-untyped-def]
     return contacts, index[:m], stretch[: m + 2], delayed_velocity
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def mark_overlaps(  # type: ignore[no-untyped-def]
     pairs,
     index,
@@ -308,7 +310,7 @@ def mark_overlaps(  # type: ignore[no-untyped-def]
     return new
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def penetration(pairs, position, radius, period, walls):  # type: ignore[no-untyped-def]
     """Largest overlap of a pair relative to its smaller radius, and the pair (-1 if none)."""
     kind, point, axis, bore = walls
@@ -326,7 +328,7 @@ COLOURS = 48
 """Largest number of colours; contacts without a colour are solved one after the other."""
 
 
-@numba.njit(cache=True)
+@compiled
 def colour_pairs(ends, grains, free):  # type: ignore[no-untyped-def]
     """Order the contacts by colour, so that no movable body occurs twice in a colour.
 

@@ -8,6 +8,8 @@ the work is proportional to the number of grains whatever the ratio of their siz
 import numba
 import numpy as np
 
+from multiscale.numerics.compiled import compiled
+
 __all__ = ["find_pairs"]
 
 
@@ -60,13 +62,13 @@ def find_pairs(
     return np.asarray(_list_pairs(grains, grid, starts))
 
 
-@numba.njit(cache=True)
+@compiled
 def _hash(k, a, b, c, table):  # type: ignore[no-untyped-def]
     """Return the slot of a cell in a table whose size is a power of two."""
     return (a * 73856093 ^ b * 19349663 ^ c * 83492791 ^ k * 2654435761) & (table - 1)
 
 
-@numba.njit(cache=True)
+@compiled
 def _fill_cells(position, level, width, count, table):  # type: ignore[no-untyped-def]
     """Chain the grains of each slot of the table."""
     heads = np.full(table, -1, np.int64)
@@ -83,7 +85,7 @@ def _fill_cells(position, level, width, count, table):  # type: ignore[no-untype
     return heads, following, cells
 
 
-@numba.njit(cache=True)
+@compiled
 def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
     """Count the pairs of grain i, and list them in ``out`` if it is not empty."""
     position, radius, reach, period = grains
@@ -133,7 +135,7 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
     return found
 
 
-@numba.njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
     found = np.empty(grains[1].size, np.int64)
     none = np.empty((0, 2), np.int32)
@@ -142,7 +144,7 @@ def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
     return found
 
 
-@numba.njit(cache=True, parallel=True)
+@compiled(parallel=True)
 def _list_pairs(grains, grid, starts):  # type: ignore[no-untyped-def]
     """List the pairs in the order of the grains that find them."""
     pairs = np.empty((starts[-1], 2), np.int32)

@@ -21,6 +21,8 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
 import numba
 import numpy as np
 
+from multiscale.numerics.compiled import compiled
+
 __all__ = [
     "apply_impulses",
     "closing_size",
@@ -81,7 +83,7 @@ def _normal_component(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-
     return x if coulomb is None else x * nx + y * ny + z * nz
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
     """Add the effect of an impulse dn along the normal to the velocities."""
     along = mobility[i, 0] * dn
@@ -94,7 +96,7 @@ def _apply_normal_impulse(i, j, nx, ny, nz, dn, velocity, mobility):  # type: ig
     velocity[j, 2] -= along * nz
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # type: ignore[no-untyped-def]
     """Add the effect of an impulse d with the normal component dn to the velocities."""
     tx, ty, tz = ny * dz - nz * dy, nz * dx - nx * dz, nx * dy - ny * dx
@@ -115,7 +117,7 @@ def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # typ
     velocity[j, 6] -= turn * tz
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Solve a range of contacts in their order, each exactly while the others are fixed.
 
@@ -164,7 +166,7 @@ def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, 
             _strain_cell(c, dx, dy, dz, cell)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # type: ignore[no-untyped-def]
     """Add M^-1 H r to the velocities in place."""
     for c in range(ends.shape[0]):
@@ -180,7 +182,7 @@ def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # t
             _strain_cell(c, x, y, z, cell)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untyped-def]
     """Return the norm of u + b n over the closing contacts, weighted by their masses, sqrt(J)."""
     total = 0.0
@@ -194,7 +196,7 @@ def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untype
     return np.sqrt(total)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Return the natural-map error of Coulomb's law, weighted by the masses, sqrt(J).
 
@@ -243,7 +245,7 @@ def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # 
     return np.sqrt(total)
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
     r"""Sweep until (3) is below the target; return the sweeps made and the error.
 
@@ -309,7 +311,7 @@ def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-unty
                 value[c, k] = before[c, k] + direction[c, k]
 
 
-@numba.njit(cache=True, fastmath=True, parallel=True, error_model="numpy")
+@compiled(fastmath=True, parallel=True)
 def relax_coloured(  # type: ignore[no-untyped-def]
     velocity, mobility, ends, data, coulomb, impulse, anchor, bounds, threads, target, sweeps, burst
 ):

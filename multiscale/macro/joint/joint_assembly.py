@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import eye_array
-from scipy.spatial import cKDTree
 
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import compliances
@@ -75,6 +74,8 @@ def condense_joint(joint: RoughJoint, law: InterfaceLaw) -> CondensedJoint:
     The platen moves the upper block as a rigid body, since nothing resists that: no rounding of the
     elasticity enters its motion.
     """
+    from scipy.spatial import cKDTree
+
     assembly = pressed_blocks(joint, law)
     problem, (platen,), (lower, upper) = cut_assembly(assembly), assembly.platens, assembly.bodies
     (interface,), arm = problem.joints, platen.arm(upper)

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import linprog
 from scipy.sparse import block_array, coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
@@ -224,6 +223,8 @@ def _weakest(
     power: np.ndarray, normal: np.ndarray, across: list[np.ndarray], bound: np.ndarray
 ) -> np.ndarray | None:
     """Minimise (1) by linear programs with more and more tangents of the slip; None if held."""
+    from scipy.optimize import linprog
+
     points, count = across[0].shape
     drive, weight = power / np.abs(power).max(), bound / (bound.sum() or 1.0)
     angles = [np.full((points, 1), 2.0 * np.pi * k / CORNERS) for k in range(CORNERS)]

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
-from scipy.spatial import cKDTree
 
 from multiscale.errors import CaseError
 from multiscale.fe.faces import face_areas, face_operator
@@ -168,6 +167,8 @@ def _averages(
     joint: Interface, bodies: tuple[Body, Body], owner: tuple[np.ndarray, np.ndarray]
 ) -> list[_Piece]:
     """Points of faces that do not match, by (1) for each pair of substructures."""
+    from scipy.spatial import cKDTree
+
     faces = [
         surface_of(body.mesh, str(name))
         for body, name in zip(bodies, joint.boundaries, strict=True)
@@ -283,6 +284,8 @@ def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.n
 
     Nothing if nodes or facets do not match, which elements of first order alone may do.
     """
+    from scipy.spatial import cKDTree
+
     name, other = str(joint.boundaries[1]), str(joint.boundaries[0])
     low, up = lower.nodes(other), upper.nodes(name)
     at = upper.basis.doflocs[:, up].T

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from multiscale.errors import CaseError
 
@@ -108,6 +107,8 @@ def _moved(faces: np.ndarray, lower: list[np.ndarray]) -> np.ndarray:
 
 def _lower_twins(points: np.ndarray, size: np.ndarray) -> list[np.ndarray]:
     """Find for each axis the point of the low side opposite each high point, -1 elsewhere."""
+    from scipy.spatial import KDTree
+
     twins = []
     for axis in range(3):
         low = np.flatnonzero(np.abs(points[axis]) < FACE_MARGIN * size[axis])

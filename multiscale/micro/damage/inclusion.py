@@ -61,8 +61,9 @@ References
    doi:10.1115/1.3454568.
 """
 
-import numba
 import numpy as np
+
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles"]
 
@@ -73,7 +74,7 @@ STATE_SIZE = 20
 E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-untyped-def]
     """Follow a closed stress path for a number of cycles.
 
@@ -107,14 +108,14 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
     return float(cycles), False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _equivalent(s):  # type: ignore[no-untyped-def]
     """Mises norm of a deviator."""
     direct = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
     return np.sqrt(1.5 * (direct + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5])))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyped-def]
     """Follow a straight stress path; return the share at which damage becomes critical, or 1."""
     nu, limit = material[NU], material[LIMIT]
@@ -163,7 +164,7 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
     return 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
     """Find the elastic share t of a step, with |xi + t change| = limit at its end."""
     A, B = _equivalent(change) ** 2, _product(xi, change)
@@ -175,7 +176,7 @@ def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
     return min(max(begin, 0.0), 1.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _add_damage(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def]
     """Add a plastic step and its damage (2), by Simpson's rule between two effective stresses.
 
@@ -199,7 +200,7 @@ def _add_damage(state, dp, old, middle, new, material):  # type: ignore[no-untyp
     return (state[1] - active + left * active - before) / dp
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _plastic_step(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
     """Solve a step (3) from the yield surface: return its strain p, write its tensor to flow."""
     size = _equivalent(xi)
@@ -219,14 +220,14 @@ def _plastic_step(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
     return (A + limit * np.log((1.0 + start) / (1.0 + end))) / K
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _product(x, y):  # type: ignore[no-untyped-def]
     """Inner product of the Mises norm."""
     direct = x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
     return 1.5 * (direct + 2.0 * (x[3] * y[3] + x[4] * y[4] + x[5] * y[5]))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def effective_stress(state, start, target, t, material, shear, b, out):  # type: ignore[no-untyped-def]
     """Write the effective stress (1), Pa, at the share t of a straight path into ``out``."""
     nu, D = material[NU], state[0] * material[FEEDBACK]
@@ -241,7 +242,7 @@ def effective_stress(state, start, target, t, material, shear, b, out):  # type:
             out[i] += mean / (1.0 - a * D)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def damage_rate(stress, damage, material):  # type: ignore[no-untyped-def]
     """Damage (Y / S)^s per unit of strain p, with the energy (4) of an effective stress, Pa."""
     young, nu, h = material[E], material[NU], material[CLOSURE]
@@ -260,7 +261,7 @@ def damage_rate(stress, damage, material):  # type: ignore[no-untyped-def]
     return (max(energy, 0.0) / material[STRENGTH]) ** material[EXPONENT]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _principal(s):  # type: ignore[no-untyped-def]
     """Principal values of a symmetric tensor by its invariants."""
     mean = (s[0] + s[1] + s[2]) / 3.0

@@ -11,8 +11,9 @@ contributes
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["Ellipses", "union_area"]
 
@@ -60,18 +61,20 @@ def union_area(polygon: np.ndarray, sets: Ellipses) -> float:
     strip = sets.strip.copy()
     strip[:, 2:] = (strip[:, 2:] - (strip[:, :2] @ origin)[:, None]) / size
     root = sets.root / size
+    (a, b), (c, d) = root.transpose(1, 2, 0)
+    inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
     area = _union_area(
         (polygon - origin) / size,
         (sets.centre - origin) / size,
         root,
-        np.linalg.inv(root),
-        np.linalg.norm(root, 2, axis=(1, 2)),
+        inverse.transpose(2, 0, 1).copy(),
+        0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c)),  # the larger semi-axis
         strip,
     )
     return float(size**2 * area)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[no-untyped-def]
     """Sum (1) over the pieces of the boundary of the union."""
     near = _neighbours(polygon, centre, radius)
@@ -99,7 +102,7 @@ def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
     """Whether circumcircles of two sets meet; on the diagonal, whether one meets the polygon."""
     reach = 0.0
@@ -115,13 +118,13 @@ def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
     return near
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _samples(low, high):  # type: ignore[no-untyped-def]
     """Choose two places of a piece, as another boundary may touch the piece at a single place."""
     return low + 0.37 * (high - low), low + 0.61 * (high - low)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _depth(x, y, j, centre, inverse, strip):  # type: ignore[no-untyped-def]
     """Depth of a point in a set: positive inside, zero on the boundary; dimensionless."""
     x0, y0 = x - centre[j, 0], y - centre[j, 1]
@@ -131,7 +134,7 @@ def _depth(x, y, j, centre, inverse, strip):  # type: ignore[no-untyped-def]
     return min(1.0 - u * u - v * v, along - strip[j, 2], strip[j, 3] - along)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no-untyped-def]
     """Whether a point of the boundary of a set lies in the polygon and in no other set."""
     for a in range(len(polygon)):
@@ -148,7 +151,7 @@ def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
     """Part of (1) from the exposed arcs of an ellipse."""
     M, cx, cy = root[i], centre[i, 0], centre[i, 1]
@@ -187,7 +190,7 @@ def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _cuts(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
     """Part of (1) from the exposed edges of the strip of a set."""
     total = 0.0
@@ -223,7 +226,7 @@ def _cuts(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _crossings(  # type: ignore[no-untyped-def]
     p, q, own, polygon, centre, inverse, strip, near, breaks, with_polygon
 ):
@@ -258,7 +261,7 @@ def _crossings(  # type: ignore[no-untyped-def]
     return n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _add_line(p, dx, dy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
     """Add the place where a segment crosses the line g . x = h."""
     slope = gx * dx + gy * dy
@@ -270,14 +273,14 @@ def _add_line(p, dx, dy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
     return n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _arc_line(M, cx, cy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
     """Add the angles where an ellipse crosses the line g . x = h."""
     B, C = M[0, 0] * gx + M[1, 0] * gy, M[0, 1] * gx + M[1, 1] * gy
     return _add_angles(gx * cx + gy * cy - h, B, C, breaks, n)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _add_angles(A, B, C, breaks, n):  # type: ignore[no-untyped-def]
     """Add the roots of A + B cos t + C sin t."""
     size = np.hypot(B, C)
@@ -289,7 +292,7 @@ def _add_angles(A, B, C, breaks, n):  # type: ignore[no-untyped-def]
     return n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _arc_ellipse(M, cx, cy, other, W, breaks, n):  # type: ignore[no-untyped-def]
     """Add the angles where an ellipse crosses another: a trigonometric quartic."""
     x0, y0 = cx - other[0], cy - other[1]

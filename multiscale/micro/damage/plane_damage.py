@@ -44,6 +44,11 @@ def perpendicular(unit: np.ndarray) -> np.ndarray:
     x, y, z = unit.T
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
-    b = x * y * a
-    first = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    return np.stack([first, np.stack([b, sign + y * y * a, -y], axis=1)], axis=1)
+    frame = np.empty((len(unit), 2, 3))
+    frame[:, 0, 0], frame[:, 0, 1], frame[:, 0, 2] = (
+        1.0 + sign * x * x * a,
+        sign * x * y * a,
+        -sign * x,
+    )
+    frame[:, 1, 0], frame[:, 1, 1], frame[:, 1, 2] = x * y * a, sign + y * y * a, -y
+    return frame

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["box_polygon", "max_damage", "plane_damage"]
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections that are reported
+CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
+EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
 N_STARTS = 4  # number of worst sections from which the local search starts
 
 
@@ -192,8 +194,8 @@ def _sections(
         plane = replace(through, origin=0.5 * size + distance * normal)
         polygon = box_polygon(plane, size)
         if len(polygon) > 2:
-            x, y = polygon.T
-            area[k] = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+            (x, y), after = polygon.T, np.arange(1 - len(polygon), 1)
+            area[k] = 0.5 * float(x @ y[after] - y @ x[after])
             sets = Ellipses.join([kind.section(plane) for kind in bodies])
             lost[k] = union_area(polygon, sets)
     return lost, area
@@ -204,16 +206,15 @@ def box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
 
     There are none if the plane misses the box.
     """
-    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * size
+    corners = CORNERS * size
     height = (corners - plane.origin) @ plane.normal
-    start, end = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
-    crossed = (height[start] <= 0.0) != (height[end] <= 0.0)
-    start, end = start[crossed], end[crossed]
+    below = height <= 0.0
+    start, end = EDGES[:, below[EDGES[0]] != below[EDGES[1]]]
     share = (height[start] / (height[start] - height[end]))[:, None]
     points = (1.0 - share) * corners[start] + share * corners[end]
     flat = (points - plane.origin) @ plane.frame.T
-    away = flat - flat.mean(axis=0) if len(flat) else flat
-    return np.asarray(flat[np.argsort(np.arctan2(away[:, 1], away[:, 0]))])
+    x, y = (flat - flat.sum(axis=0) / max(len(flat), 1)).T
+    return np.asarray(flat[np.argsort(np.arctan2(y, x))])
 
 
 def _offsets(

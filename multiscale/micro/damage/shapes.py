@@ -272,10 +272,11 @@ def _ellipses(centre: np.ndarray, root: np.ndarray, strip: np.ndarray | None = N
     """Plane sets whose roots have a positive determinant."""
     from multiscale.micro.damage.planar import Ellipses
 
-    turned = np.linalg.det(root) < 0.0
-    root = np.where(turned[:, None, None], root[:, :, ::-1], root)
+    turned = root[:, 0, 0] * root[:, 1, 1] < root[:, 0, 1] * root[:, 1, 0]
+    root = np.where(turned[:, None, None], root[:, :, ::-1], root) if turned.any() else root
     if strip is None:
-        strip = np.tile([0.0, 0.0, -np.inf, np.inf], (len(centre), 1))
+        strip = np.empty((len(centre), 4))
+        strip[:] = 0.0, 0.0, -np.inf, np.inf
     return Ellipses(centre, root, strip)
 
 

@@ -25,6 +25,8 @@ import numba
 import numpy as np
 from scipy import fft
 
+from multiscale.numerics.compiled import compiled
+
 __all__ = ["VoxelOperator", "inner_product", "turn_direction", "update_iterate"]
 
 
@@ -97,7 +99,7 @@ def turn_direction(share: float, z: np.ndarray, p: np.ndarray) -> None:
     _turn_direction(share, z.ravel(), p.ravel())
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def _inner_product(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
     for i in numba.prange(len(a)):
@@ -105,7 +107,7 @@ def _inner_product(a, b):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def _update_iterate(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
     for i in numba.prange(len(p)):
         u[i] += share * p[i]
@@ -113,13 +115,13 @@ def _update_iterate(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
         rough[i] = r[i]
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def _turn_direction(share, z, p):  # type: ignore[no-untyped-def]
     for i in numba.prange(len(p)):
         p[i] = z[i] + share * p[i]
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _rows(u, i, i1, j, j1, rows):  # type: ignore[no-untyped-def]
     """Transform the four rows of nodes along a row of bricks: rows[4 c + 2 i + j]."""
     nz = u.shape[3]
@@ -135,7 +137,7 @@ def _rows(u, i, i1, j, j1, rows):  # type: ignore[no-untyped-def]
         rows[v, nz] = rows[v, 0]
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _row_forces(rows, mean, lame, shear, scale, volume, near, far):  # type: ignore[no-untyped-def]
     """Compute the forces on the amplitudes of the node rows below and above a row of bricks."""
     x, y, z = scale
@@ -215,7 +217,7 @@ def _row_forces(rows, mean, lame, shear, scale, volume, near, far):  # type: ign
         near[11, k], far[11, k] = h110 - h111, h110 + h111
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@compiled(fastmath=True)
 def _spread(near, far, i, i1, j, j1, out):  # type: ignore[no-untyped-def]
     """Add the forces on the amplitudes of a row of bricks to its nodes."""
     nz = out.shape[3]
@@ -236,7 +238,7 @@ def _spread(near, far, i, i1, j, j1, out):  # type: ignore[no-untyped-def]
             s[k] += a[k] + b[k] + d[k] + e[k]
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _forces(u, mean, lame, shear, edges, out):  # type: ignore[no-untyped-def]
     """Add the forces of all bricks; strips in x that share no node run together."""
     nx, ny, nz = lame.shape
@@ -259,7 +261,7 @@ def _forces(u, mean, lame, shear, edges, out):  # type: ignore[no-untyped-def]
                 _spread(near, far, i, i1, j, j1, out)
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _stress(u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
     """Sum of the mean stresses of the bricks, one row of ``total`` for each place along x."""
     nx, ny, nz = lame.shape
@@ -285,7 +287,7 @@ def _stress(u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
                 total[i, 5] += mu * (xy + mean[5])
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True, error_model="numpy")
+@compiled(parallel=True, fastmath=True)
 def _invert(values, along_x, along_y, along_z, lame, shear, edges):  # type: ignore[no-untyped-def]
     """Multiply by the inverse of (1) for every wavenumber; the mean motion is zero."""
     nx, ny, nz = values.shape[1:]

@@ -11,10 +11,10 @@ t being measured from the corner that the plane meets first. F is a piecewise qu
 that becomes a ramp and a step as c and b vanish, so that no plane needs a special formula.
 """
 
-import numba
 import numpy as np
 
 from multiscale.io.images import VoxelImage
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["box_section", "void_section"]
 
@@ -51,7 +51,7 @@ def void_section(image: VoxelImage, normal: np.ndarray, distance: np.ndarray) ->
     return np.prod(image.spacing) * found
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _ramp(s, b, c):  # type: ignore[no-untyped-def]
     """Distribution of the sum of two uniform variables with ranges b >= c."""
     if s <= 0.0:
@@ -65,13 +65,13 @@ def _ramp(s, b, c):  # type: ignore[no-untyped-def]
     return 1.0 - (b + c - s) ** 2 / (2.0 * b * c)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _density(t, a, b, c):  # type: ignore[no-untyped-def]
     """Equation (1) over the volume, 1/m."""
     return (_ramp(t, b, c) - _ramp(t - a, b, c)) / a
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _void_section(void, step, planes, a, b, c):  # type: ignore[no-untyped-def]
     """Sum (1) over the void voxels, for planes in rising order from the first corner."""
     total = np.zeros(len(planes))

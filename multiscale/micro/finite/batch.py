@@ -17,8 +17,6 @@ tangents are pulled back with it once, so that a tangent is applied without any 
 
 import math
 
-import numba
-
 from multiscale.micro.hexahedron import (
     BATCH,
     X,
@@ -30,6 +28,7 @@ from multiscale.micro.hexahedron import (
     gather,
     lateral_heights,
 )
+from multiscale.numerics.compiled import compiled
 
 __all__ = [
     "CHANGE",
@@ -57,9 +56,8 @@ __all__ = [
     "transform",
 ]
 
-kernel = numba.njit(
-    cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy"
-)  # without ninf and nnan, because callers check for NaN
+# without ninf and nnan, because callers check for NaN
+kernel = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 NODES = 0  # 24 rows: corner values, component by component
 EDGES = NODES + 24 * BATCH  # 36: edge derivatives

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.micro.finite.batch import kernel
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["DeformedSurface", "Projection", "catmull_rom"]
 
@@ -60,7 +61,7 @@ def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def
     return i, j
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@compiled(parallel=True)
 def _locate(field, dx, dy, target, search, place, values, column, weight):  # type: ignore[no-untyped-def]
     """Find the places above the targets if ``search`` is true, and sample the surface there."""
     nx, _, ny = field.shape

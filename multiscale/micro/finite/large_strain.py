@@ -90,7 +90,7 @@ class _LargeStrainCell:
 
         def respond(u: np.ndarray) -> BodyResponse:
             force, flags = np.zeros_like(u), np.empty((len(u), 2))
-            respond_cell(  # type: ignore[call-arg]
+            respond_cell(
                 *self.geometry,
                 kind,
                 moduli,
@@ -121,7 +121,7 @@ class _LargeStrainCell:
         def finish(u: np.ndarray) -> np.ndarray:
             new = np.empty_like(state)
             kind = PLASTIC
-            update_state(*self.geometry, kind, self.moduli(), u, state, new)  # type: ignore[call-arg]
+            update_state(*self.geometry, kind, self.moduli(), u, state, new)
             return new
 
         return self.step(state, self.moduli(), finish)
@@ -135,7 +135,7 @@ class _LargeStrainCell:
         def finish(u: np.ndarray) -> np.ndarray:
             elastic = np.empty((*self.points, 6, BATCH))
             kind = NEO_HOOKEAN
-            update_state(*self.geometry, kind, self.moduli(), u, NO_STATE, elastic)  # type: ignore[call-arg]
+            update_state(*self.geometry, kind, self.moduli(), u, NO_STATE, elastic)
             elastic *= law.shear_modulus
             new = law.advance(rows, np.moveaxis(elastic, -2, 0))
             return np.ascontiguousarray(np.moveaxis(new, 0, -2))

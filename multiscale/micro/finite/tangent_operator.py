@@ -38,6 +38,7 @@ from multiscale.micro.finite.element_stiffness import (
 from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
 from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
 from multiscale.micro.hexahedron import BATCH, gather, scatter
+from multiscale.numerics.compiled import compiled
 
 __all__ = [
     "NEO_HOOKEAN",
@@ -50,9 +51,7 @@ __all__ = [
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
 
-parallel_kernel = numba.njit(
-    parallel=True, cache=True, fastmath={"contract", "reassoc", "nsz", "arcp"}, error_model="numpy"
-)
+parallel_kernel = compiled(parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @kernel

@@ -1,0 +1,98 @@
+"""Kernels that are compiled once for all processes that share a cache."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cached_property
+from pathlib import Path
+from typing import IO, Any
+
+import numba
+from numba.core.caching import FunctionCache
+
+__all__ = ["compiled"]
+
+LONGEST_WAIT = 120.0  # s for the process that compiles a kernel, before it is compiled here too
+
+
+def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
+    """Compile a function at its first call, or load what any process has compiled before.
+
+    Parameters
+    ----------
+    function : callable
+        The kernel. Divisions follow IEEE arithmetic, as those of NumPy.
+    **options
+        Of ``numba.njit``, such as ``parallel`` and ``fastmath``.
+
+    Notes
+    -----
+    The cache of numba has no lock: workers that start together would all compile the same kernels.
+    Here the first process locks a file beside the cache of the kernel until its result is there,
+    and the others load this result. Without such locks (Windows, some network disks) each process
+    compiles for itself.
+    """
+    if function is None:
+        return lambda late: compiled(late, **options)
+    dispatcher = numba.njit(error_model="numpy", **options)(function)
+    dispatcher._cache = _LockedCache(function)
+    return dispatcher
+
+
+class _LockedCache:
+    """The cache of a kernel, opened at its first call, locked from a miss to the saved result."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self._lock: IO[bytes] | None = None
+
+    @cached_property
+    def _files(self) -> FunctionCache:
+        return FunctionCache(self._function)
+
+    @property
+    def cache_path(self) -> str:
+        """Folder of the files."""
+        return str(self._files.cache_path)
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return a compiled kernel, or None with the lock held."""
+        found = self._files.load_overload(signature, target)
+        if found is None and self._lock is None:
+            name = f"{self._function.__qualname__}-{self._function.__code__.co_firstlineno}.lock"
+            self._lock = _locked(Path(self.cache_path) / name)
+            found = self._files.load_overload(signature, target)
+            if found is not None:
+                self._unlock()
+        return found
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Save a compiled kernel and give the lock back."""
+        try:
+            self._files.save_overload(signature, data)
+        finally:
+            self._unlock()
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+
+def _locked(path: Path) -> IO[bytes] | None:
+    """Open a file and lock it until it is closed; None if it cannot be locked."""
+    with suppress(ImportError, OSError):  # without locks or a writable folder
+        import fcntl
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("wb")
+        limit = time.monotonic() + LONGEST_WAIT
+        while time.monotonic() < limit:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                time.sleep(0.02)
+            else:
+                return file
+        file.close()
+    return None
