@@ -12,15 +12,9 @@ from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, 
 from multiscale.macro.substructures.cut_motion import simulate_latin
 from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
+from multiscale.macro.substructures.joint_loading import FEW_STEPS, JointLoading, load_joint
 from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.loading import (
-    FEW_STEPS,
-    JointLoading,
-    LoadPath,
-    follow_loads,
-    load_joint,
-    require_held,
-)
+from multiscale.macro.substructures.load_path import LoadPath, follow_loads, require_held
 from multiscale.macro.substructures.method_choice import JointSize, choose_method
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure

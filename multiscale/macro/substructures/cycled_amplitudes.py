@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE
 from multiscale.macro.substructures.bolted_path import CutSolver, follow_bolts
+from multiscale.macro.substructures.closed_cycles import closed_cycle, cycle_work
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled
@@ -15,54 +16,7 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["closed_cycle", "cycle_work", "with_amplitudes"]
-
-
-def closed_cycle(steps: int) -> np.ndarray:
-    """Shear over its amplitude from the positive amplitude to the negative one and back.
-
-    Parameters
-    ----------
-    steps : int
-        Load steps from zero to the amplitude.
-
-    Returns
-    -------
-    ndarray, shape (4 steps,)
-        The start, at the positive amplitude, is left out.
-    """
-    rise = np.arange(1, steps + 1) / steps
-    return np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
-
-
-def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.ndarray:
-    r"""Work of a closed cycle of shear.
-
-    Parameters
-    ----------
-    amplitude : float or ndarray, shape (...)
-        Amplitude of the shear, Pa.
-    displacement : ndarray, shape (..., 4 steps + 1)
-        Displacement along the shear at the positive amplitude and in the steps of
-        :func:`closed_cycle`, m.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        With the displacement q and the shear :math:`\tau`, J/m²:
-
-        .. math:: \oint \tau\, \mathrm{d}q = \tau_a (q_{end} - q_{start})
-            - \oint q\, \mathrm{d}\tau    \tag{1}
-
-        by Simpson's rule on both branches, which is exact where slip grows as the square of the
-        shear from the last reversal, as it does while it is small.
-    """
-    half = displacement.shape[-1] // 2
-    weight = np.ones(half + 1)
-    weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
-    back, forth = displacement[..., : half + 1], displacement[..., half:]
-    enclosed = 2.0 / (3.0 * half) * np.asarray(amplitude) * ((back - forth) @ weight)
-    return np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)
+__all__ = ["with_amplitudes"]
 
 
 def with_amplitudes(

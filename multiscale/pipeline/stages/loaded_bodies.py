@@ -24,11 +24,11 @@ from multiscale.pipeline.body_budget import (
     JointsOfLaw,
     change_friction,
     few_steps,
-    load_answers,
-    with_interface_contact,
     with_joint_budget,
 )
+from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
+from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions

@@ -24,12 +24,12 @@ from multiscale.pipeline.body_budget import (
     Change,
     JointsOfLaw,
     change_friction,
-    joint_answers,
-    with_contact,
     with_joint_budget,
 )
 from multiscale.pipeline.body_settings import RoughBodies
+from multiscale.pipeline.joint_answers import joint_answers
 from multiscale.pipeline.joint_settings import Cycles
+from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.rows import (
     list_bolts,
     list_cycles,
