@@ -10,7 +10,6 @@ import numpy as np
 from multiscale.executors import run_jobs
 from multiscale.fe.facets import plane_axes
 from multiscale.laws import NormalLaw, Sliders
-from multiscale.macro.bodies import Assembly
 from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_settings import RoughBodies
@@ -107,28 +106,15 @@ def few_steps(case: Case) -> int:
     return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
-def change_friction(
-    assembly: Assembly, factors: Mapping[str, float], joints: Collection[int] | None = None
-) -> Assembly:
-    """Return an assembly whose sliders have some parameters times their factors.
-
-    These are the sliders of some joints, by their numbers, or of all.
-    """
+def change_friction(laws: Sequence[Sliders], change: Change) -> list[Sliders]:
+    """Return the laws of all joints, of which those that change have other parameters."""
 
     def changed(law: Sliders) -> Sliders:
         return replace(
-            law, **{name: factor * getattr(law, name) for name, factor in factors.items()}
+            law, **{name: factor * getattr(law, name) for name, factor in change.factors.items()}
         )
 
-    return replace(
-        assembly,
-        interfaces=tuple(
-            replace(one, law=changed(one.law))  # type: ignore[arg-type]  # rough joints have sliders
-            if joints is None or number in joints
-            else one
-            for number, one in enumerate(assembly.interfaces)
-        ),
-    )
+    return [changed(law) if joint in change.joints else law for joint, law in enumerate(laws)]
 
 
 def with_joint_budget(

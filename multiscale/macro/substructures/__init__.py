@@ -10,11 +10,22 @@ from multiscale.macro.substructures.assembly_methods import (
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
 from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut_motion import simulate_latin
+from multiscale.macro.substructures.followed_path import condense_assembly
 from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
-from multiscale.macro.substructures.joint_loading import FEW_STEPS, JointLoading, load_joint
+from multiscale.macro.substructures.joint_loading import (
+    FEW_STEPS,
+    JointLoading,
+    load_cut_joint,
+    load_joint,
+)
 from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.load_path import LoadPath, follow_loads, require_held
+from multiscale.macro.substructures.load_path import (
+    LoadPath,
+    follow_cut_loads,
+    follow_loads,
+    require_held,
+)
 from multiscale.macro.substructures.method_choice import JointSize, choose_method
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
@@ -43,11 +54,14 @@ __all__ = [
     "assemble",
     "bisect",
     "choose_method",
+    "condense_assembly",
     "cut_assembly",
     "cut_bodies",
     "cut_links",
+    "follow_cut_loads",
     "follow_loads",
     "homogenise",
+    "load_cut_joint",
     "load_joint",
     "require_held",
     "simulate_latin",

@@ -24,6 +24,8 @@ class Method(CutSolver, Protocol):
     """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
 
     name: ClassVar[str]
+    condenses: ClassVar[bool]
+    """Whether bodies are condensed onto their joints before it follows a path."""
 
     @property
     def coarse(self) -> bool:
@@ -42,6 +44,7 @@ class AssembledNewton:
     """
 
     name: ClassVar[str] = "Newton's method on the whole"
+    condenses: ClassVar[bool] = True
     coarse: ClassVar[bool] = False
     tolerance: float = 1e-10
     max_iterations: int = 100
@@ -71,6 +74,7 @@ class LatinMethod:
     """
 
     name: ClassVar[str] = "LATIN"
+    condenses: ClassVar[bool] = False
     parts: tuple[int, int] = (1, 1)
     coarse: bool = True
     tolerance: float = 1e-8
@@ -103,6 +107,7 @@ class NewtonSchur:
     """
 
     name: ClassVar[str] = "Newton-Schur"
+    condenses: ClassVar[bool] = False
     coarse: ClassVar[bool] = True
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10

@@ -9,21 +9,31 @@ from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.assembly_methods import Method
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
+from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
+from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FollowedPath", "require_compliant", "solve_path"]
+__all__ = ["FollowedPath", "condense_assembly", "solve_path"]
 
 
-def require_compliant(assembly: Assembly) -> None:
-    """Refuse laws of rigid contact, which have no stiffness."""
+def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
+    """Cut an assembly, and condense its bodies once for all paths if its method does so.
+
+    Raises
+    ------
+    CaseError
+        If a law is one of rigid contact, which has no stiffness, or as :func:`cut_assembly`.
+    """
     if not all(interface.law.compliant for interface in assembly.interfaces):
         raise CaseError(
             "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
         )
+    problem = cut_assembly(assembly, method.parts)
+    return condense_problem(problem) if method.condenses else CondensedProblem(problem, problem)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """Press bodies with joints, shear them to and fro; measure stiffness, slip and lost energy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,20 +11,20 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
 from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
-from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.cycled_amplitudes import with_amplitudes
-from multiscale.macro.substructures.followed_path import require_compliant, solve_path
+from multiscale.macro.substructures.followed_path import condense_assembly, solve_path
 from multiscale.macro.substructures.joint_state import (
     contact_state,
     joint_shares,
     measure_stiffness,
 )
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FEW_STEPS", "JointLoading", "load_joint"]
+__all__ = ["FEW_STEPS", "JointLoading", "load_cut_joint", "load_joint"]
 
 FEW_STEPS = 2
 """Load steps from zero to an amplitude in the cycles at every preload."""
@@ -131,15 +132,40 @@ def load_joint(
     without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
     its face, :func:`~.cycled_amplitudes.cycle_work`.
     """
-    require_compliant(assembly)
-    if len(assembly.areas) != 2:
+    joint = condense_assembly(assembly, method)
+    loaded = load_cut_joint(
+        joint.small, assembly.areas, loading, method=method, extrapolate=extrapolate
+    )
+    return joint.restore(loaded)
+
+
+def load_cut_joint(
+    problem: CutProblem,
+    areas: Sequence[float],
+    loading: JointLoading,
+    *,
+    method: Method,
+    extrapolate: bool = False,
+) -> "xr.Dataset":
+    """Press and shear a cut structure; see :func:`load_joint`.
+
+    Parameters
+    ----------
+    problem : CutProblem
+        The small problem of :func:`~.followed_path.condense_assembly`, for instance.
+    areas : sequence of float
+        Of the faces that preload and shear act on, m².
+    loading, method, extrapolate
+        As of :func:`load_joint`.
+    """
+    if len(areas) != 2:
         raise CaseError(
             f"a joint needs two load cases, preload and shear, with the area that each acts on, "
-            f"got {len(assembly.areas)} areas"
+            f"got {len(areas)} areas"
         )
     factors = loading.factors()
-    done = solve_path(cut_assembly(assembly, method.parts), factors, method)
-    problem, result, area = done.problem, done.result, np.array(assembly.areas)
+    done = solve_path(problem, factors, method)
+    result, area = done.result, np.array(areas)
     approach, along = (done.work / area).T
     values: dict[str, Any] = {
         "preload": factors[:, 0],

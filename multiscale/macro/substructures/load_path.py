@@ -14,7 +14,7 @@ from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
 from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.followed_path import require_compliant, solve_path
+from multiscale.macro.substructures.followed_path import condense_assembly, solve_path
 from multiscale.macro.substructures.joint_state import (
     OPENED,
     SLIPS,
@@ -22,12 +22,13 @@ from multiscale.macro.substructures.joint_state import (
     joint_shares,
     load_stiffness,
 )
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["LoadPath", "follow_loads", "require_held"]
+__all__ = ["LoadPath", "follow_cut_loads", "follow_loads", "require_held"]
 
 
 @dataclass(frozen=True)
@@ -160,10 +161,21 @@ def follow_loads(
     :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
     :func:`~.cycled_amplitudes.cycle_work`; interfaces share it as slip dissipates at their points.
     """
-    require_compliant(assembly)
     require_held(assembly)
+    structure = condense_assembly(assembly, method)
+    loaded = follow_cut_loads(structure.small, path, method=method, extrapolate=extrapolate)
+    return structure.restore(loaded)
+
+
+def follow_cut_loads(
+    problem: CutProblem, path: LoadPath, *, method: Method, extrapolate: bool = False
+) -> "xr.Dataset":
+    """Load a cut structure by named loads; see :func:`follow_loads`.
+
+    The problem is the small one of :func:`~.followed_path.condense_assembly`, for instance.
+    """
     factors, forces = path.factors(), np.array(path.forces)
-    done = solve_path(cut_assembly(assembly, method.parts), factors, method)
+    done = solve_path(problem, factors, method)
     result, joints, ends = done.result, done.problem.joints, path.ends()
     displacement = done.work / forces
     values: dict[str, Any] = {

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,12 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro.monolithic import InterfaceSolution, solve_interface
+from multiscale.macro.monolithic import (
+    FlexibleBodies,
+    InterfaceSolution,
+    prepare_flexible,
+    solve_interface,
+)
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import assemble_result, check_after, load_factors
 from multiscale.macro.substructures.joint_state import advance_state, states_after
@@ -170,9 +176,17 @@ class PreparedBodies:
             start=start,
             jump=jump,
             state=state,
+            flexible=self.flexible,
             max_iterations=max_iterations,
             tolerance=tolerance,
         )
+
+    @cached_property
+    def flexible(self) -> FlexibleBodies | None:
+        """Condensed bodies whose jumps are unknowns; none if springs do not hold them."""
+        if self.condensed is None:
+            return None
+        return prepare_flexible(self.condensed.blocks[0], self.jump, self.whole.weight)
 
     def keep(self, unknowns: np.ndarray) -> np.ndarray:
         """Kept ones of all unknowns, m."""
