@@ -256,12 +256,12 @@ class _Whole:
             tangent = tangent.copy()
             for row in range(len(tangent)):
                 tangent[row, row] += floor * self.resistance * self.weight
+        if self.prepared is not None:
+            with suppress(MultiscaleError):
+                return self.prepared.direction(B, tangent, -here.gradient)
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
-        if self.prepared is not None:
-            with suppress(MultiscaleError):
-                return self.prepared.direction(B, weighted, -here.gradient)
         matrix = self.stiffness + B.T @ (weighted @ B)  # K + B^T (w D) B
         matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
         with suppress(MultiscaleError):
@@ -270,7 +270,7 @@ class _Whole:
             flexible = prepare_flexible(self.stiffness, B, self.weight)
             if flexible is not None:
                 with suppress(MultiscaleError):
-                    return flexible.direction(B, weighted, -here.gradient)
+                    return flexible.direction(B, tangent, -here.gradient)
         return None
 
 
@@ -293,14 +293,24 @@ class FlexibleBodies:
     springs: np.ndarray
     compliance: np.ndarray
 
-    def direction(self, B: csr_array, tangent: csr_array, force: np.ndarray) -> np.ndarray:
-        """Newton direction (1), m."""
-        change = csr_array(tangent - diags_array(self.springs))
-        size = 1.0 + abs(change).max(axis=0).toarray() / self.springs  # where laws are stiff
-        change = csr_array(change @ diags_array(1.0 / size))
-        matrix = np.diag(1.0 / size) + (change.T @ self.compliance).T  # C is symmetric
-        opened = factorise(matrix, name="the tangent compliance")(B @ self.solve(force))
-        return self.solve(force - B.T @ (change @ opened))
+    def direction(self, B: csr_array, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Newton direction (1), m, from the tangent, shape (d, d, points), N/m."""
+        change, springs = tangent.copy(), self.springs.reshape(len(tangent), -1)
+        for row, spring in enumerate(springs):
+            change[row, row] -= spring
+        size = 1.0 + np.abs(change).max(axis=0) / springs  # where laws are stiff
+        change /= size
+        C = self.compliance.reshape(self.springs.size, *springs.shape)
+        product = np.zeros(C.shape)
+        for row in range(len(tangent)):
+            for column in range(len(tangent)):
+                product[:, column] += C[:, row] * change[row, column]
+        matrix = product.reshape(self.compliance.shape)
+        matrix[np.diag_indices(self.springs.size)] += 1.0 / size.ravel()
+        solve = factorise(matrix, name="the tangent compliance")
+        opened = solve(B @ self.solve(force)).reshape(springs.shape)
+        moved = np.einsum("ijp,jp->ip", change, opened).ravel()
+        return self.solve(force - B.T @ moved)
 
 
 def prepare_flexible(

@@ -15,9 +15,11 @@ from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
 from multiscale.macro.substructures.joint_loading import (
     FEW_STEPS,
+    FollowedJoint,
     JointLoading,
-    load_cut_joint,
+    follow_joint,
     load_joint,
+    measure_joint,
 )
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.load_path import (
@@ -40,6 +42,7 @@ __all__ = [
     "AssembledNewton",
     "CutInterface",
     "CutProblem",
+    "FollowedJoint",
     "JointLoading",
     "JointSize",
     "LatinMethod",
@@ -59,10 +62,11 @@ __all__ = [
     "cut_bodies",
     "cut_links",
     "follow_cut_loads",
+    "follow_joint",
     "follow_loads",
     "homogenise",
-    "load_cut_joint",
     "load_joint",
+    "measure_joint",
     "require_held",
     "simulate_latin",
     "solve_assembly",

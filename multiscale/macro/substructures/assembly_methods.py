@@ -55,12 +55,14 @@ class AssembledNewton:
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
         """Solve by :func:`solve_whole`."""
         return solve_whole(
             problem,
             load_factor,
             after=after,
+            near=near,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
         )
@@ -86,8 +88,9 @@ class LatinMethod:
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
-        """Solve by :func:`solve_latin`."""
+        """Solve by :func:`solve_latin`, which begins each step where the last one ended."""
         return solve_latin(
             problem,
             load_factor,
@@ -119,8 +122,9 @@ class NewtonSchur:
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
-        """Solve by :func:`solve_schur`."""
+        """Solve by :func:`solve_schur`, which begins each step where the last one ended."""
         return solve_schur(
             problem,
             load_factor,

@@ -57,9 +57,11 @@ class FollowedPath:
     work: np.ndarray
 
 
-def solve_path(problem: CutProblem, factors: np.ndarray, method: Method) -> FollowedPath:
-    """Solve a path and let the loads measure the displacement."""
-    result, whole = follow_bolts(problem, factors, method), assemble(problem)
+def solve_path(
+    problem: CutProblem, factors: np.ndarray, method: Method, near: "xr.Dataset | None" = None
+) -> FollowedPath:
+    """Solve a path, maybe near another one, and let the loads measure the displacement."""
+    result, whole = follow_bolts(problem, factors, method, near=near), assemble(problem)
     nothing = np.zeros(len(problem.bolts))
     locked = assemble(lock_bolts(problem, nothing, nothing, 1.0)) if problem.bolts else whole
     work = problem.unknowns(result["displacement"].values) @ whole.load

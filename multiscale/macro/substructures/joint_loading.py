@@ -11,8 +11,8 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
 from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
-from multiscale.macro.substructures.cycled_amplitudes import with_amplitudes
-from multiscale.macro.substructures.followed_path import condense_assembly, solve_path
+from multiscale.macro.substructures.cycled_amplitudes import follow_amplitudes, with_amplitudes
+from multiscale.macro.substructures.followed_path import FollowedPath, condense_assembly, solve_path
 from multiscale.macro.substructures.joint_state import (
     contact_state,
     joint_shares,
@@ -24,7 +24,14 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FEW_STEPS", "JointLoading", "load_cut_joint", "load_joint"]
+__all__ = [
+    "FEW_STEPS",
+    "FollowedJoint",
+    "JointLoading",
+    "follow_joint",
+    "load_joint",
+    "measure_joint",
+]
 
 FEW_STEPS = 2
 """Load steps from zero to an amplitude in the cycles at every preload."""
@@ -132,41 +139,72 @@ def load_joint(
     without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
     its face, :func:`~.cycled_amplitudes.cycle_work`.
     """
+    if len(assembly.areas) != 2:
+        raise CaseError(
+            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
+            f"got {len(assembly.areas)} areas"
+        )
     joint = condense_assembly(assembly, method)
-    loaded = load_cut_joint(
-        joint.small, assembly.areas, loading, method=method, extrapolate=extrapolate
-    )
-    return joint.restore(loaded)
+    followed = follow_joint(joint.small, loading, method=method)
+    return joint.restore(measure_joint(followed, assembly.areas, extrapolate=extrapolate))
 
 
-def load_cut_joint(
+@dataclass(frozen=True, eq=False)
+class FollowedJoint:
+    """Joints that have been loaded.
+
+    Attributes
+    ----------
+    loading : JointLoading
+    path : FollowedPath
+        At the preloads, then in cycles.
+    cycles : list of Dataset
+        Of the amplitudes, from every preload; see :func:`follow_amplitudes`.
+    """
+
+    loading: JointLoading
+    path: FollowedPath
+    cycles: "list[xr.Dataset]"
+
+
+def follow_joint(
     problem: CutProblem,
-    areas: Sequence[float],
     loading: JointLoading,
     *,
     method: Method,
-    extrapolate: bool = False,
-) -> "xr.Dataset":
-    """Press and shear a cut structure; see :func:`load_joint`.
+    near: FollowedJoint | None = None,
+) -> FollowedJoint:
+    """Press and shear a cut structure.
 
     Parameters
     ----------
     problem : CutProblem
         The small problem of :func:`~.followed_path.condense_assembly`, for instance.
-    areas : sequence of float
-        Of the faces that preload and shear act on, m².
-    loading, method, extrapolate
-        As of :func:`load_joint`.
+    loading : JointLoading
+    method : Method
+    near : FollowedJoint, optional
+        The same structure and loading with other laws, from which the method may begin.
     """
-    if len(areas) != 2:
-        raise CaseError(
-            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
-            f"got {len(areas)} areas"
-        )
-    factors = loading.factors()
-    done = solve_path(problem, factors, method)
-    result, area = done.result, np.array(areas)
-    approach, along = (done.work / area).T
+    path = solve_path(problem, loading.factors(), method, near.path.result if near else None)
+    cycles = follow_amplitudes(
+        problem,
+        path.result,
+        loading.preloads if loading.amplitudes else (),
+        loading.amplitudes,
+        loading.amplitude_steps,
+        method=method,
+        near=near.cycles if near else (),
+    )
+    return FollowedJoint(loading, path, cycles)
+
+
+def measure_joint(
+    followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
+) -> "xr.Dataset":
+    """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
+    loading, path, area = followed.loading, followed.path, np.array(areas)
+    problem, result, factors = path.problem, path.result, loading.factors()
+    approach, along = (path.work / area).T
     values: dict[str, Any] = {
         "preload": factors[:, 0],
         "shear": factors[:, 1],
@@ -175,7 +213,7 @@ def load_cut_joint(
         **contact_state(problem.joints, result),
     }
     pressed = range(len(loading.preloads))
-    values |= measure_stiffness(problem.joints, done.whole, done.locked, result, area, pressed)
+    values |= measure_stiffness(problem.joints, path.whole, path.locked, result, area, pressed)
     shares, data = joint_shares(problem.joints, result)
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)
@@ -189,13 +227,12 @@ def load_cut_joint(
         result = with_amplitudes(
             result,
             problem,
-            done.result,
+            path.result,
             loading.preloads,
             loading.amplitudes,
-            loading.amplitude_steps,
-            whole=done.whole,
+            followed.cycles,
+            whole=path.whole,
             area=float(area[1]),
-            method=method,
             extrapolate=extrapolate,
         )
     return result

@@ -168,14 +168,20 @@ def follow_loads(
 
 
 def follow_cut_loads(
-    problem: CutProblem, path: LoadPath, *, method: Method, extrapolate: bool = False
+    problem: CutProblem,
+    path: LoadPath,
+    *,
+    method: Method,
+    extrapolate: bool = False,
+    near: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
     """Load a cut structure by named loads; see :func:`follow_loads`.
 
-    The problem is the small one of :func:`~.followed_path.condense_assembly`, for instance.
+    The problem is the small one of :func:`~.followed_path.condense_assembly`, for instance, and
+    ``near`` its result with other laws.
     """
     factors, forces = path.factors(), np.array(path.forces)
-    done = solve_path(problem, factors, method)
+    done = solve_path(problem, factors, method, near)
     result, joints, ends = done.result, done.problem.joints, path.ends()
     displacement = done.work / forces
     values: dict[str, Any] = {

@@ -141,7 +141,8 @@ def _with_budget(
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
-    solve = partial(_solve_changed, bodies, case, laws, problem, short, method)
+    near = follow_cut_loads(problem, short, method=method, extrapolate=True)
+    solve = partial(_solve_changed, bodies, case, laws, problem, short, near, method)
     rise = path.cycle_steps if path.cycles and whole else 0
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
@@ -155,17 +156,18 @@ def _solve_changed(
     laws: "Sequence[xr.Dataset | None]",
     problem: CutProblem,
     path: LoadPath,
+    near: "xr.Dataset",
     method: Method,
     change: Change,
 ) -> "xr.Dataset":
-    """Follow the path again with a change."""
+    """Follow the path again with a change, near the path without it."""
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
     changed = change_friction(bodies.sliders(case, laws, normal), change)
-    if change.structure is not None:
-        coarser = change.structure.build(case, changed).assembly  # type: ignore[call-arg,arg-type,union-attr]  # of the same kind
-        problem = condense_assembly(coarser, method).small
-    problem = problem.with_laws(changed)
-    return follow_cut_loads(problem, path, method=method, extrapolate=True)
+    follow = partial(follow_cut_loads, path=path, method=method, extrapolate=True)
+    if change.structure is None:
+        return follow(problem.with_laws(changed), near=near)
+    other = change.structure.build(case, changed).assembly  # type: ignore[call-arg,arg-type,union-attr]  # of the same kind
+    return follow(condense_assembly(other, method).small)
 
 
 def _secants(result: "xr.Dataset") -> Iterator[str]:

@@ -12,13 +12,14 @@ from multiscale.laws import Sliders
 from multiscale.macro.bodies import Assembly
 from multiscale.macro.substructures import (
     FEW_STEPS,
-    CutProblem,
+    FollowedJoint,
     JointLoading,
     JointSize,
     Method,
     add_body_fields,
     condense_assembly,
-    load_cut_joint,
+    follow_joint,
+    measure_joint,
 )
 from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
@@ -96,9 +97,8 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     chosen = _choose(bodies, case, job.team)
     method = chosen.taken.method
     joint = condense_assembly(assembly, method)
-    result = load_cut_joint(
-        joint.small, assembly.areas, loading, method=method, extrapolate=case.extrapolate
-    )
+    followed = follow_joint(joint.small, loading, method=method)
+    result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
     result = with_contact(joint.restore(result), dataset)
     # those of cells of its own stand beside those of the structure
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
@@ -115,7 +115,8 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
         law = JointsOfLaw(dataset, tuple(range(bodies.joints)), measured)
         changed = partial(_change_laws, bodies, case, dataset)
-        solve = partial(_solve_changed, joint.small, assembly.areas, changed, short, method)
+        near = follow_joint(joint.small, short, method=method)
+        solve = partial(_solve_changed, near, assembly.areas, changed, method)
         asked, coarser = joint_answers(result), bodies.coarser()
         meshes = {} if coarser is None else {2.0: coarser}
         result = with_joint_budget(result, [law], solve, asked, meshes, job.executor)
@@ -130,20 +131,21 @@ def _change_laws(
 
 
 def _solve_changed(
-    problem: CutProblem,
+    near: FollowedJoint,
     areas: Sequence[float],
     laws: Callable[[Change], list[Sliders]],
-    loading: JointLoading,
     method: Method,
     change: Change,
 ) -> "xr.Dataset":
-    """Solve the joints again with a change."""
+    """Solve the joints again with a change, near those without it."""
     changed = laws(change)
-    if change.structure is not None:
-        coarser: Assembly = change.structure.build(changed)  # type: ignore[call-arg,arg-type,assignment]  # of the same kind
-        problem, areas = condense_assembly(coarser, method).small, coarser.areas
-    problem = problem.with_laws(changed)
-    return load_cut_joint(problem, areas, loading, method=method, extrapolate=True)
+    if change.structure is None:
+        problem = near.path.problem.with_laws(changed)
+        found = follow_joint(problem, near.loading, method=method, near=near)
+        return measure_joint(found, areas, extrapolate=True)
+    other: Assembly = change.structure.build(changed)  # type: ignore[call-arg,arg-type,assignment]  # of the same kind
+    found = follow_joint(condense_assembly(other, method).small, near.loading, method=method)
+    return measure_joint(found, other.areas, extrapolate=True)
 
 
 def _loading(case: Case) -> JointLoading:
