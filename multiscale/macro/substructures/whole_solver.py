@@ -117,7 +117,8 @@ def solve_whole(
             if solution.converged:
                 break
         jump = solution.jump
-        response = law.respond(jump, state)
+        with np.errstate(over="ignore", invalid="ignore"):  # where a failed step may have ended
+            response = law.respond(jump, state)
         failure = ""
         if not solution.converged:
             loads = np.concatenate([part.load @ factor for part in problem.substructures])
