@@ -122,8 +122,9 @@ def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
         facts.append(cell_share(float(law.attrs["cell_size"]), float(edge)))
     else:
         facts.append("The law does not say how large its cells were.")
-    if "area_pressure" in law:
-        carried, touching = _carried(result, law, np.full(area.size, True))
+    joints = np.unique(result["point_joint"].to_numpy()).size
+    carried, touching = _carried(result, [law] * joints).sum(axis=2)
+    if not np.isnan(touching).all():
         values = {
             "contact_fraction": touching / area.sum(),
             "real_pressure": real_pressure(carried, touching),
@@ -139,22 +140,22 @@ def with_interface_contact(
 
     Those whose law has no contact area, or is stated (None), have NaN.
     """
-    number = result["point_joint"].to_numpy()
-    real = np.full((result.sizes["step"], len(laws)), np.nan)
-    for joint, law in enumerate(laws):
-        if law is not None and "area_pressure" in law:
-            real[:, joint] = real_pressure(*_carried(result, law, number == joint))
+    real = real_pressure(*_carried(result, laws))
     if np.isnan(real).all():
         return result
     return MACRO_RESULT.assign(result, {"interface_real_pressure": real})
 
 
-def _carried(
-    result: "xr.Dataset", law: "xr.Dataset", mine: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Load, N, and real contact area, m², of some points at every step."""
-    area, pressure = result["point_area"].to_numpy()[mine], -result["traction"].to_numpy()[..., 0]
-    pressure = np.maximum(pressure[:, mine], 0.0)
-    sound, known = 1.0 - result["point_damage"].to_numpy()[mine], np.isfinite(pressure)
-    local = area_from_dataset(law).contact_fraction(np.where(known, pressure, 0.0) / sound)
-    return pressure @ area, np.where(known, sound * local, np.nan) @ area
+def _carried(result: "xr.Dataset", laws: "Sequence[xr.Dataset | None]") -> np.ndarray:
+    """Load, N, and real contact area, m², shape (2, steps, joints); NaN where no law tells it."""
+    area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
+    number, sound = result["point_joint"].to_numpy(), 1.0 - result["point_damage"].to_numpy()
+    found = np.full((2, len(pressure), len(laws)), np.nan)
+    for joint, law in enumerate(laws):
+        if law is not None and "area_pressure" in law:
+            mine = number == joint
+            p, known = np.maximum(pressure[:, mine], 0.0), np.isfinite(pressure[:, mine])
+            local = area_from_dataset(law).contact_fraction(np.where(known, p, 0.0) / sound[mine])
+            found[0, :, joint] = p @ area[mine]
+            found[1, :, joint] = np.where(known, sound[mine] * local, np.nan) @ area[mine]
+    return found
