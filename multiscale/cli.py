@@ -58,7 +58,7 @@ def run_command(
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, requirements, run, run_sweep
     from multiscale.pipeline.stages import stages_of
-    from multiscale.report import draw_figures, open_finished, write_report, write_reports
+    from multiscale.report import show_run, write_reports
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
@@ -90,9 +90,7 @@ def run_command(
         else:
             joined = run_sweep(sweep, out, executor=executor, progress=progress, force=force)
             write_reports(out, joined, executor=executor)
-    draw_figures(out)
-    write_report(out)
-    finished = open_finished(out)
+    finished = show_run(out)
     _warn(finished.cautions)
     for line in finished.lines():
         typer.echo(line)
@@ -262,10 +260,9 @@ def macro_command(
 @app.command("report")
 def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw the figures and write the report of a finished run again."""
-    from multiscale.report import draw_figures, write_report
+    from multiscale.report import show_run
 
-    draw_figures(out)
-    typer.echo(write_report(out))
+    typer.echo(show_run(out).out / "report.html")
 
 
 @app.command("bench")

@@ -43,11 +43,14 @@ class Sliding:
         energy, J/m²: never negative, and the dissipation by slip to first order in the step.
     stored : ndarray, shape (...)
         Energy stored by the tangential traction at the end of the step, J/m².
+    state : ndarray, shape (n_state, ...)
+        Internal variables at the end of the step.
     """
 
     slipping: np.ndarray
     dissipated: np.ndarray
     stored: np.ndarray
+    state: np.ndarray
 
 
 class InterfaceLaw(ABC):
@@ -93,7 +96,7 @@ class InterfaceLaw(ABC):
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
         """Return slip and energy of the step from a state to a jump; all slips without friction."""
         none = np.zeros(jump.shape[1:])
-        return Sliding(none + 1.0, none, none)
+        return Sliding(none + 1.0, none, none, self.respond(jump, state).state)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Share of the pressure whose contacts slip as a shear reaches a jump, from a state.

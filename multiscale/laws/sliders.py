@@ -169,8 +169,8 @@ class Sliders(InterfaceLaw):
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
         """Return slip and energy of a step; see :class:`InterfaceLaw`."""
-        work, before, after, slipping = self._step(jump, state)[1]
-        return Sliding(slipping, work - (after - before), after)
+        response, (work, before, after, slipping) = self._step(jump, state)
+        return Sliding(slipping, work - (after - before), after, response.state)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         r"""Share of the pressure of slipping springs; see :class:`InterfaceLaw`.

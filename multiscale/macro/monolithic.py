@@ -26,7 +26,7 @@ from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.line_search import enough, step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["InterfaceSolution", "solve_interface"]
+__all__ = ["FlexibleBodies", "InterfaceSolution", "prepare_flexible", "solve_interface"]
 
 UNSURE = 1e-8
 """Largest residual that rounding excuses."""
@@ -56,6 +56,7 @@ def solve_interface(
     start: np.ndarray | None = None,
     jump: np.ndarray | None = None,
     state: np.ndarray | None = None,
+    flexible: "FlexibleBodies | None" = None,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
@@ -89,6 +90,8 @@ def solve_interface(
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
+    flexible : FlexibleBodies, optional
+        Of the same full matrices, for many laws and loads; see :func:`prepare_flexible`.
     max_iterations : int
         Iteration limit.
     tolerance : float
@@ -126,7 +129,7 @@ def solve_interface(
     state = np.zeros((law.n_state, points)) if state is None else state
     jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
     resistance = face_stiffness(stiffness.diagonal(), jump_operator[:points], weight)
-    whole = _Whole(stiffness, load, jump_operator, weight, law, state, resistance)
+    whole = _Whole(stiffness, load, jump_operator, weight, law, state, resistance, flexible)
     scale = float(norm(load)) or float(norm(whole.linearise(u, jump).gradient)) or 1.0
     run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
     whole = replace(whole, scale=scale)
@@ -183,7 +186,10 @@ class _Tangent:
 
 @dataclass(frozen=True, eq=False)
 class _Whole:
-    """Equation (1), the stiffness of the bodies per area, Pa/m, and the size of the forces, N."""
+    """Equation (1), the stiffness of the bodies per area, Pa/m, and the size of the forces, N.
+
+    Bodies that are prepared tell the first direction, others one where the tangent is singular.
+    """
 
     stiffness: csr_array | np.ndarray
     load: np.ndarray
@@ -192,6 +198,7 @@ class _Whole:
     law: InterfaceLaw
     state: np.ndarray
     resistance: float
+    prepared: "FlexibleBodies | None" = None
     scale: float = 1.0
 
     def linearise(self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
@@ -234,8 +241,13 @@ class _Whole:
 
     def rounding(self, here: _Tangent) -> float:
         """Norm that rounding makes unavoidable where bodies move far on a soft law, like (1)."""
-        size = float(norm(abs(self.stiffness) @ np.abs(here.value)))
+        size = float(norm(self.size @ np.abs(here.value)))
         return min(8.0 * np.finfo(float).eps * size / self.scale, UNSURE)
+
+    @cached_property
+    def size(self) -> csr_array | np.ndarray:
+        """Magnitudes of the entries of the stiffness, N/m."""
+        return abs(self.stiffness)
 
     def direction(self, here: _Tangent, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular."""
@@ -244,6 +256,9 @@ class _Whole:
             tangent = tangent.copy()
             for row in range(len(tangent)):
                 tangent[row, row] += floor * self.resistance * self.weight
+        if self.prepared is not None:
+            with suppress(MultiscaleError):
+                return self.prepared.direction(B, tangent, -here.gradient)
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
@@ -251,27 +266,16 @@ class _Whole:
         matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
         with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
-        if self.flexible is not None:
-            with suppress(MultiscaleError):
-                return self.flexible.direction(B, weighted, -here.gradient)
-        return None
-
-    @cached_property
-    def flexible(self) -> "_Flexible | None":
-        """Full matrices condensed onto the interface; None if springs do not hold the bodies."""
-        B = self.jump_operator
-        if issparse(self.stiffness) or not self.resistance:
-            return None
-        springs = np.tile(self.resistance * self.weight, B.shape[0] // self.weight.size)
-        held = np.asarray(self.stiffness + B.T @ (diags_array(springs) @ B))
-        with suppress(MultiscaleError):
-            solve = factorise(held, name="the held bodies")
-            return _Flexible(solve, springs, compliances(solve, B)[0])
+        if self.prepared is None and not issparse(self.stiffness):
+            flexible = prepare_flexible(self.stiffness, B, self.weight)
+            if flexible is not None:
+                with suppress(MultiscaleError):
+                    return flexible.direction(B, tangent, -here.gradient)
         return None
 
 
 @dataclass(frozen=True, eq=False)
-class _Flexible:
+class FlexibleBodies:
     r"""Bodies held by springs on their interface, whose jumps are the unknowns of a Newton step.
 
     With the stiffness :math:`\bar K = K + B^T R B` of the bodies and springs :math:`R`, and the
@@ -289,11 +293,39 @@ class _Flexible:
     springs: np.ndarray
     compliance: np.ndarray
 
-    def direction(self, B: csr_array, tangent: csr_array, force: np.ndarray) -> np.ndarray:
-        """Newton direction (1), m."""
-        change = csr_array(tangent - diags_array(self.springs))
-        size = 1.0 + abs(change).max(axis=0).toarray() / self.springs  # where laws are stiff
-        change = csr_array(change @ diags_array(1.0 / size))
-        matrix = np.diag(1.0 / size) + (change.T @ self.compliance).T  # C is symmetric
-        opened = factorise(matrix, name="the tangent compliance")(B @ self.solve(force))
-        return self.solve(force - B.T @ (change @ opened))
+    def direction(self, B: csr_array, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Newton direction (1), m, from the tangent, shape (d, d, points), N/m."""
+        change, springs = tangent.copy(), self.springs.reshape(len(tangent), -1)
+        for row, spring in enumerate(springs):
+            change[row, row] -= spring
+        size = 1.0 + np.abs(change).max(axis=0) / springs  # where laws are stiff
+        change /= size
+        C = self.compliance.reshape(self.springs.size, *springs.shape)
+        product = np.zeros(C.shape)
+        for row in range(len(tangent)):
+            for column in range(len(tangent)):
+                product[:, column] += C[:, row] * change[row, column]
+        matrix = product.reshape(self.compliance.shape)
+        matrix[np.diag_indices(self.springs.size)] += 1.0 / size.ravel()
+        solve = factorise(matrix, name="the tangent compliance")
+        opened = solve(B @ self.solve(force)).reshape(springs.shape)
+        moved = np.einsum("ijp,jp->ip", change, opened).ravel()
+        return self.solve(force - B.T @ moved)
+
+
+def prepare_flexible(
+    stiffness: np.ndarray, jump_operator: csr_array, weight: np.ndarray
+) -> FlexibleBodies | None:
+    """Condense bodies of full matrices onto their interface; None if springs do not hold them.
+
+    Parameters are those of :func:`solve_interface`.
+    """
+    resistance = face_stiffness(stiffness.diagonal(), jump_operator[: weight.size], weight)
+    if not resistance:
+        return None
+    springs = np.tile(resistance * weight, jump_operator.shape[0] // weight.size)
+    held = np.asarray(stiffness + jump_operator.T @ (diags_array(springs) @ jump_operator))
+    with suppress(MultiscaleError):
+        solve = factorise(held, name="the held bodies")
+        return FlexibleBodies(solve, springs, compliances(solve, jump_operator)[0])
+    return None

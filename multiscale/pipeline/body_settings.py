@@ -190,9 +190,23 @@ class RoughBodies(StructureKind):
         sample : int, optional
             Which bootstrap sample of the law; the mean if not given.
         """
+        return self.build(self.sliders(case, law, normal=normal, sample=sample))
+
+    def sliders(
+        self,
+        case: "Case",
+        law: "xr.Dataset",
+        *,
+        normal: NormalLaw | None = None,
+        sample: int | None = None,
+    ) -> list[Sliders]:
+        """Make the laws of the joints, from below; parameters are those of :meth:`assemble`."""
         sound = law_from_dataset(law, sample) if normal is None else normal
         pressures, slabs = case.statics.joint_pressures, self.slabs(case)
-        return self.build(case.interface.build(law, sound, self.joints, pressures, slabs, sample))
+        made: list[Sliders] = case.interface.build(
+            law, sound, self.joints, pressures, slabs, sample
+        )
+        return made
 
     def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
         """Return the law of the joints with friction, and with the damage near the surface."""

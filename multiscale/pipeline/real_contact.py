@@ -1,5 +1,6 @@
 """Mean pressure on the real contact area of cells, and the body that flows under it."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -7,15 +8,22 @@ import numpy as np
 from multiscale.pipeline.case_cells import surface_modulus
 from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
-from multiscale.schema import MICRO_RESPONSE, with_cautions
+from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, with_cautions
 from multiscale.units import readable
-from multiscale.upscaling import Dependence
+from multiscale.upscaling import Dependence, area_from_dataset, cell_share
 from multiscale.upscaling.budget import ERROR_TERMS
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["behaviour", "contact_dependence", "real_pressure", "with_real_pressure"]
+__all__ = [
+    "behaviour",
+    "contact_dependence",
+    "real_pressure",
+    "with_contact",
+    "with_interface_contact",
+    "with_real_pressure",
+]
 
 ELASTIC = 0.01
 """Mean real pressure over the contact modulus above which hardly a metal is elastic."""
@@ -99,3 +107,55 @@ def _flow(case: Case) -> str:
 def behaviour(dataset: "xr.Dataset") -> list[str]:
     """Say what of a response or law flows, if it is told."""
     return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []
+
+
+def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+    """Return the result of rough joints with their real contact, and facts about the cells.
+
+    Parameters are those of :func:`with_joint_budget`. A law without contact area leaves contact
+    fraction and real pressure out.
+    """
+    facts, area = behaviour(law), result["point_area"].to_numpy()
+    if "cell_size" in law.attrs:
+        number = result["point_joint"].to_numpy()
+        edge = min(np.sqrt(area[number == joint].sum()) for joint in np.unique(number))
+        facts.append(cell_share(float(law.attrs["cell_size"]), float(edge)))
+    else:
+        facts.append("The law does not say how large its cells were.")
+    joints = np.unique(result["point_joint"].to_numpy()).size
+    carried, touching = _carried(result, [law] * joints).sum(axis=2)
+    if not np.isnan(touching).all():
+        values = {
+            "contact_fraction": touching / area.sum(),
+            "real_pressure": real_pressure(carried, touching),
+        }
+        result = MACRO_RESULT.assign(result, values)
+    return result.assign_attrs(facts="\n".join(facts))
+
+
+def with_interface_contact(
+    result: "xr.Dataset", laws: "Sequence[xr.Dataset | None]"
+) -> "xr.Dataset":
+    """Return the result of bodies with the mean real pressure of every interface.
+
+    Those whose law has no contact area, or is stated (None), have NaN.
+    """
+    real = real_pressure(*_carried(result, laws))
+    if np.isnan(real).all():
+        return result
+    return MACRO_RESULT.assign(result, {"interface_real_pressure": real})
+
+
+def _carried(result: "xr.Dataset", laws: "Sequence[xr.Dataset | None]") -> np.ndarray:
+    """Load, N, and real contact area, m², shape (2, steps, joints); NaN where no law tells it."""
+    area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
+    number, sound = result["point_joint"].to_numpy(), 1.0 - result["point_damage"].to_numpy()
+    found = np.full((2, len(pressure), len(laws)), np.nan)
+    for joint, law in enumerate(laws):
+        if law is not None and "area_pressure" in law:
+            mine = number == joint
+            p, known = np.maximum(pressure[:, mine], 0.0), np.isfinite(pressure[:, mine])
+            local = area_from_dataset(law).contact_fraction(np.where(known, p, 0.0) / sound[mine])
+            found[0, :, joint] = p @ area[mine]
+            found[1, :, joint] = np.where(known, sound[mine] * local, np.nan) @ area[mine]
+    return found

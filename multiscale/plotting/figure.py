@@ -27,8 +27,9 @@ __all__ = [
 
 DOTS_PER_INCH = 150
 
-LAYOUT_PASSES = 4
-"""Number of layout passes: axes of fixed aspect change in size with the room for their labels."""
+LAYOUT_PASSES, SETTLED = 5, 1e-3
+"""Most layout passes, as axes of fixed aspect change in size with the room for their labels, and
+motion of all axes, over the size of the figure, below which there are no more."""
 
 WIDE_ASPECT = 1.5
 """Width over height of axes above which a colour bar stands below them."""
@@ -116,9 +117,17 @@ def plot_energy_parts(
 def save_figure(figure: "Figure", file: Path) -> Path:
     """Write a figure as a complete PNG file, or no file."""
     layout = figure.get_layout_engine()
-    if layout is not None and any(ax.get_aspect() != "auto" for ax in figure.axes):
-        for _ in range(LAYOUT_PASSES):
+    if layout is not None:
+        figure.set_dpi(DOTS_PER_INCH)  # on which the sizes of letters depend
+        fixed = any(ax.get_aspect() != "auto" for ax in figure.axes)
+        before = np.full((len(figure.axes), 4), np.inf)
+        for _ in range(LAYOUT_PASSES if fixed else 1):
             layout.execute(figure)
+            places = np.array([ax.get_position().extents for ax in figure.axes]).reshape(-1, 4)
+            if np.abs(places - before).max(initial=0.0) < SETTLED:
+                break
+            before = places
+        figure.set_layout_engine("none")  # or it would be drawn twice
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
     write_bytes(file, buffer.getvalue())

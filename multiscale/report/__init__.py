@@ -2,12 +2,13 @@
 
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
-from multiscale.report.page import write_report, write_reports
+from multiscale.report.page import show_run, write_report, write_reports
 
 __all__ = [
     "FinishedRun",
     "draw_figures",
     "open_finished",
+    "show_run",
     "tabulate_links",
     "write_report",
     "write_reports",

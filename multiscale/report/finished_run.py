@@ -1,6 +1,6 @@
 """A finished run or sweep: its datasets, and what its stages show of them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from multiscale.pipeline.toml_model import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FinishedRun", "draw_figures", "open_finished"]
+__all__ = ["FinishedRun", "draw_figures", "draw_sections", "open_finished"]
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,17 @@ def draw_figures(out: str | Path) -> list[Path]:
         The PNG files, in the order of the page.
     """
     with reading_run(out):
-        sections = open_finished(Path(out)).sections()
-        folder = make_folder(Path(out) / "figures")
-        files = [
-            draw(folder / f"{name}.png")
-            for section in sections
-            for name, draw in section.figures.items()
-        ]
+        return draw_sections(Path(out), open_finished(Path(out)).sections())
+
+
+def draw_sections(out: Path, sections: Iterable[Section]) -> list[Path]:
+    """Draw the figures of the sections of a run; see :func:`draw_figures`."""
+    folder = make_folder(out / "figures")
+    files = [
+        draw(folder / f"{name}.png")
+        for section in sections
+        for name, draw in section.figures.items()
+    ]
     for stage in STAGES:
         for name in stage.pictures:
             if (file := folder / f"{name}.png") not in files:

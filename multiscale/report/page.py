@@ -10,26 +10,35 @@ from typing import TYPE_CHECKING, Any
 from multiscale.executors import run_jobs
 from multiscale.io import read_bytes, reading_run, write_bytes
 from multiscale.pipeline.stage import Section
-from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
+from multiscale.report.finished_run import FinishedRun, draw_sections, open_finished
 from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["write_report", "write_reports"]
+__all__ = ["show_run", "write_report", "write_reports"]
+
+
+def show_run(out: str | Path) -> FinishedRun:
+    """Draw the figures of a finished run or sweep and write its report; its datasets are read once.
+
+    Returns
+    -------
+    FinishedRun
+    """
+    with reading_run(out):
+        run = open_finished(Path(out))
+        sections = run.sections()
+        draw_sections(run.out, sections)
+        _write(run, sections)
+    return run
 
 
 def write_report(out: str | Path) -> Path:
     """Write ``report.html`` of a finished run or sweep whose figures are drawn."""
-    from jinja2 import Environment
-
-    out = Path(out)
     with reading_run(out):
-        content = _content(open_finished(out))
-    template = resources.files("multiscale.report").joinpath("page.html").read_text()
-    text = Environment(autoescape=True).from_string(template).render(content)
-    write_bytes(out / "report.html", text.encode())
-    return out / "report.html"
+        run = open_finished(Path(out))
+        return _write(run, run.sections())
 
 
 def write_reports(
@@ -48,13 +57,22 @@ def _report_point(folder: Path) -> None:
     page, datasets = folder / "report.html", folder.glob("*.nc")
     written = page.stat().st_mtime_ns if page.exists() else 0
     if written < max(file.stat().st_mtime_ns for file in datasets):
-        draw_figures(folder)
-        write_report(folder)
+        show_run(folder)
 
 
-def _content(run: FinishedRun) -> dict[str, Any]:
+def _write(run: FinishedRun, sections: list[Section]) -> Path:
+    """Write the page of a run whose figures are drawn."""
+    from jinja2 import Environment
+
+    template = resources.files("multiscale.report").joinpath("page.html").read_text()
+    text = Environment(autoescape=True).from_string(template).render(_content(run, sections))
+    write_bytes(run.out / "report.html", text.encode())
+    return run.out / "report.html"
+
+
+def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
-    sections = [*run.sections(), Section("Inputs", rows=list(_keys(run.case))), _work(run)]
+    sections = [*sections, Section("Inputs", rows=list(_keys(run.case))), _work(run)]
     return vars(run.summary) | {
         "cautions": run.cautions,
         "sections": [

@@ -34,7 +34,7 @@ class OneSpring(InterfaceLaw):
             for one in (state, new)
         )
         work = np.sum(new[:2] * (jump[1:] - state[3:]), axis=0)
-        return Sliding(0.0 * work, work - (after - before), after)
+        return Sliding(0.0 * work, work - (after - before), after, new)
 
 
 class Winning(Sliders):

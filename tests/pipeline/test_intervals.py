@@ -194,7 +194,7 @@ def test_a_value_has_the_digits_of_its_error(value, half, said):
 
 def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
     """Of the law with a tangential branch, whose parameters the case does not give."""
-    from multiscale.pipeline.body_budget import change_friction
+    from multiscale.pipeline.body_budget import Change, change_friction
     from multiscale.upscaling import shear_errors
 
     law = write_cells(tmp_path / "law.nc").drop_vars(CYCLED)
@@ -214,9 +214,8 @@ def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
         found["stiffness_ratio"]["few cells"], 0.1 * 1.96 * scatter, rtol=1e-3
     )
     case = load_case(write_scene(tmp_path, SCENE))
-    assembly = case.structure.assemble(case, case.interface_law({}))
-    before = assembly.interfaces[0].law
-    changed = change_friction(assembly, {"friction": 1.5}).interfaces[0].law
+    (before,) = case.structure.sliders(case, case.interface_law({}))
+    (changed,) = change_friction([before], Change((0,), factors={"friction": 1.5}))
     assert changed.friction == 1.5 * before.friction
     assert (changed.stiffness_ratio, changed.normal) == (before.stiffness_ratio, before.normal)
 

@@ -10,15 +10,22 @@ from multiscale.macro.substructures.assembly_methods import (
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
 from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut_motion import simulate_latin
+from multiscale.macro.substructures.followed_path import condense_assembly
 from multiscale.macro.substructures.homogenised import homogenise
 from multiscale.macro.substructures.joint_fields import add_body_fields
-from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.loading import (
+from multiscale.macro.substructures.joint_loading import (
     FEW_STEPS,
+    FollowedJoint,
     JointLoading,
-    LoadPath,
-    follow_loads,
+    follow_joint,
     load_joint,
+    measure_joint,
+)
+from multiscale.macro.substructures.latin_solver import solve_latin
+from multiscale.macro.substructures.load_path import (
+    LoadPath,
+    follow_cut_loads,
+    follow_loads,
     require_held,
 )
 from multiscale.macro.substructures.method_choice import JointSize, choose_method
@@ -35,6 +42,7 @@ __all__ = [
     "AssembledNewton",
     "CutInterface",
     "CutProblem",
+    "FollowedJoint",
     "JointLoading",
     "JointSize",
     "LatinMethod",
@@ -49,12 +57,16 @@ __all__ = [
     "assemble",
     "bisect",
     "choose_method",
+    "condense_assembly",
     "cut_assembly",
     "cut_bodies",
     "cut_links",
+    "follow_cut_loads",
+    "follow_joint",
     "follow_loads",
     "homogenise",
     "load_joint",
+    "measure_joint",
     "require_held",
     "simulate_latin",
     "solve_assembly",

@@ -24,6 +24,8 @@ class Method(CutSolver, Protocol):
     """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
 
     name: ClassVar[str]
+    condenses: ClassVar[bool]
+    """Whether bodies are condensed onto their joints before it follows a path."""
 
     @property
     def coarse(self) -> bool:
@@ -42,6 +44,7 @@ class AssembledNewton:
     """
 
     name: ClassVar[str] = "Newton's method on the whole"
+    condenses: ClassVar[bool] = True
     coarse: ClassVar[bool] = False
     tolerance: float = 1e-10
     max_iterations: int = 100
@@ -52,12 +55,14 @@ class AssembledNewton:
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
         """Solve by :func:`solve_whole`."""
         return solve_whole(
             problem,
             load_factor,
             after=after,
+            near=near,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
         )
@@ -71,6 +76,7 @@ class LatinMethod:
     """
 
     name: ClassVar[str] = "LATIN"
+    condenses: ClassVar[bool] = False
     parts: tuple[int, int] = (1, 1)
     coarse: bool = True
     tolerance: float = 1e-8
@@ -82,8 +88,9 @@ class LatinMethod:
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
-        """Solve by :func:`solve_latin`."""
+        """Solve by :func:`solve_latin`, which begins each step where the last one ended."""
         return solve_latin(
             problem,
             load_factor,
@@ -103,6 +110,7 @@ class NewtonSchur:
     """
 
     name: ClassVar[str] = "Newton-Schur"
+    condenses: ClassVar[bool] = False
     coarse: ClassVar[bool] = True
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10
@@ -114,8 +122,9 @@ class NewtonSchur:
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
-        """Solve by :func:`solve_schur`."""
+        """Solve by :func:`solve_schur`, which begins each step where the last one ended."""
         return solve_schur(
             problem,
             load_factor,

@@ -37,8 +37,12 @@ class CutSolver(Protocol):
         problem: CutProblem,
         load_factor: float | np.ndarray,
         after: "xr.Dataset | None" = None,
+        near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
-        """Solve at factors of the load cases; the earlier steps come first in the result."""
+        """Solve at factors of the load cases; the earlier steps come first in the result.
+
+        A path of the same steps under other laws may tell where to begin.
+        """
 
 
 def bolt_pull(bolt: CutBolt, n: int) -> np.ndarray:
@@ -86,6 +90,7 @@ def follow_bolts(
     load_factor: float | np.ndarray,
     solver: CutSolver,
     after: "xr.Dataset | None" = None,
+    near: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
     """Solve step by step; bolts are tightened where the first factor changes, and locked elsewhere.
 
@@ -97,6 +102,8 @@ def follow_bolts(
     solver : CutSolver
     after : Dataset, optional
         The earlier path, which the first step goes on from with locked bolts.
+    near : Dataset, optional
+        A path of the same steps under other laws; see :func:`solve_whole`.
 
     Returns
     -------
@@ -110,7 +117,7 @@ def follow_bolts(
         If a factor of the preloads is not positive, or as the solver.
     """
     if not problem.bolts:
-        return solver.solve(problem, load_factor, after)
+        return solver.solve(problem, load_factor, after, near)
     factors = load_factors(problem, load_factor)
     if not np.all(factors[:, 0] > 0.0):
         raise CaseError(
@@ -128,13 +135,13 @@ def follow_bolts(
     force = np.zeros((0, preload.size)) if after is None else after["bolt_force"].values
     for group in np.split(np.arange(len(factors)), np.flatnonzero(np.diff(tightens)) + 1):
         if tightens[group[0]]:
-            result = solver.solve(problem, factors[group], result)
+            result = solver.solve(problem, factors[group], result, near)
             new = factors[group, :1] * preload
         else:
             assert result is not None  # the first step tightens, or follows a path
             at = -problem.unknowns(result["displacement"].values[-1]) @ pulls
             locked = lock_bolts(problem, force[-1], at, factors[group[0], 0])
-            result = solver.solve(locked, factors[group], result)
+            result = solver.solve(locked, factors[group], result, near)
             u = problem.unknowns(result["displacement"].values[first + group])
             new = force[-1] + stiffness * (-u @ pulls - at)  # (1)
         force = np.concatenate([force, new])

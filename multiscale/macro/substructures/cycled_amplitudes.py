@@ -1,11 +1,13 @@
 """Closed cycles of rising amplitudes of shear at every preload of a joint."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE
 from multiscale.macro.substructures.bolted_path import CutSolver, follow_bolts
+from multiscale.macro.substructures.closed_cycles import closed_cycle, cycle_work
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled
@@ -15,54 +17,49 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["closed_cycle", "cycle_work", "with_amplitudes"]
+__all__ = ["follow_amplitudes", "with_amplitudes"]
 
 
-def closed_cycle(steps: int) -> np.ndarray:
-    """Shear over its amplitude from the positive amplitude to the negative one and back.
+def follow_amplitudes(
+    problem: CutProblem,
+    path: "xr.Dataset",
+    preloads: tuple[float, ...],
+    amplitudes: tuple[float, ...],
+    steps: int,
+    *,
+    method: CutSolver,
+    near: "Sequence[xr.Dataset]" = (),
+) -> "list[xr.Dataset]":
+    """Follow closed cycles of all amplitudes from every preload.
 
     Parameters
     ----------
+    problem, path, preloads, amplitudes
+        As of :func:`with_amplitudes`.
     steps : int
-        Load steps from zero to the amplitude.
+        Load steps from zero to each amplitude in a cycle.
+    method : CutSolver
+    near : sequence of Dataset
+        The same cycles under other laws, if they are known.
 
     Returns
     -------
-    ndarray, shape (4 steps,)
-        The start, at the positive amplitude, is left out.
+    list of Dataset
+        For each preload the path to it, then the cycles; none from the first that has failed.
     """
-    rise = np.arange(1, steps + 1) / steps
-    return np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
+    shear, found = _shear(amplitudes, steps), []
+    for level, preload in enumerate(preloads):
+        if path["converged"].values[level] != 1:
+            break
+        factors = np.stack([np.full(shear.size, preload), shear], axis=1)
+        start, like = path.isel(step=slice(level + 1)), near[level] if level < len(near) else None
+        found.append(follow_bolts(problem, factors, method, start, like))
+    return found
 
 
-def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.ndarray:
-    r"""Work of a closed cycle of shear.
-
-    Parameters
-    ----------
-    amplitude : float or ndarray, shape (...)
-        Amplitude of the shear, Pa.
-    displacement : ndarray, shape (..., 4 steps + 1)
-        Displacement along the shear at the positive amplitude and in the steps of
-        :func:`closed_cycle`, m.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        With the displacement q and the shear :math:`\tau`, J/m²:
-
-        .. math:: \oint \tau\, \mathrm{d}q = \tau_a (q_{end} - q_{start})
-            - \oint q\, \mathrm{d}\tau    \tag{1}
-
-        by Simpson's rule on both branches, which is exact where slip grows as the square of the
-        shear from the last reversal, as it does while it is small.
-    """
-    half = displacement.shape[-1] // 2
-    weight = np.ones(half + 1)
-    weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
-    back, forth = displacement[..., : half + 1], displacement[..., half:]
-    enclosed = 2.0 / (3.0 * half) * np.asarray(amplitude) * ((back - forth) @ weight)
-    return np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)
+def _shear(amplitudes: tuple[float, ...], steps: int) -> np.ndarray:
+    """Shear of all steps: to each amplitude, then a closed cycle, Pa."""
+    return np.ravel(np.array(amplitudes)[:, None] * np.append(1.0, closed_cycle(steps)))
 
 
 def with_amplitudes(
@@ -71,11 +68,10 @@ def with_amplitudes(
     path: "xr.Dataset",
     preloads: tuple[float, ...],
     amplitudes: tuple[float, ...],
-    steps: int,
+    runs: "Sequence[xr.Dataset]",
     *,
     whole: Assembled,
     area: float,
-    method: CutSolver,
     extrapolate: bool = False,
 ) -> "xr.Dataset":
     r"""Return the result of a joint with secant stiffness, slip and loss of cycles of shear.
@@ -89,13 +85,12 @@ def with_amplitudes(
         Its solution, at the preloads first.
     preloads, amplitudes : tuple of float
         Pa; the amplitudes rise.
-    steps : int
-        Load steps from zero to each amplitude in a cycle.
+    runs : sequence of Dataset
+        Of :func:`follow_amplitudes`.
     whole : Assembled
         The structure; its second load is 1 Pa of shear.
     area : float
         Area of the sheared face, m².
-    method : CutSolver
     extrapolate : bool
         As for :func:`load_joint`.
 
@@ -118,13 +113,8 @@ def with_amplitudes(
     loss, secant, slip = (np.full(shape, np.nan) for _ in range(3))
     density = np.full((*shape, path.sizes["point"]), np.nan)
     top, cautions = np.array(amplitudes), []
-    shear = (top[:, None] * np.append(1.0, closed_cycle(steps))).ravel()
-    for level, preload in enumerate(preloads):
-        if path["converged"].values[level] != 1:
-            break
+    for level, (preload, run) in enumerate(zip(preloads, runs, strict=False)):
         first = level + 1
-        factors = np.stack([np.full(shear.size, preload), shear], axis=1)
-        run = follow_bolts(problem, factors, method, path.isel(step=slice(first)))
         u = problem.unknowns(run["displacement"].values[first:])
         along = (u @ whole.load[:, 1] / area).reshape(top.size, -1)
         state = contact_state(problem.joints, run)

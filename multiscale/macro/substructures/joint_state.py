@@ -284,7 +284,7 @@ def advance_state(
             f"a step wins {won:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
             f"most: {type(law).__name__} is wrong, as is every answer of the path; report the case"
         )
-    return law.respond(jump, state).state, account
+    return account.state, account
 
 
 def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Substructures, interfaces and the problem that they make."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -184,6 +184,11 @@ class CutProblem:
     def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then those with a law."""
         return (*_perfect_interfaces(self.substructures), *self.joints)
+
+    def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
+        """Return the same structure with other laws of its joints, by their numbers."""
+        joints = tuple(replace(one, law=laws[one.joint]) for one in self.joints)
+        return replace(self, joints=joints)
 
     @property
     def n(self) -> int:

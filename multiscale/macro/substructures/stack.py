@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import block_diag, csr_array, diags_array, vstack
 
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
@@ -11,6 +12,9 @@ from multiscale.numerics.cholesky import Factorise, prepare_cholesky
 from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Sides", "Stack", "lay_out_sides", "stack_parts"]
+
+FULL = 0.1
+"""Share of the entries of a matrix that are not zero above which it is factorised in full."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +138,10 @@ class Factors:
     def __call__(self, matrix: csr_array) -> Solve:
         """Factorise a positive definite matrix."""
         from scipy.sparse import triu
+
+        if matrix.nnz > FULL * matrix.shape[0] ** 2:
+            factors = lu_factor(matrix.toarray())
+            return lambda rhs: np.asarray(lu_solve(factors, rhs))
 
         upper = csr_array(triu(matrix, format="csr"))  # with its diagonal
         upper.sort_indices()

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,12 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro.monolithic import InterfaceSolution, solve_interface
+from multiscale.macro.monolithic import (
+    FlexibleBodies,
+    InterfaceSolution,
+    prepare_flexible,
+    solve_interface,
+)
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import assemble_result, check_after, load_factors
 from multiscale.macro.substructures.joint_state import advance_state, states_after
@@ -36,6 +42,7 @@ def solve_whole(
     load_factor: float | np.ndarray = 1.0,
     *,
     after: "xr.Dataset | None" = None,
+    near: "xr.Dataset | None" = None,
     tolerance: float = 1e-10,
     max_iterations: int = 100,
 ) -> "xr.Dataset":
@@ -46,6 +53,9 @@ def solve_whole(
     problem, load_factor, after
         As of :func:`solve_latin`, without links, which :func:`multiscale.macro.solve_static` takes;
         however it is cut, the answer is the same.
+    near : Dataset, optional
+        The same steps, and those before, under other laws: each step begins with what this path
+        did in it.
     tolerance, max_iterations
         See :func:`~multiscale.macro.monolithic.solve_interface`.
 
@@ -80,23 +90,35 @@ def solve_whole(
     state, before = law.join(states_after(problem.joints, after)), np.zeros(0)
     u: np.ndarray | None = None
     jump: np.ndarray | None = None
+    first = 0
     if after is not None and problem.joints:
         u = bodies.keep(problem.unknowns(after["displacement"].values[-1]))
         jump, before = after["jump"].values[-1].T, -after["traction"].values[-1, :, 0]
+        first = after.sizes["step"]
+    changes = _changes(problem, bodies, near) if problem.joints else []
     columns: list[dict[str, Any]] = []
-    for factor in factors:
+    for step, factor in enumerate(factors, start=first):
         clock = perf_counter()
-        solution = bodies.solve(
-            law,
-            factor,
-            start=u,
-            jump=jump,
-            state=state,
-            max_iterations=max_iterations,
-            tolerance=tolerance,
-        )
+        starts = [(u, jump)]
+        if step < len(changes):  # as the path that is near, else from where this one stands
+            moved, opened = changes[step]
+            own = (0.0, 0.0) if u is None or jump is None else (u, jump)
+            starts.insert(0, (own[0] + moved, own[1] + opened))
+        for start, begin in starts:
+            solution = bodies.solve(
+                law,
+                factor,
+                start=start,
+                jump=begin,
+                state=state,
+                max_iterations=max_iterations,
+                tolerance=tolerance,
+            )
+            if solution.converged:
+                break
         jump = solution.jump
-        response = law.respond(jump, state)
+        with np.errstate(over="ignore", invalid="ignore"):  # where a failed step may have ended
+            response = law.respond(jump, state)
         failure = ""
         if not solution.converged:
             loads = np.concatenate([part.load @ factor for part in problem.substructures])
@@ -117,6 +139,19 @@ def solve_whole(
             break
         u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
     return assemble_result(problem, factors, columns, after)
+
+
+def _changes(
+    problem: CutProblem, bodies: "PreparedBodies", near: "xr.Dataset | None"
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Read off how kept unknowns and jumps, (3, points), change in the steps of a path, m."""
+    if near is None:
+        return []
+    solved = near["converged"].values == 1
+    u = problem.unknowns(near["displacement"].values[solved])
+    jump = np.swapaxes(near["jump"].values[solved], 1, 2)
+    pairs = (np.diff(one, axis=0, prepend=np.zeros_like(one[:1])) for one in (u, jump))
+    return [(bodies.keep(moved), opened) for moved, opened in zip(*pairs, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +205,17 @@ class PreparedBodies:
             start=start,
             jump=jump,
             state=state,
+            flexible=self.flexible,
             max_iterations=max_iterations,
             tolerance=tolerance,
         )
+
+    @cached_property
+    def flexible(self) -> FlexibleBodies | None:
+        """Condensed bodies whose jumps are unknowns; none if springs do not hold them."""
+        if self.condensed is None:
+            return None
+        return prepare_flexible(self.condensed.blocks[0], self.jump, self.whole.weight)
 
     def keep(self, unknowns: np.ndarray) -> np.ndarray:
         """Kept ones of all unknowns, m."""

@@ -9,11 +9,14 @@ import numpy as np
 
 from multiscale.io import write_body_fields
 from multiscale.macro.substructures import (
+    CutProblem,
     JointSize,
     LoadPath,
     Method,
     add_body_fields,
-    follow_loads,
+    condense_assembly,
+    follow_cut_loads,
+    require_held,
 )
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
@@ -24,11 +27,11 @@ from multiscale.pipeline.body_budget import (
     JointsOfLaw,
     change_friction,
     few_steps,
-    load_answers,
-    with_interface_contact,
     with_joint_budget,
 )
+from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
+from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
@@ -84,7 +87,11 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     parts = bodies.build(case, bodies.sliders(case, laws))
     chosen = choose_solver(case, _size(bodies, case), job.team)
     method = chosen.taken.method
-    result = follow_loads(parts.assembly, parts.path, method=method, extrapolate=case.extrapolate)
+    require_held(parts.assembly)
+    structure = condense_assembly(parts.assembly, method)
+    result = structure.restore(
+        follow_cut_loads(structure.small, parts.path, method=method, extrapolate=case.extrapolate)
+    )
     # cautions of cells of its own stand beside those of the structure
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
     for number, law in enumerate(laws):
@@ -94,7 +101,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     result = with_cautions(result, *bodies.assumed(case))
     if laws:
         result = with_interface_contact(result, laws)
-    result = _with_budget(result, bodies, case, laws, parts.path, method, job)
+    result = _with_budget(result, bodies, case, laws, structure.small, parts.path, method, job)
     tightening = result["factor"].to_numpy()[:, 0]
     bolts = list_bolts(result, tightening) if parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
@@ -111,6 +118,7 @@ def _with_budget(
     bodies: Bodies,
     case: Case,
     laws: "Sequence[xr.Dataset | None]",
+    problem: CutProblem,
     path: LoadPath,
     method: Method,
     job: Job,
@@ -133,7 +141,8 @@ def _with_budget(
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
-    solve = partial(_solve_changed, bodies, case, laws, short, method)
+    near = follow_cut_loads(problem, short, method=method, extrapolate=True)
+    solve = partial(_solve_changed, bodies, case, laws, problem, short, near, method)
     rise = path.cycle_steps if path.cycles and whole else 0
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
@@ -145,16 +154,20 @@ def _solve_changed(
     bodies: Bodies,
     case: Case,
     laws: "Sequence[xr.Dataset | None]",
+    problem: CutProblem,
     path: LoadPath,
+    near: "xr.Dataset",
     method: Method,
     change: Change,
 ) -> "xr.Dataset":
-    """Follow the path again with a change."""
+    """Follow the path again with a change, near the path without it."""
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    sliders = bodies.sliders(case, laws, normal)
-    assembly = (change.structure or bodies).build(case, sliders).assembly  # type: ignore[union-attr,call-arg,arg-type]  # of the same kind
-    assembly = change_friction(assembly, change.factors, change.joints)
-    return follow_loads(assembly, path, method=method, extrapolate=True)
+    changed = change_friction(bodies.sliders(case, laws, normal), change)
+    follow = partial(follow_cut_loads, path=path, method=method, extrapolate=True)
+    if change.structure is None:
+        return follow(problem.with_laws(changed), near=near)
+    other = change.structure.build(case, changed).assembly  # type: ignore[call-arg,arg-type,union-attr]  # of the same kind
+    return follow(condense_assembly(other, method).small)
 
 
 def _secants(result: "xr.Dataset") -> Iterator[str]:

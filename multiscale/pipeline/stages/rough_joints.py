@@ -1,6 +1,6 @@
 """Stage: elastic bodies with rough joints, at their preloads and in cycles."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import write_body_fields
+from multiscale.laws import Sliders
+from multiscale.macro.bodies import Assembly
 from multiscale.macro.substructures import (
     FEW_STEPS,
+    FollowedJoint,
     JointLoading,
     JointSize,
     Method,
     add_body_fields,
-    load_joint,
+    condense_assembly,
+    follow_joint,
+    measure_joint,
 )
 from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
@@ -24,12 +29,12 @@ from multiscale.pipeline.body_budget import (
     Change,
     JointsOfLaw,
     change_friction,
-    joint_answers,
-    with_contact,
     with_joint_budget,
 )
 from multiscale.pipeline.body_settings import RoughBodies
+from multiscale.pipeline.joint_answers import joint_answers
 from multiscale.pipeline.joint_settings import Cycles
+from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.rows import (
     list_bolts,
     list_cycles,
@@ -91,8 +96,10 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     assembly, loading = bodies.assemble(case, dataset), _loading(case)
     chosen = _choose(bodies, case, job.team)
     method = chosen.taken.method
-    result = load_joint(assembly, loading, method=method, extrapolate=case.extrapolate)
-    result = with_contact(result, dataset)
+    joint = condense_assembly(assembly, method)
+    followed = follow_joint(joint.small, loading, method=method)
+    result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
+    result = with_contact(joint.restore(result), dataset)
     # those of cells of its own stand beside those of the structure
     told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
     further = [one for one in list_cautions(dataset) if one not in told]
@@ -107,25 +114,38 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
             short = JointLoading(preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1)
         measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
         law = JointsOfLaw(dataset, tuple(range(bodies.joints)), measured)
-        solve = partial(_solve_changed, bodies, case, dataset, short, method)
+        changed = partial(_change_laws, bodies, case, dataset)
+        near = follow_joint(joint.small, short, method=method)
+        solve = partial(_solve_changed, near, assembly.areas, changed, method)
         asked, coarser = joint_answers(result), bodies.coarser()
         meshes = {} if coarser is None else {2.0: coarser}
         result = with_joint_budget(result, [law], solve, asked, meshes, job.executor)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 
+def _change_laws(
+    bodies: RoughBodies, case: Case, law: "xr.Dataset", change: Change
+) -> list[Sliders]:
+    """Make the laws of all joints with a change."""
+    return change_friction(bodies.sliders(case, law, normal=change.normal), change)
+
+
 def _solve_changed(
-    bodies: RoughBodies,
-    case: Case,
-    law: "xr.Dataset",
-    loading: JointLoading,
+    near: FollowedJoint,
+    areas: Sequence[float],
+    laws: Callable[[Change], list[Sliders]],
     method: Method,
     change: Change,
 ) -> "xr.Dataset":
-    """Solve the joints again with a change."""
-    parts = (change.structure or bodies).assemble(case, law, normal=change.normal)  # type: ignore[union-attr]  # of the same kind
-    parts = change_friction(parts, change.factors)
-    return load_joint(parts, loading, method=method, extrapolate=True)
+    """Solve the joints again with a change, near those without it."""
+    changed = laws(change)
+    if change.structure is None:
+        problem = near.path.problem.with_laws(changed)
+        found = follow_joint(problem, near.loading, method=method, near=near)
+        return measure_joint(found, areas, extrapolate=True)
+    other: Assembly = change.structure.build(changed)  # type: ignore[call-arg,arg-type,assignment]  # of the same kind
+    found = follow_joint(condense_assembly(other, method).small, near.loading, method=method)
+    return measure_joint(found, other.areas, extrapolate=True)
 
 
 def _loading(case: Case) -> JointLoading:

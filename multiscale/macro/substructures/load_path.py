@@ -1,4 +1,4 @@
-"""Load bodies step by step, then to and fro; measure stiffness, slip and lost energy."""
+"""Load bodies step by step by named loads, then to and fro by one of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,99 +11,24 @@ from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
-from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.capacity import say_free_motions
+from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.cycled_amplitudes import (
-    closed_cycle,
-    cycle_work,
-    with_amplitudes,
-)
+from multiscale.macro.substructures.followed_path import condense_assembly, solve_path
 from multiscale.macro.substructures.joint_state import (
     OPENED,
     SLIPS,
     contact_state,
     joint_shares,
     load_stiffness,
-    measure_stiffness,
 )
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.whole_structure import Assembled, assemble
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "FEW_STEPS",
-    "JointLoading",
-    "LoadPath",
-    "follow_loads",
-    "load_joint",
-    "require_held",
-]
-
-FEW_STEPS = 2
-"""Load steps from zero to an amplitude in the cycles at every preload."""
-
-
-@dataclass(frozen=True)
-class JointLoading:
-    """Preloads one after the other, then cycles of shear at the last of them, or at all.
-
-    Parameters
-    ----------
-    preloads : tuple of float
-        Pressures on the pressed face, Pa.
-    shear : float
-        Amplitude of the tangential traction on the sheared face, Pa.
-    cycles : int
-        Closed cycles from the positive amplitude to the negative one and back; 0 for none.
-    steps : int
-        Load steps from zero to the amplitude: 4 of these make a cycle.
-    amplitudes : tuple of float
-        Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
-    amplitude_steps : int
-        Load steps from zero to each of these amplitudes in its cycle.
-
-    Raises
-    ------
-    CaseError
-        If a value is outside its range.
-    """
-
-    preloads: tuple[float, ...]
-    shear: float = 0.0
-    cycles: int = 0
-    steps: int = 10
-    amplitudes: tuple[float, ...] = ()
-    amplitude_steps: int = FEW_STEPS
-
-    def __post_init__(self) -> None:
-        if not self.preloads or not all(0.0 < p < np.inf for p in self.preloads):
-            raise CaseError(f"preloads must be positive (Pa), got {list(self.preloads)}")
-        if self.cycles < 0 or self.steps < 1 or (self.cycles and not 0.0 < self.shear < np.inf):
-            raise CaseError(
-                f"cycles need a positive shear (Pa) and one step or more, got {self.cycles} "
-                f"cycles, {self.shear:g} Pa and {self.steps} steps"
-            )
-        if not np.all(np.diff(self.amplitudes, prepend=0.0) > 0.0):
-            raise CaseError(
-                f"amplitudes must be positive and rise (Pa), got {list(self.amplitudes)}"
-            )
-
-    def factors(self) -> np.ndarray:
-        """Preload and shear of every step, Pa, shape (steps, 2)."""
-        preload = np.array(self.preloads)
-        if not self.cycles:
-            return np.stack([preload, np.zeros(preload.size)], axis=1)
-        shear = self.shear * _to_and_fro(self.steps, self.cycles)
-        return np.concatenate(
-            [
-                np.stack([preload, np.zeros(preload.size)], axis=1),
-                np.stack([np.full(shear.size, preload[-1]), shear], axis=1),
-            ]
-        )
+__all__ = ["LoadPath", "follow_cut_loads", "follow_loads", "require_held"]
 
 
 @dataclass(frozen=True)
@@ -168,7 +93,7 @@ class LoadPath:
         path = [last + share * (end - last) for last, end in pairwise(ends)]
         path[-1][-1] = ends[-1]
         if self.cycles:
-            swing = self.amplitude * _to_and_fro(self.cycle_steps, self.cycles)
+            swing = self.amplitude * to_and_fro(self.cycle_steps, self.cycles)
             which = np.array(self.names) == self.cycled
             path.append(ends[-1] + np.outer(swing, which))
         return np.concatenate(path)
@@ -179,56 +104,6 @@ class LoadPath:
         last = self.substeps * (1 + np.arange(len(self.steps))) - 1
         number[last] = np.arange(len(self.steps))
         return number
-
-
-def _to_and_fro(steps: int, cycles: int) -> np.ndarray:
-    """Rise to 1 in some steps, then closed cycles to -1 and back."""
-    rise = np.arange(1, steps + 1) / steps
-    return np.concatenate([rise, np.tile(closed_cycle(steps), cycles)])
-
-
-def _closed(first: int, steps: int, cycles: int) -> list[slice]:
-    """Find the steps of each cycle, with both ends, after a rise that begins at one of them."""
-    start = first + steps - 1 + 4 * steps * np.arange(cycles)
-    return [slice(at, at + 4 * steps + 1) for at in start]
-
-
-def _require_compliant(assembly: Assembly) -> None:
-    """Refuse laws of rigid contact, which have no stiffness."""
-    if not all(interface.law.compliant for interface in assembly.interfaces):
-        raise CaseError(
-            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Followed:
-    """A path that has been solved.
-
-    Attributes
-    ----------
-    problem : CutProblem
-    whole, locked : Assembled
-        Without and with the shanks of the bolts; one object if there are none.
-    result : Dataset
-    work : ndarray, shape (steps, cases)
-        Of each load at the factor one on the displacement, J.
-    """
-
-    problem: CutProblem
-    whole: Assembled
-    locked: Assembled
-    result: "xr.Dataset"
-    work: np.ndarray
-
-
-def _follow(problem: CutProblem, factors: np.ndarray, method: Method) -> _Followed:
-    """Solve a path and let the loads measure the displacement."""
-    result, whole = follow_bolts(problem, factors, method), assemble(problem)
-    nothing = np.zeros(len(problem.bolts))
-    locked = assemble(lock_bolts(problem, nothing, nothing, 1.0)) if problem.bolts else whole
-    work = problem.unknowns(result["displacement"].values) @ whole.load
-    return _Followed(problem, whole, locked, result, work)
 
 
 def require_held(assembly: Assembly) -> None:
@@ -286,10 +161,27 @@ def follow_loads(
     :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
     :func:`~.cycled_amplitudes.cycle_work`; interfaces share it as slip dissipates at their points.
     """
-    _require_compliant(assembly)
     require_held(assembly)
+    structure = condense_assembly(assembly, method)
+    loaded = follow_cut_loads(structure.small, path, method=method, extrapolate=extrapolate)
+    return structure.restore(loaded)
+
+
+def follow_cut_loads(
+    problem: CutProblem,
+    path: LoadPath,
+    *,
+    method: Method,
+    extrapolate: bool = False,
+    near: "xr.Dataset | None" = None,
+) -> "xr.Dataset":
+    """Load a cut structure by named loads; see :func:`follow_loads`.
+
+    The problem is the small one of :func:`~.followed_path.condense_assembly`, for instance, and
+    ``near`` its result with other laws.
+    """
     factors, forces = path.factors(), np.array(path.forces)
-    done = _follow(cut_assembly(assembly, method.parts), factors, method)
+    done = solve_path(problem, factors, method, near)
     result, joints, ends = done.result, done.problem.joints, path.ends()
     displacement = done.work / forces
     values: dict[str, Any] = {
@@ -311,7 +203,7 @@ def follow_loads(
     else:
         result = MACRO_RESULT.assign(result, values)
     if path.cycles:
-        cycles = _closed(path.substeps * len(path.steps), path.cycle_steps, path.cycles)
+        cycles = find_cycles(path.substeps * len(path.steps), path.cycle_steps, path.cycles)
         case = path.names.index(path.cycled)
         q = result["load_displacement"].to_numpy()[:, case]
         lost = cycle_work(path.amplitude, np.array([q[cycle] for cycle in cycles]))
@@ -374,90 +266,3 @@ def _secants(
                 change = force * factor[step, case]
                 found[step, case] = change / (moved[step, case] - moved[begin, case])
     return found[len(first) :]
-
-
-def load_joint(
-    assembly: Assembly,
-    loading: JointLoading,
-    *,
-    method: Method = LatinMethod(),  # noqa: B008  # frozen
-    extrapolate: bool = False,
-) -> "xr.Dataset":
-    r"""Press and shear bodies with rough joints.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        Its load cases are a preload and a shear of 1 Pa, with the areas of the faces that they act
-        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
-        1 Pa under their washers, take the place of the first; they are locked in the cycles.
-    loading : JointLoading
-    method : Method
-        See :func:`solve_assembly`.
-    extrapolate : bool
-        Whether steps far outside the data of a law keep what it extrapolates; see
-        :func:`~multiscale.macro.data_range.with_load_shares`.
-
-    Returns
-    -------
-    Dataset
-        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives, and approach, shear, stiffness,
-        open, sticking and slipping shares of the joints, their load outside the data of their
-        laws, and energy per cycle; and what :func:`with_amplitudes` measures at every preload.
-
-    Raises
-    ------
-    CaseError
-        If faces do not match, a substructure is in pieces, a law is one of rigid contact, or there
-        are not two areas.
-
-    Notes
-    -----
-    With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
-    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot K_T^{-1} f)` at a preload is that
-    for vibrations too small for any point to slip: :math:`K_T` has the tangents of the laws
-    without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
-    its face, :func:`~.cycled_amplitudes.cycle_work`.
-    """
-    _require_compliant(assembly)
-    if len(assembly.areas) != 2:
-        raise CaseError(
-            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
-            f"got {len(assembly.areas)} areas"
-        )
-    factors = loading.factors()
-    done = _follow(cut_assembly(assembly, method.parts), factors, method)
-    problem, result, area = done.problem, done.result, np.array(assembly.areas)
-    approach, along = (done.work / area).T
-    values: dict[str, Any] = {
-        "preload": factors[:, 0],
-        "shear": factors[:, 1],
-        "approach": approach,
-        "shear_displacement": along,
-        **contact_state(problem.joints, result),
-    }
-    pressed = range(len(loading.preloads))
-    values |= measure_stiffness(problem.joints, done.whole, done.locked, result, area, pressed)
-    shares, data = joint_shares(problem.joints, result)
-    result = MACRO_RESULT.assign(result, values)
-    result = with_load_shares(result, shares, data, extrapolate=extrapolate)
-    if loading.cycles:
-        along = result["shear_displacement"].to_numpy()
-        closed = _closed(len(loading.preloads), loading.steps, loading.cycles)
-        cycles = np.array([along[cycle] for cycle in closed])
-        lost = {"cycle_energy": area[1] * cycle_work(loading.shear, cycles)}
-        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
-    if loading.amplitudes:
-        result = with_amplitudes(
-            result,
-            problem,
-            done.result,
-            loading.preloads,
-            loading.amplitudes,
-            loading.amplitude_steps,
-            whole=done.whole,
-            area=float(area[1]),
-            method=method,
-            extrapolate=extrapolate,
-        )
-    return result

@@ -1,0 +1,169 @@
+r"""A cut structure condensed onto what its joints, bolts and neighbours touch.
+
+With the kept unknowns b of a substructure and those inside it, i, a displacement under loads is
+
+.. math:: u_i = -K_{ii}^{-1} K_{ib} u_b + K_{ii}^{-1} f_i \lambda,    \tag{1}
+
+so that constraint modes and modes of the loads tell all of it, whatever the laws of the joints and
+the forces of the bolts are. Modes of both kinds do no work on each other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import block_diag, csr_array
+
+from multiscale.fe.condensation import CondensedStiffness, condense_body
+from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
+from multiscale.macro.substructures.whole_solver import DENSE
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CondensedProblem", "condense_problem"]
+
+SAME = 1e-12
+"""Work of a combination of loads on itself, relative to the work of each, that is rounding."""
+
+UNMOVED = 3
+"""Component of unknowns that do not move with a rigid body."""
+
+
+@dataclass(frozen=True, eq=False)
+class CondensedProblem:
+    """A problem of few unknowns, and the way back.
+
+    Attributes
+    ----------
+    whole, small : CutProblem
+        The same joints and bolts; every unknown of the small one is a node of its own. Both are
+        one object where nothing is condensed.
+    insides : sequence of CondensedStiffness
+        Of each substructure.
+    modes : sequence of ndarray, shape (unknowns inside, modes)
+        Displacement inside each substructure by the modes of its loads, which follow the kept
+        unknowns, dimensionless.
+    """
+
+    whole: CutProblem
+    small: CutProblem
+    insides: Sequence[CondensedStiffness] = ()
+    modes: Sequence[np.ndarray] = ()
+
+    def restore(self, result: "xr.Dataset") -> "xr.Dataset":
+        """Return a result of the small problem with the displacement of all nodes."""
+        if self.small is self.whole:
+            return result
+        solved = result["converged"].values == 1
+        small = self.small.unknowns(result["displacement"].values[solved]).T
+        u = np.zeros((self.whole.n, small.shape[1]))
+        pairs = zip(self.whole.substructures, self.small.substructures, strict=True)
+        for (large, part), one, modes in zip(pairs, self.insides, self.modes, strict=True):
+            own, split = small[part.unknown], one.split
+            edge, amplitude = own[: split.edge.size], own[split.edge.size :]
+            u[large.unknown[split.edge]] = edge
+            u[large.unknown[split.inside]] = modes @ amplitude - one.solve(one.back @ edge)  # (1)
+        displacement = np.full((solved.size, *self.whole.position.shape), np.nan)
+        displacement[solved] = (self.whole.expansion @ u).T.reshape(-1, *self.whole.position.shape)
+        values = {"displacement": displacement, "position": self.whole.position}
+        restored = MACRO_RESULT.assign(result.drop_dims("node"), values)
+        return restored.assign_attrs(unknowns=self.whole.n).assign_coords(
+            node=range(len(self.whole.position))
+        )
+
+
+def condense_problem(problem: CutProblem) -> CondensedProblem:
+    """Condense each substructure, unless joints are missing or have too many unknowns.
+
+    Parameters
+    ----------
+    problem : CutProblem
+        Without links, and with loose bolts.
+
+    Raises
+    ------
+    MultiscaleError
+        If a body can move without force while its kept unknowns are held.
+    """
+    parts, count = problem.substructures, np.zeros(problem.n)
+    for part in parts:
+        count[part.unknown] += 1
+    wanted = count > 1
+    wanted[[end for bolt in problem.bolts for end in bolt.unknown]] = True
+    keeps = [wanted[part.unknown] for part in parts]
+    for joint in problem.joints:
+        for side, trace in zip(joint.sides, joint.trace, strict=True):
+            keeps[side][trace.indices] = True
+    kept = np.unique(
+        np.concatenate([part.unknown[keep] for part, keep in zip(parts, keeps, strict=True)])
+    )
+    if not problem.joints or kept.size > DENSE:
+        return CondensedProblem(problem, problem)
+    number = np.full(problem.n, -1)
+    number[kept] = np.arange(kept.size)
+    insides, modes, small, last = [], [], [], kept.size
+    for part, keep in zip(parts, keeps, strict=True):
+        one = condense_body(
+            part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure"
+        )
+        own, load = _load_modes(one, part)
+        stiffness = [one.blocks[0], np.eye(load.shape[0]) * part.stiffness.diagonal().mean()]
+        new = last + np.arange(load.shape[0])
+        last += new.size
+        nowhere = np.tile(part.position.mean(axis=0), (new.size, 1))
+        small.append(
+            Substructure(
+                csr_array(block_diag(stiffness, format="csr")),
+                np.concatenate([one.reduce(part.load), load]),
+                np.concatenate([number[part.unknown[keep]], new]),
+                np.concatenate([part.position[keep], nowhere]),
+                np.concatenate([part.component[keep], np.full(new.size, UNMOVED)]),
+            )
+        )
+        insides.append(one)
+        modes.append(own)
+    position = np.zeros((last, 3))
+    for part in small:
+        position[part.unknown] = part.position
+    place = np.full((last, 3), -1)
+    place[:, 0] = np.arange(last)
+    joints = tuple(
+        replace(
+            joint,
+            trace=tuple(
+                _extend(trace, keeps[side], small[side].n)
+                for side, trace in zip(joint.sides, joint.trace, strict=True)
+            ),
+        )
+        for joint in problem.joints
+    )
+    bolts = tuple(
+        replace(bolt, unknown=tuple(number[list(bolt.unknown)].tolist())) for bolt in problem.bolts
+    )
+    reduced = CutProblem(tuple(small), position, expand_numbers(place), joints, bolts)
+    return CondensedProblem(problem, reduced, insides, modes)
+
+
+def _load_modes(condensed: CondensedStiffness, part: Substructure) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of the loads inside, (inside, modes), and the forces of the loads on them, N.
+
+    Each mode has the mean stiffness of the unknowns of the substructure.
+    """
+    force = part.load[condensed.split.inside]
+    moved = condensed.solve(force)
+    work = force.T @ moved
+    size = np.sqrt(work.diagonal())
+    acts = size > 0.0
+    share, vector = np.linalg.eigh(work[np.ix_(acts, acts)] / np.outer(size[acts], size[acts]))
+    vector = vector[:, share > SAME] / size[acts, None] / np.sqrt(share[share > SAME])
+    vector *= np.sqrt(part.stiffness.diagonal().mean())
+    return moved[:, acts] @ vector, vector.T @ work[acts]
+
+
+def _extend(trace: csr_array, keep: np.ndarray, n: int) -> csr_array:
+    """Trace of the kept unknowns, among all of the small substructure."""
+    own = csr_array(trace[:, np.flatnonzero(keep)])
+    return csr_array((own.data, own.indices, own.indptr), shape=(own.shape[0], n))

@@ -1,0 +1,238 @@
+"""Press bodies with joints, shear them to and fro; measure stiffness, slip and lost energy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.data_range import with_load_shares
+from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
+from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
+from multiscale.macro.substructures.cycled_amplitudes import follow_amplitudes, with_amplitudes
+from multiscale.macro.substructures.followed_path import FollowedPath, condense_assembly, solve_path
+from multiscale.macro.substructures.joint_state import (
+    contact_state,
+    joint_shares,
+    measure_stiffness,
+)
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.schema import MACRO_RESULT
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "FEW_STEPS",
+    "FollowedJoint",
+    "JointLoading",
+    "follow_joint",
+    "load_joint",
+    "measure_joint",
+]
+
+FEW_STEPS = 2
+"""Load steps from zero to an amplitude in the cycles at every preload."""
+
+
+@dataclass(frozen=True)
+class JointLoading:
+    """Preloads one after the other, then cycles of shear at the last of them, or at all.
+
+    Parameters
+    ----------
+    preloads : tuple of float
+        Pressures on the pressed face, Pa.
+    shear : float
+        Amplitude of the tangential traction on the sheared face, Pa.
+    cycles : int
+        Closed cycles from the positive amplitude to the negative one and back; 0 for none.
+    steps : int
+        Load steps from zero to the amplitude: 4 of these make a cycle.
+    amplitudes : tuple of float
+        Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
+    amplitude_steps : int
+        Load steps from zero to each of these amplitudes in its cycle.
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range.
+    """
+
+    preloads: tuple[float, ...]
+    shear: float = 0.0
+    cycles: int = 0
+    steps: int = 10
+    amplitudes: tuple[float, ...] = ()
+    amplitude_steps: int = FEW_STEPS
+
+    def __post_init__(self) -> None:
+        if not self.preloads or not all(0.0 < p < np.inf for p in self.preloads):
+            raise CaseError(f"preloads must be positive (Pa), got {list(self.preloads)}")
+        if self.cycles < 0 or self.steps < 1 or (self.cycles and not 0.0 < self.shear < np.inf):
+            raise CaseError(
+                f"cycles need a positive shear (Pa) and one step or more, got {self.cycles} "
+                f"cycles, {self.shear:g} Pa and {self.steps} steps"
+            )
+        if not np.all(np.diff(self.amplitudes, prepend=0.0) > 0.0):
+            raise CaseError(
+                f"amplitudes must be positive and rise (Pa), got {list(self.amplitudes)}"
+            )
+
+    def factors(self) -> np.ndarray:
+        """Preload and shear of every step, Pa, shape (steps, 2)."""
+        preload = np.array(self.preloads)
+        if not self.cycles:
+            return np.stack([preload, np.zeros(preload.size)], axis=1)
+        shear = self.shear * to_and_fro(self.steps, self.cycles)
+        return np.concatenate(
+            [
+                np.stack([preload, np.zeros(preload.size)], axis=1),
+                np.stack([np.full(shear.size, preload[-1]), shear], axis=1),
+            ]
+        )
+
+
+def load_joint(
+    assembly: Assembly,
+    loading: JointLoading,
+    *,
+    method: Method = LatinMethod(),  # noqa: B008  # frozen
+    extrapolate: bool = False,
+) -> "xr.Dataset":
+    r"""Press and shear bodies with rough joints.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Its load cases are a preload and a shear of 1 Pa, with the areas of the faces that they act
+        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
+        1 Pa under their washers, take the place of the first; they are locked in the cycles.
+    loading : JointLoading
+    method : Method
+        See :func:`solve_assembly`.
+    extrapolate : bool
+        Whether steps far outside the data of a law keep what it extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives, and approach, shear, stiffness,
+        open, sticking and slipping shares of the joints, their load outside the data of their
+        laws, and energy per cycle; and what :func:`with_amplitudes` measures at every preload.
+
+    Raises
+    ------
+    CaseError
+        If faces do not match, a substructure is in pieces, a law is one of rigid contact, or there
+        are not two areas.
+
+    Notes
+    -----
+    With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
+    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot K_T^{-1} f)` at a preload is that
+    for vibrations too small for any point to slip: :math:`K_T` has the tangents of the laws
+    without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
+    its face, :func:`~.cycled_amplitudes.cycle_work`.
+    """
+    if len(assembly.areas) != 2:
+        raise CaseError(
+            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
+            f"got {len(assembly.areas)} areas"
+        )
+    joint = condense_assembly(assembly, method)
+    followed = follow_joint(joint.small, loading, method=method)
+    return joint.restore(measure_joint(followed, assembly.areas, extrapolate=extrapolate))
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedJoint:
+    """Joints that have been loaded.
+
+    Attributes
+    ----------
+    loading : JointLoading
+    path : FollowedPath
+        At the preloads, then in cycles.
+    cycles : list of Dataset
+        Of the amplitudes, from every preload; see :func:`follow_amplitudes`.
+    """
+
+    loading: JointLoading
+    path: FollowedPath
+    cycles: "list[xr.Dataset]"
+
+
+def follow_joint(
+    problem: CutProblem,
+    loading: JointLoading,
+    *,
+    method: Method,
+    near: FollowedJoint | None = None,
+) -> FollowedJoint:
+    """Press and shear a cut structure.
+
+    Parameters
+    ----------
+    problem : CutProblem
+        The small problem of :func:`~.followed_path.condense_assembly`, for instance.
+    loading : JointLoading
+    method : Method
+    near : FollowedJoint, optional
+        The same structure and loading with other laws, from which the method may begin.
+    """
+    path = solve_path(problem, loading.factors(), method, near.path.result if near else None)
+    cycles = follow_amplitudes(
+        problem,
+        path.result,
+        loading.preloads if loading.amplitudes else (),
+        loading.amplitudes,
+        loading.amplitude_steps,
+        method=method,
+        near=near.cycles if near else (),
+    )
+    return FollowedJoint(loading, path, cycles)
+
+
+def measure_joint(
+    followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
+) -> "xr.Dataset":
+    """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
+    loading, path, area = followed.loading, followed.path, np.array(areas)
+    problem, result, factors = path.problem, path.result, loading.factors()
+    approach, along = (path.work / area).T
+    values: dict[str, Any] = {
+        "preload": factors[:, 0],
+        "shear": factors[:, 1],
+        "approach": approach,
+        "shear_displacement": along,
+        **contact_state(problem.joints, result),
+    }
+    pressed = range(len(loading.preloads))
+    values |= measure_stiffness(problem.joints, path.whole, path.locked, result, area, pressed)
+    shares, data = joint_shares(problem.joints, result)
+    result = MACRO_RESULT.assign(result, values)
+    result = with_load_shares(result, shares, data, extrapolate=extrapolate)
+    if loading.cycles:
+        along = result["shear_displacement"].to_numpy()
+        closed = find_cycles(len(loading.preloads), loading.steps, loading.cycles)
+        cycles = np.array([along[cycle] for cycle in closed])
+        lost = {"cycle_energy": area[1] * cycle_work(loading.shear, cycles)}
+        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
+    if loading.amplitudes:
+        result = with_amplitudes(
+            result,
+            problem,
+            path.result,
+            loading.preloads,
+            loading.amplitudes,
+            followed.cycles,
+            whole=path.whole,
+            area=float(area[1]),
+            extrapolate=extrapolate,
+        )
+    return result

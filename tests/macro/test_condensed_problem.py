@@ -1,0 +1,106 @@
+"""Bodies condensed once onto their joints answer as whole ones do, and near paths are short."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import Exponential, Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import AssembledNewton, Assembly, Body, Bolt, Interface, shank_stiffness
+from multiscale.macro.bodies import stacked_blocks
+from multiscale.macro.substructures import (
+    JointLoading,
+    condense_assembly,
+    follow_joint,
+    load_joint,
+    measure_joint,
+)
+
+EDGE, E = 0.02, 210e9
+NORMAL = Exponential(1e9, 0.2e-6)
+LAW = Sliders(NORMAL, 0.3, pressures=(1e6, 1e8), slabs=8)
+PINS = ((0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0))
+
+
+@dataclass(frozen=True)
+class OnWholeBodies(AssembledNewton):
+    """Newton's method that keeps all unknowns of the bodies for every path."""
+
+    condenses: ClassVar[bool] = False
+
+
+def bolted():
+    """Two blocks and a bolt through both; the upper one is sheared on its top."""
+    guided = {"front": (None, 0.0, None)}
+    lower = Body(
+        box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, -EDGE)),
+        Elastic(E, 0.3),
+        supports=guided | {"right": (0.0, None, None)},
+        pins=dict.fromkeys(PINS, (None, None, 0.0)),
+    )
+    upper = Body(
+        box_mesh((EDGE,) * 3, (2, 2, 2)),
+        Elastic(E, 0.3),
+        supports=guided,
+        tractions={"left": (1.0, 0.0, 0.0)},
+    )
+    bolt = Bolt((1, 0), ("top", "bottom"), shank_stiffness(8e-3, 2.0 * EDGE, E), EDGE**2)
+    joint = Interface((0, 1), ("top", "bottom"), LAW)
+    return Assembly((lower, upper), (joint,), (1.0,), (EDGE**2,) * 2, bolts=(bolt,))
+
+
+def stacked(law=LAW):
+    return stacked_blocks((EDGE,) * 3, (2, 2, 2), [Elastic(E, 0.3)] * 2, [law])
+
+
+@pytest.mark.parametrize("assembly", [bolted(), stacked()], ids=["bolted", "stacked"])
+def test_condensed_bodies_answer_as_whole_ones(assembly):
+    """Constraint modes and modes of the loads tell every displacement under these loads."""
+    loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
+    found, whole = (
+        load_joint(assembly, loading, method=method, extrapolate=True)
+        for method in (AssembledNewton(), OnWholeBodies())
+    )
+    assert set(found.variables) == set(whole.variables)
+    assert found.sizes == whole.sizes
+    assert found.attrs == whole.attrs
+    for name in set(found.data_vars) - {"residual", "iterations", "wall_time"}:
+        size = np.nanmax(np.abs(whole[name].values.astype(float)))
+        error = np.abs(found[name].values - whole[name].values)
+        assert np.nanmax(error) <= 1e-7 * size, name
+    small = condense_assembly(assembly, AssembledNewton()).small
+    assert small.n < found.attrs["unknowns"]
+
+
+def test_a_joint_that_slides_away_says_so_on_condensed_bodies():
+    loading = JointLoading((10e6,), 5e6, cycles=1, steps=2)
+    found, whole = (
+        load_joint(bolted(), loading, method=method, extrapolate=True)
+        for method in (AssembledNewton(), OnWholeBodies())
+    )
+    assert found.converged.values.sum() < found.sizes["step"]
+    assert "no equilibrium found: the bodies slide on joint 0 under a load" in found.failure
+    assert found.failure == whole.failure
+    np.testing.assert_array_equal(
+        np.isnan(found.displacement.values), np.isnan(whole.displacement.values)
+    )
+
+
+def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
+    loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
+    method, areas = AssembledNewton(), stacked().areas
+    joint = condense_assembly(stacked(), method).small
+    changed = joint.with_laws([replace(LAW, friction=0.306)])
+    base = follow_joint(joint, loading, method=method)
+    alone = follow_joint(changed, loading, method=method)
+    near = follow_joint(changed, loading, method=method, near=base)
+    one, other = (measure_joint(found, areas, extrapolate=True) for found in (alone, near))
+    for name in ("cycle_loss", "secant_stiffness", "joint_stiffness", "traction"):
+        np.testing.assert_allclose(other[name], one[name], rtol=1e-6, atol=1.0, err_msg=name)
+    newton = [int(sum(run.iterations.sum() for run in found.cycles)) for found in (alone, near)]
+    assert newton[1] < 0.8 * newton[0]
+    again = follow_joint(joint, loading, method=method, near=base)
+    assert sum(int(run.iterations.sum()) for run in again.cycles) == 0
