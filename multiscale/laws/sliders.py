@@ -159,6 +159,10 @@ class Sliders(InterfaceLaw):
         state[-3:] = jump
         return state
 
+    def from_here(self, state: np.ndarray) -> np.ndarray:
+        """Return the state whose last tangential jump is zero."""
+        return np.concatenate([state[:-2], np.zeros((2, *state.shape[1:]))])
+
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
         """Return Coulomb's limit, Pa, at a pressure, Pa."""
         return self.friction * pressure
