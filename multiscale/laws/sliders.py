@@ -290,6 +290,7 @@ class Sliders(InterfaceLaw):
         place = [gap, self._curve.pressure(gap), self._curve.stiffness(gap), force, length]
         return np.stack([np.broadcast_to(row, jump.shape).reshape(-1) for row in place])
 
+    @np.errstate(invalid="ignore")  # a trial jump may be where the law has no numbers
     def _slope(
         self, jump: np.ndarray, state: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> np.ndarray:

@@ -148,7 +148,9 @@ def soften(response: Response, stiffness: float) -> Response:
     stiff = (most > 0.0) & (largest > most) & np.isfinite(largest)
     if not np.any(stiff):
         return response
-    D = np.moveaxis(response.tangent[..., stiff] / np.maximum(largest[stiff] / (1e6 * most), 1.0), -1, 0)
+    D = np.moveaxis(
+        response.tangent[..., stiff] / np.maximum(largest[stiff] / (1e6 * most), 1.0), -1, 0
+    )
     tangent = response.tangent.copy()
     tangent[..., stiff] = np.moveaxis(np.linalg.solve(np.eye(D.shape[1]) + D / most, D), 0, -1)
     return replace(response, tangent=tangent)

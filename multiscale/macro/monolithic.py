@@ -3,15 +3,13 @@
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import csr_array, diags_array, issparse
+from scipy.sparse import csr_array, issparse
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.interface_newton import (
     FLOOR,
@@ -23,7 +21,7 @@ from multiscale.macro.interface_newton import (
     soften,
     tangent_traction,
 )
-from multiscale.numerics.factorisation import Solve, factorise
+from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import enough, step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -112,7 +110,8 @@ def solve_interface(
     -----
     A Newton step that lowers the derivative of the energy along it is taken as it is. After any
     other the law goes on from a jump of its own, (1) of :mod:`multiscale.macro.interface_newton`,
-    which laws without energy and laws of any stiffness allow. The energy tells the length of the
+    which laws without energy and laws of any stiffness allow; the residual is that of the traction
+    there. The energy tells the length of the
     step, from the iterate of the smallest residual, where a small stiffness holds bodies that an
     open interface leaves loose, where the residual explodes, and where it has not fallen for some
     steps.
@@ -271,49 +270,4 @@ class _Whole:
         matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
         with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
-        if self.flexible is not None:
-            with suppress(MultiscaleError):
-                return self.flexible.direction(B, weighted, -here.gradient)
         return None
-
-    @cached_property
-    def flexible(self) -> "_Flexible | None":
-        """Full matrices condensed onto the interface; None if springs do not hold the bodies."""
-        B = self.jump_operator
-        if issparse(self.stiffness) or not self.resistance:
-            return None
-        springs = np.tile(self.resistance * self.weight, B.shape[0] // self.weight.size)
-        held = np.asarray(self.stiffness + B.T @ (diags_array(springs) @ B))
-        with suppress(MultiscaleError):
-            solve = factorise(held, name="the held bodies")
-            return _Flexible(solve, springs, compliances(solve, B)[0])
-        return None
-
-
-@dataclass(frozen=True, eq=False)
-class _Flexible:
-    r"""Bodies held by springs on their interface, whose jumps are the unknowns of a Newton step.
-
-    With the stiffness :math:`\bar K = K + B^T R B` of the bodies and springs :math:`R`, and the
-    compliance :math:`C = B \bar K^{-1} B^T`, a direction of the unknowns u and the jumps j is
-
-    .. math::
-        (I + C (w D - R))\, j = B \bar K^{-1} r, \qquad u = \bar K^{-1} (r - B^T (w D - R) j),
-        \tag{1}
-
-    with the forces out of balance :math:`r`. However stiff the law is, no stiffness of the bodies
-    is lost beside it, and the matrix has half the size of :math:`K`.
-    """
-
-    solve: Solve
-    springs: np.ndarray
-    compliance: np.ndarray
-
-    def direction(self, B: csr_array, tangent: csr_array, force: np.ndarray) -> np.ndarray:
-        """Newton direction (1), m."""
-        change = csr_array(tangent - diags_array(self.springs))
-        size = 1.0 + abs(change).max(axis=0).toarray() / self.springs  # where laws are stiff
-        change = csr_array(change @ diags_array(1.0 / size))
-        matrix = np.diag(1.0 / size) + (change.T @ self.compliance).T  # C is symmetric
-        opened = factorise(matrix, name="the tangent compliance")(B @ self.solve(force))
-        return self.solve(force - B.T @ (change @ opened))

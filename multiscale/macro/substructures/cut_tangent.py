@@ -170,7 +170,8 @@ class Newton:
         """Begin a step with factors of the load cases."""
         self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
         self.states = [
-            joint.law.from_here(state) for joint, state in zip(self.joints, self.states, strict=True)
+            joint.law.from_here(state)
+            for joint, state in zip(self.joints, self.states, strict=True)
         ]
         along = [jump * np.array([[0.0], [1.0], [1.0]]) for jump in self.jump]
         self.slid = [slid + more for slid, more in zip(self.slid, along, strict=True)]
