@@ -150,6 +150,7 @@ def fit_command(
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
+    from multiscale.upscaling.shear_branch import say_shear
 
     _check_dataset(out)
     law = fit_branches(
@@ -161,6 +162,8 @@ def fit_command(
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
     typer.echo(law.attrs["branches"])
+    for line in say_shear(law):
+        typer.echo(line)
 
 
 @app.command("export")
