@@ -148,6 +148,7 @@ def fit_command(
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
+    from multiscale.upscaling.shear_branch import say_shear
 
     _check_dataset(out)
     law = fit_branches(
@@ -159,6 +160,8 @@ def fit_command(
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
     typer.echo(law.attrs["branches"])
+    for line in say_shear(law):
+        typer.echo(line)
 
 
 @app.command("export")

@@ -11,6 +11,9 @@ from multiscale.errors import ConvergenceError
 
 __all__ = ["Solution", "Status", "verdict"]
 
+LARGEST = 1e150
+"""Residual from which on its square, in a linear solver, would overflow."""
+
 
 class Status(Enum):
     """Why an iterative solver stopped. The value is the sentence shown to the user."""
@@ -90,7 +93,7 @@ def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> St
     patience : float
         Iterations without a smaller residual after which the iteration counts as stalled.
     """
-    if not isfinite(residuals[-1]):
+    if not residuals[-1] < LARGEST:
         return Status.NOT_FINITE
     if residuals[-1] <= tolerance:
         return Status.CONVERGED

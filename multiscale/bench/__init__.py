@@ -32,6 +32,7 @@ STABILITY_FAMILIES = (
     "cut_structure",
     "joint",
     "joint_path",
+    "bolts",
     "friction",
     "wedge",
     "complementarity",

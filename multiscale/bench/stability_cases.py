@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from multiscale.surfaces.surface import Surface
 
 __all__ = [
+    "bolts",
     "complementarity",
     "cut_structure",
     "friction",
@@ -164,6 +165,42 @@ def joint_path(scene: str, law_over_block: float, friction: float, method: str) 
     factors = np.array([[1.0, 0.0], [1.0, 0.5], [1.0, 1.0], [0.6, 0.5], [1.0, -1.0]])
     cut = solve_assembly(blocks, factors, method=_method(method, 1))
     return _fault_of_path(blocks, factors, cut, law_over_block, 1)
+
+
+def bolts(pull: float, law_over_block: float, method: str) -> float:
+    """Bolted blocks under a pull and without it again: forces in balance, and back as they were.
+
+    Forces are relative to the preload. Without the shank of the bolt the pull would open the joint
+    at the preload; a pull below zero presses the blocks until the bolt is loose.
+    """
+    from multiscale.fe.boxes import box_mesh
+    from multiscale.laws.bulk import Elastic
+    from multiscale.macro import Assembly, Body, Bolt, Interface, solve_assembly
+
+    steel, held = Elastic(YOUNG, 0.0), {"left": (0.0, None, None), "front": (None, 0.0, None)}
+    corners = [(0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0)]
+    lower, upper = (
+        Body(
+            box_mesh((EDGE,) * 3, (2, 2, 2), origin=(0.0, 0.0, bottom)),
+            steel,
+            supports=held,
+            tractions={face: (0.0, 0.0, sign * PRESSURE)},
+            pins={} if bottom else dict.fromkeys(corners, (None, None, 0.0)),
+        )
+        for bottom, face, sign in ((-EDGE, "bottom", -1.0), (0.0, "top", 1.0))
+    )
+    preload = PRESSURE * EDGE**2
+    bolt = Bolt((1, 0), ("top", "bottom"), 0.1 * YOUNG * EDGE, preload)
+    face = Interface((0, 1), ("top", "bottom"), _bed(law_over_block, 0.2))
+    blocks = Assembly((lower, upper), (face,), bolts=(bolt,))
+    pulls = pull * np.array([0.0, 0.5, 1.0, 0.5, 0.0])
+    path = np.stack([np.ones(5), pulls], axis=1)
+    found = solve_assembly(blocks, path, method=_method(method, 1))
+    _refuse_failure(found)
+    carried = found["bolt_force"].values[:, 0] / preload
+    clamp = -found["traction"].values[..., 0] @ found["point_area"].values / preload
+    faults = [carried - clamp - pulls, carried - carried[::-1]]
+    return float(np.abs(faults).max())
 
 
 def _bed(law_over_block: float, friction: float) -> "Sliders":

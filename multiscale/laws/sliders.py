@@ -159,6 +159,10 @@ class Sliders(InterfaceLaw):
         state[-3:] = jump
         return state
 
+    def from_here(self, state: np.ndarray) -> np.ndarray:
+        """Return the state whose last tangential jump is zero."""
+        return np.concatenate([state[:-2], np.zeros((2, *state.shape[1:]))])
+
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
         """Return Coulomb's limit, Pa, at a pressure, Pa."""
         return self.friction * pressure
@@ -286,6 +290,7 @@ class Sliders(InterfaceLaw):
         place = [gap, self._curve.pressure(gap), self._curve.stiffness(gap), force, length]
         return np.stack([np.broadcast_to(row, jump.shape).reshape(-1) for row in place])
 
+    @np.errstate(invalid="ignore")  # a trial jump may be where the law has no numbers
     def _slope(
         self, jump: np.ndarray, state: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> np.ndarray:

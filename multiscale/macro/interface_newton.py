@@ -9,11 +9,13 @@ the bodies, to the next :math:`y` on the law,
 .. math:: t(y) + k y = t^* + k j, \qquad t^* = t(y_0) + D(y_0) (j - y_0).    \tag{1}
 
 The next tangent is that at y. This is the local stage of LATIN with the tangent of the law as the
-direction of its linear stage; at the solution y = j.
+direction of its linear stage; at the solution y = j. On the way the bodies are out of balance with
+the traction of the law at y by :math:`k (j - y)` per area, so that one residual tells how far the
+traction and the jump are from the solution, however stiff the law is.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
 
@@ -36,6 +38,7 @@ __all__ = [
     "face_stiffness",
     "find_equilibrium",
     "go_on_along_law",
+    "soften",
     "tangent_traction",
 ]
 
@@ -50,6 +53,10 @@ flows and slips go round in circles."""
 FLOOR = 1e-8
 """Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
 stiffness of the bodies."""
+
+STIFFEST = 1e8
+"""Stiffness of a tangent over the stiffness of the bodies, above which a spring in series softens
+it: beside a stiffer one, the stiffness of the bodies is rounded away."""
 
 GROWTH, ROUNDS = 1e4, 6
 """Factor of the residual beyond which a whole step has left all that is known of the law, and steps
@@ -134,6 +141,21 @@ def _along(
     return there, lambda step: float(direction @ there(step).gradient)
 
 
+def soften(response: Response, stiffness: float) -> Response:
+    """Put a spring in series with the tangent where it is far stiffer than the bodies, Pa/m."""
+    most = STIFFEST * stiffness
+    largest = np.abs(response.tangent).max(axis=(0, 1))
+    stiff = (most > 0.0) & (largest > most) & np.isfinite(largest)
+    if not np.any(stiff):
+        return response
+    D = np.moveaxis(
+        response.tangent[..., stiff] / np.maximum(largest[stiff] / (1e6 * most), 1.0), -1, 0
+    )
+    tangent = response.tangent.copy()
+    tangent[..., stiff] = np.moveaxis(np.linalg.solve(np.eye(D.shape[1]) + D / most, D), 0, -1)
+    return replace(response, tangent=tangent)
+
+
 def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np.ndarray:
     """Traction of the tangent of a law at one jump, for another, shape (d, points), Pa."""
     change = np.einsum("ijp,jp->ip", response.tangent, jump - at)
@@ -155,7 +177,7 @@ def go_on_along_law(
     state : ndarray, shape (law.n_state, points)
         Committed state of the law.
     """
-    traction = tangent_traction(law.respond(at, state), at, jump)
+    traction = tangent_traction(soften(law.respond(at, state), stiffness), at, jump)
     try:
         found = law.resolvent(traction + stiffness * jump, stiffness, state)
     except ConvergenceError:  # a whole step may end where the law has no numbers

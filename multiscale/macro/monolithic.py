@@ -20,6 +20,7 @@ from multiscale.macro.interface_newton import (
     ROUNDS,
     face_stiffness,
     go_on_along_law,
+    soften,
     tangent_traction,
 )
 from multiscale.numerics.factorisation import Solve, factorise
@@ -114,7 +115,8 @@ def solve_interface(
     -----
     A Newton step that lowers the derivative of the energy along it is taken as it is. After any
     other the law goes on from a jump of its own, (1) of :mod:`multiscale.macro.interface_newton`,
-    which laws without energy and laws of any stiffness allow. The energy tells the length of the
+    which laws without energy and laws of any stiffness allow; the residual is that of the traction
+    there. The energy tells the length of the
     step, from the iterate of the smallest residual, where a small stiffness holds bodies that an
     open interface leaves loose, where the residual explodes, and where it has not fallen for some
     steps.
@@ -139,13 +141,16 @@ def solve_interface(
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
 def _iterate(whole: "_Whole", here: "_Tangent", run: NewtonRun) -> InterfaceSolution:
     """Newton's method from a start; see :func:`solve_interface`."""
-    tangent = closest = here
+    closest = here
     while run.goes_on(whole.residual(here), whole.rounding(here)):
-        closest = closest if run.since_best else here
-        direction = whole.direction(tangent)
-        there = None if direction is None else whole.move(tangent, 1.0, direction)
+        if here.at is here.jump and not run.since_best:
+            closest = here
+        direction = whole.direction(here)
+        if direction is None and here.at is not here.jump:
+            direction = whole.direction(here, FLOOR)
+        there = None if direction is None else whole.step(here, direction)
         explodes = there is None or not whole.residual(there) <= GROWTH * run.residuals[-1]
-        if direction is None or there is None or explodes or run.since_best > ROUNDS:
+        if there is None or explodes or run.since_best > ROUNDS:
             # from a jump of its own, the law would mislead the search
             direction = whole.direction(closest)
             if direction is None:
@@ -153,13 +158,10 @@ def _iterate(whole: "_Whole", here: "_Tangent", run: NewtonRun) -> InterfaceSolu
             if direction is None:
                 run.stop(Status.STALLED)
                 break
-            here = tangent = closest = whole.search(closest, direction)
-        elif enough(float(direction @ tangent.gradient), float(direction @ there.gradient)):
-            here = tangent = there
-        else:
-            here, tangent = there, whole.go_on(tangent, there)
+            there = closest = whole.search(closest, direction)
+        here = there
     return InterfaceSolution(
-        here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.jump
+        here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at
     )
 
 
@@ -170,11 +172,15 @@ class _Tangent:
     Attributes
     ----------
     value, gradient : ndarray, shape (n,)
-        Unknowns, m, and forces out of balance, N.
+        Unknowns, m, and forces out of balance with the tangent, N.
     jump, at : ndarray, shape (d, points)
         Jump of the bodies, and jump on the law, m.
     tangent : ndarray, shape (d, d, points)
         Tangent of the law, times the weights of the points, N/m.
+    imbalance : float
+        Norm of the forces out of balance with the traction of the law, N.
+    softened : bool
+        Whether the law is stiffer than its tangent somewhere, so that it must go on.
     """
 
     value: np.ndarray
@@ -182,6 +188,8 @@ class _Tangent:
     jump: np.ndarray
     at: np.ndarray
     tangent: np.ndarray
+    imbalance: float
+    softened: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,11 +216,24 @@ class _Whole:
         of the tangent there.
         """
         at = jump if at is None else at
-        response = self.law.respond(at, self.state)
+        own = self.law.respond(at, self.state)
+        response = soften(own, self.resistance)
+        inner = self.stiffness @ u - self.load
         traction = tangent_traction(response, at, jump)
-        force = self.jump_operator.T @ (self.weight * traction).ravel()
-        gradient = self.stiffness @ u + force - self.load
-        return _Tangent(u, gradient, jump, at, self.weight * response.tangent)
+        gradient, fault = (
+            inner + self.jump_operator.T @ (self.weight * one).ravel()
+            for one in (traction, response.traction)
+        )
+        tangent = self.weight * response.tangent
+        return _Tangent(u, gradient, jump, at, tangent, float(norm(fault)), response is not own)
+
+    def step(self, here: _Tangent, direction: np.ndarray) -> _Tangent:
+        """Take a whole step, after which the law may go on from a jump of its own."""
+        there = self.move(here, 1.0, direction)
+        first, last = (float(direction @ one.gradient) for one in (here, there))
+        if enough(first, last) and not here.softened:
+            return there
+        return self.go_on(here, there)
 
     def move(self, here: _Tangent, step: float, direction: np.ndarray) -> _Tangent:
         """Take a step of the bodies, m."""
@@ -237,7 +258,7 @@ class _Whole:
 
     def residual(self, here: _Tangent) -> float:
         """Norm of (1) relative to the load."""
-        return float(norm(here.gradient)) / self.scale
+        return here.imbalance / self.scale
 
     def rounding(self, here: _Tangent) -> float:
         """Norm that rounding makes unavoidable where bodies move far on a soft law, like (1)."""
@@ -266,11 +287,6 @@ class _Whole:
         matrix = csr_array(matrix) if issparse(matrix) else np.asarray(matrix)
         with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
-        if self.prepared is None and not issparse(self.stiffness):
-            flexible = prepare_flexible(self.stiffness, B, self.weight)
-            if flexible is not None:
-                with suppress(MultiscaleError):
-                    return flexible.direction(B, tangent, -here.gradient)
         return None
 
 

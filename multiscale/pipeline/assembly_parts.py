@@ -243,6 +243,11 @@ class BodyBolt(Settings):
     def _check(self) -> Self:
         if (self.diameter is None) == (self.stiffness is None):
             raise ValueError("a bolt takes either the diameter of its shank or its stiffness")
+        if len({side.partition(".")[0] for side in self.sides}) == 1:
+            raise ValueError(
+                f"a bolt between two faces of one body clamps nothing, got {self.sides[0]!r} and "
+                f"{self.sides[1]!r}; name a face of another body in sides"
+            )
         return self
 
     def build(

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "assume_shear",
+    "say_shear",
     "sliders_from_dataset",
     "sliding_friction_at",
     "state_shear",
@@ -78,6 +79,20 @@ def tangential_values(law: "xr.Dataset") -> dict[str, float]:
         for short, name in names.items()
         if name in law.variables
     }
+
+
+def say_shear(law: "xr.Dataset") -> list[str]:
+    """Say friction and stiffness ratio of a law, with their bands if they are measured."""
+    said = []
+    for name, value in tangential_values(law).items():
+        band = ""
+        if law.sizes.get("shear_sample", 0):
+            drawn = law[f"shear_{name}_sample"].to_numpy()
+            drawn = drawn.mean(axis=1) if drawn.ndim > 1 else drawn
+            low, high = np.nanpercentile(drawn, (2.5, 97.5))
+            band = f" ({low:.3g} ... {high:.3g}, 95 %)" if high > low else ""
+        said.append(f"{WORDS[name]}: {value:.3g}{band}")
+    return said
 
 
 def _put_shear(

@@ -142,6 +142,10 @@ def _die_without_number(one):
             id="joint",
         ),
         case("joint", law_over_block=1e6, friction=1.5, parts=1, method="whole"),
+        case("joint", law_over_block=1e12, friction=1.5, parts=1, method="whole"),
+        case("joint_path", scene="slides away", law_over_block=1e6, friction=1.5, method="Schur"),
+        case("joint_path", scene="opens", law_over_block=1e12, friction=0.2, method="Schur"),
+        case("bolts", pull=2.0, law_over_block=1e12, method="whole"),
         case(
             "joint_path",
             scene="does not match",

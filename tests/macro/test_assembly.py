@@ -89,7 +89,7 @@ def test_a_path_ends_where_friction_does(method):
     )
     np.testing.assert_array_equal(slid.converged, [1, 0, 0])
     assert (
-        "the steps end before step 1: no equilibrium found: the bodies slide on joint 0"
+        "the steps end before step 1: no equilibrium found: the bodies slide on interface 0"
         in (slid.attrs["failure"])
     )
     assert np.isnan(slid.displacement[1:]).all()

@@ -1,5 +1,6 @@
 """Bolts: tightened, then locked; their forces follow the load as those of springs do."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -176,8 +177,8 @@ def test_bolted_bodies_that_slide_away_say_so(method):
     steps = np.array([[1.0, 0.0], [1.0, 1e6], [1.0, 4.5e6], [1.0, 0.0]])
     found = solve_assembly(sheared(), steps, method=method)
     np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
-    assert "the steps end before step 2: no equilibrium found: the bodies slide on joint 0 under a "
-    assert "load of 1800 N, of which friction carries about 1" in found.attrs["failure"]
+    assert "the steps end before step 2: no equilibrium found: the bodies slide on interface 0 "
+    assert "under a load of 1800 N, of which friction carries about 1" in found.attrs["failure"]
     assert np.isnan(found.bolt_force[2:]).all()
 
 
@@ -186,12 +187,24 @@ def test_a_bolt_that_comes_loose_ends_the_path():
     found = solve_assembly(clamped(), steps)
     np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
     assert found.attrs["failure"].startswith(
-        "the steps end before step 2: the load opens what bolt 0 clamps, whose force falls to zero"
+        "the steps end before step 2: the load leaves bolt 0 loose, whose force falls to zero"
     )
     assert np.isnan(found.bolt_force[2:]).all()
     assert np.isnan(found.displacement[2:]).all()
     with pytest.raises(CaseError, match="the earlier path has failed, so that nothing follows"):
         solve_assembly(clamped(), steps[:1], after=found)
+
+
+def test_a_load_that_parts_what_bolts_clamp_is_refused_with_all_forces():
+    assembly = clamped()
+    lower, upper = assembly.bodies
+    upper = replace(upper, supports={}, tractions={"top": (0.01, 0.0, 1.0)})
+    loose = replace(assembly, bodies=(lower, upper))
+    pull = np.array([[1.0, 0.0], [1.0, 20.0 * PRELOAD / AREA]])
+    found = solve_assembly(loose, pull)
+    assert found.converged.values.tolist() == [1, 0]
+    said = "the load opens the faces that the bolts clamp: it is .* kN along x, y and z, and the "
+    assert re.search(said + "bolts hold 4 kN at the step before", found.attrs["failure"])
 
 
 def test_three_bolts_share_a_load_as_springs():
@@ -256,6 +269,7 @@ def test_three_bolts_share_a_load_as_springs():
         ({"boundaries": ("top", "top")}, "goes through nothing: its washers must look away from"),
         ({"boundaries": ("bottom", "top")}, "goes through nothing"),
         ({"boundaries": ("top", "right")}, "goes through nothing"),
+        ({"sides": (1, 1)}, "a bolt between two faces of body 1 clamps nothing"),
         ({"sides": (1, 2)}, "bolt 0 names body 2; there are 2, counted from 0"),
         ({"boundaries": ("lid", "bottom")}, "the mesh has no boundary 'lid'"),
         ({"preload": 0.0}, "a bolt needs a preload"),

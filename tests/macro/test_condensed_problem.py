@@ -82,7 +82,7 @@ def test_a_joint_that_slides_away_says_so_on_condensed_bodies():
         for method in (AssembledNewton(), OnWholeBodies())
     )
     assert found.converged.values.sum() < found.sizes["step"]
-    assert "no equilibrium found: the bodies slide on joint 0 under a load" in found.failure
+    assert "no equilibrium found: the bodies slide on interface 0 under a load" in found.failure
     assert found.failure == whole.failure
     np.testing.assert_array_equal(
         np.isnan(found.displacement.values), np.isnan(whole.displacement.values)

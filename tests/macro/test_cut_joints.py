@@ -85,7 +85,7 @@ def pushed(law, parts, share, tilt=0.0):
 def say_slide(result):
     """Load and capacity, N, in the sentence of a step that slides away."""
     said = result.attrs["failure"]
-    found = re.search(r"on joint 0 under a load of (\S+) N, .* carries about (\S+) N", said)
+    found = re.search(r"on interface 0 under a load of (\S+) N, .* carries about (\S+) N", said)
     assert found, said
     return float(found[1]), float(found[2])
 

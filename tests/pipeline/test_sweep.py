@@ -116,7 +116,7 @@ def test_a_sweep_of_a_joint_that_slips_keeps_its_answers_and_says_which_slides(w
     np.testing.assert_array_equal(np.isnan(ends["cycle_energy"]), [False, False, True])
     assert np.isfinite(ends["joint_stiffness"]).all()
     assert list(result["failure"].values) == ["", "", ""]
-    assert "slide on joint 0" in result["caution"].values[2]
+    assert "slide on interface 0" in result["caution"].values[2]
     assert "slide" not in result["caution"].values[0]
 
 

@@ -171,6 +171,18 @@ def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(
     np.testing.assert_allclose(found[-2:], fresh, atol=1e-6 * np.abs(found).max())
 
 
+def test_friction_and_stiffness_ratio_are_said_with_their_bands(measured):
+    from multiscale.upscaling.shear_branch import say_shear
+
+    law, _ = measured
+    said = say_shear(law)
+    drawn = np.percentile(law["shear_friction_sample"], (2.5, 97.5))
+    friction = next(line for line in said if "friction" in line)
+    assert f"{float(law['shear_friction']):.3g}" in friction
+    assert f"({drawn[0]:.3g} ... {drawn[1]:.3g}, 95 %)" in friction
+    assert len(said) == 2
+
+
 def test_sheared_cells_are_drawn_beside_the_bed(measured):
     found, _ = measured
     ax = Figure().subplots()

@@ -42,7 +42,7 @@ class Bolt:
     Raises
     ------
     CaseError
-        If stiffness or preload are not positive.
+        If stiffness or preload are not positive, or both sides are one body.
     """
 
     sides: tuple[int, int]
@@ -54,6 +54,11 @@ class Bolt:
         if not 0.0 < self.stiffness < np.inf:
             raise CaseError(
                 f"the stiffness of a bolt must be positive (N/m), got {self.stiffness:g}"
+            )
+        if self.sides[0] == self.sides[1]:
+            raise CaseError(
+                f"a bolt between two faces of body {self.sides[0]} clamps nothing; give a face of "
+                f"another body to one side"
             )
         if not 0.0 < self.preload < np.inf:
             raise CaseError(

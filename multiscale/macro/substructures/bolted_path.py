@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
+from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import end_path, load_factors
 from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
 from multiscale.schema import MACRO_RESULT
@@ -151,13 +152,36 @@ def follow_bolts(
             step = int(failed[0])
             names = " and ".join(str(bolt) for bolt in np.flatnonzero(loose[step]))
             reason = (
-                f"the load opens what bolt {names} clamps, whose force falls to zero; tighten it "
+                f"the load leaves bolt {names} loose, whose force falls to zero; tighten it "
                 f"harder, or lower the load"
             )
-            result = end_path(result, step, steps, reason if names else "")
+            if not names and not tightens[step - first]:
+                before = -result["traction"].to_numpy()[step - 1, :, 0]
+                reason = _say_parted(problem, factors[step - first], before, force[step - 1])
+            else:
+                reason = reason if names else ""
+            result = end_path(result, step, steps, reason)
             force = np.concatenate([force[:step], np.full((steps - step, preload.size), np.nan)])
             break
     assert result is not None
     return MACRO_RESULT.assign(result, {"bolt_force": force}).assign_attrs(
         substructures=len(problem.substructures), interfaces=len(problem.interfaces)
+    )
+
+
+def _say_parted(
+    problem: CutProblem, factor: np.ndarray, pressure: np.ndarray, tension: np.ndarray
+) -> str:
+    """Say that a load parts what bolts of given tensions, N, clamp; nothing if it does not."""
+    load = np.concatenate([part.load @ factor for part in problem.substructures])
+    slide = find_slide(problem, load, pressure)
+    if slide is None or slide.joints:
+        return ""
+    component = np.concatenate([part.component for part in problem.substructures])
+    force = np.bincount(component, load, minlength=3)  # the pulls of bolts cancel each other
+    along = ", ".join(f"{1e-3 * one:.4g}" for one in force)
+    bolts = ", ".join(f"{1e-3 * one:.4g}" for one in tension)
+    return (
+        f"the load opens the faces that the bolts clamp: it is {along} kN along x, y and z, and "
+        f"the bolts hold {bolts} kN at the step before; tighten them harder, or lower the load"
     )

@@ -53,11 +53,11 @@ class Slide:
         if not self.joints:
             return (
                 "no equilibrium found: the load lifts, tips or moves a body that neither supports "
-                "nor joints hold; add supports or press the joints"
+                "nor interfaces hold; add supports or press the interfaces"
             )
         named = " and ".join(str(joint) for joint in self.joints)
         return (
-            f"no equilibrium found: the bodies slide on joint {named} under a load of "
+            f"no equilibrium found: the bodies slide on interface {named} under a load of "
             f"{self.load:.4g} N, of which friction carries about {self.capacity:.4g} N at the "
             f"pressures before they slid; lower the load, or press harder"
         )

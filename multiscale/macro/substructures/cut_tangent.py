@@ -17,6 +17,7 @@ from multiscale.macro.interface_newton import (
     GROWTH,
     face_stiffness,
     go_on_along_law,
+    soften,
     tangent_traction,
 )
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
@@ -68,6 +69,8 @@ class Imbalance:
         Tangent of the joints, times the weights, N/m.
     tractions : list of ndarray, shape (3, points)
         On the joints, Pa.
+    softened : bool
+        Whether laws (of this process) are stiffer than their tangents, so that they must go on.
     """
 
     force: np.ndarray
@@ -75,6 +78,7 @@ class Imbalance:
     rounding: float
     tangents: list[np.ndarray]
     tractions: list[np.ndarray]
+    softened: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +135,9 @@ class Newton:
         self.key = np.full(links.stiffness.size + 1, np.nan)
         self.magnitude = abs(self.stack.stiffness)
         self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
-        # jumps are summed up, as the tensions: the difference of both sides would round them away
+        # jumps are summed up, as the tensions: the difference of both sides would round them away;
+        # tangential ones over a step alone, after those of all earlier steps
+        self.slid = [np.zeros((3, item.weight.size)) for item in self.joints]
         self.jump = [np.zeros((3, item.weight.size)) for item in self.joints]
         self.at = self.jump  # where the tangents of the laws are
         diagonal = self.stack.stiffness.diagonal()
@@ -163,6 +169,14 @@ class Newton:
     def start(self, factor: np.ndarray) -> None:
         """Begin a step with factors of the load cases."""
         self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
+        self.states = [
+            joint.law.from_here(state)
+            for joint, state in zip(self.joints, self.states, strict=True)
+        ]
+        along = [jump * np.array([[0.0], [1.0], [1.0]]) for jump in self.jump]
+        self.slid = [slid + more for slid, more in zip(self.slid, along, strict=True)]
+        self.jump = [jump - more for jump, more in zip(self.jump, along, strict=True)]
+        self.at = self.jump
         links = self.stack.links
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
         self.lending, self.known = SlackStiffness(), None
@@ -204,19 +218,21 @@ class Newton:
         u, tension, tangents, tractions = self.u, self.tension(), [], []
         inner = self.stack.stiffness @ u
         balanced = self.load - inner - self.stack.links.operator.T @ tension
-        force = balanced.copy()
-        for joint, place, jump, at, state in zip(
-            self.joints, self.jumps, self.jump, self.at, self.states, strict=True
+        force, softened = balanced.copy(), False
+        for joint, place, jump, at, k, state in zip(
+            self.joints, self.jumps, self.jump, self.at, self.resistance, self.states, strict=True
         ):
-            traction, tangent = joint.law.respond(jump, state), joint.law.respond(at, state)
-            balanced -= place.T @ (joint.weight * traction.traction).ravel()
-            force -= place.T @ (joint.weight * tangent_traction(tangent, at, jump)).ravel()
-            tangents.append(joint.weight * tangent.tangent)
-            tractions.append(traction.traction)
+            own = joint.law.respond(at, state)
+            response = soften(own, k)
+            softened |= response is not own
+            balanced -= place.T @ (joint.weight * response.traction).ravel()
+            force -= place.T @ (joint.weight * tangent_traction(response, at, jump)).ravel()
+            tangents.append(joint.weight * response.tangent)
+            tractions.append(response.traction)
         residual = float(np.abs(self.assemble(balanced)).max(initial=0.0)) / self.scale
         largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
         rounding = 8.0 * np.finfo(float).eps * largest / self.scale
-        return Imbalance(force, residual, min(rounding, UNSURE), tangents, tractions)
+        return Imbalance(force, residual, min(rounding, UNSURE), tangents, tractions, softened)
 
     def advance(self, imbalance: Imbalance, tolerance: float, *, search: bool = False) -> int:
         """Take one Newton step; return the number of iterations of the linear solver.
@@ -227,7 +243,7 @@ class Newton:
         if self.known is not None and not self._sum(np.count_nonzero(carries != self.known)):
             self.lending.reset()
         self.known = carries
-        if imbalance.residual < self.least:
+        if imbalance.residual < self.least and self.at is self.jump:
             self.closest, self.least = self._place(), imbalance.residual
         if search and self.at is not self.jump:
             return self._search_from_closest(tolerance)
@@ -236,9 +252,7 @@ class Newton:
         try:
             direction, count = self._solve(imbalance, carries, accuracy)
         except (MultiscaleError, np.linalg.LinAlgError):
-            if self.at is not self.jump:
-                return self._search_from_closest(tolerance)
-            search = True  # an open or frictionless interface is held, a little
+            search = self.at is self.jump  # an open or frictionless interface is held, a little
             direction, count = self._solve(self._held(imbalance), carries, accuracy)
 
         way = self._way(direction)
@@ -250,7 +264,7 @@ class Newton:
             step = step_length(lambda step: self._slope(step, way), -work)
             self._move(step, way)
             self.closest = self._place()
-        elif self._goes_on(way, work, imbalance.residual):
+        elif self._goes_on(way, work, imbalance):
             step = 1.0
         else:
             return count + self._search_from_closest(tolerance)
@@ -286,7 +300,7 @@ class Newton:
             [(place @ direction).reshape(3, -1) for place in self.jumps],
         )
 
-    def _goes_on(self, way: _Way, work: float, residual: float) -> bool:
+    def _goes_on(self, way: _Way, work: float, here: Imbalance) -> bool:
         """Take a whole step, after which the laws may go on from jumps of their own.
 
         See :mod:`multiscale.macro.interface_newton`. Nothing is done where the residual explodes.
@@ -294,16 +308,18 @@ class Newton:
         before = self._place()
         self._move(1.0, way)
         after = self.imbalance()
-        if not after.residual <= GROWTH * residual:
-            self.u, self.elastic, self.jump, self.at = before
-            return False
-        if not enough(work, self._sum(after.force @ way.u)):
+        softened = bool(self._sum(here.softened))
+        if softened or not enough(work, self._sum(after.force @ way.u)):
             self.at = [
                 go_on_along_law(joint.law, at, jump, k, state)
                 for joint, at, jump, k, state in zip(
                     self.joints, before[3], self.jump, self.resistance, self.states, strict=True
                 )
             ]
+            after = self.imbalance()
+        if not after.residual <= GROWTH * here.residual:
+            self.u, self.elastic, self.jump, self.at = before
+            return False
         return True
 
     def _move(self, step: float, way: _Way) -> None:
@@ -420,7 +436,8 @@ class Newton:
         """Jump, m, and traction, Pa, at all points of all joints, shape (points, 3)."""
         if not self.problem.joints:
             return {}
-        fields = {"jump": self.jump, "traction": imbalance.tractions}
+        jump = [slid + more for slid, more in zip(self.slid, self.at, strict=True)]
+        fields = {"jump": jump, "traction": imbalance.tractions}
         return {name: self._joined(values).T for name, values in fields.items()}
 
     def _joined(self, values: list[np.ndarray]) -> np.ndarray:
@@ -433,5 +450,6 @@ class Newton:
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
         self.before = -self._joined(self.imbalance().tractions)[0]
-        for index, (joint, jump) in enumerate(zip(self.joints, self.jump, strict=True)):
+        for index, (joint, jump) in enumerate(zip(self.joints, self.at, strict=True)):
             self.states[index], _ = advance_state(joint.law, jump, self.states[index])
+        self.jump = self.at

@@ -89,8 +89,7 @@ def solve_whole(
     check_after(problem, after)
     state, before = law.join(states_after(problem.joints, after)), np.zeros(0)
     u: np.ndarray | None = None
-    jump: np.ndarray | None = None
-    first = 0
+    jump, first = np.zeros((3, sum(law.points))), 0
     if after is not None and problem.joints:
         u = bodies.keep(problem.unknowns(after["displacement"].values[-1]))
         jump, before = after["jump"].values[-1].T, -after["traction"].values[-1, :, 0]
@@ -99,11 +98,12 @@ def solve_whole(
     columns: list[dict[str, Any]] = []
     for step, factor in enumerate(factors, start=first):
         clock = perf_counter()
-        starts = [(u, jump)]
+        # tangential jumps of the step alone: sums round away what slides far on a stiff law
+        slid, state = jump * np.array([[0.0], [1.0], [1.0]]), law.from_here(state)
+        starts = [(u, jump - slid)]
         if step < len(changes):  # as the path that is near, else from where this one stands
             moved, opened = changes[step]
-            own = (0.0, 0.0) if u is None or jump is None else (u, jump)
-            starts.insert(0, (own[0] + moved, own[1] + opened))
+            starts.insert(0, ((0.0 if u is None else u) + moved, jump - slid + opened))
         for start, begin in starts:
             solution = bodies.solve(
                 law,
@@ -116,9 +116,9 @@ def solve_whole(
             )
             if solution.converged:
                 break
-        jump = solution.jump
         with np.errstate(over="ignore", invalid="ignore"):  # where a failed step may have ended
-            response = law.respond(jump, state)
+            response = law.respond(solution.jump, state)
+        jump = slid + solution.jump
         failure = ""
         if not solution.converged:
             loads = np.concatenate([part.load @ factor for part in problem.substructures])
@@ -137,7 +137,8 @@ def solve_whole(
         )
         if not solution.converged:
             break
-        u, before, state = solution.value, -response.traction[0], law.advance(jump, state)
+        u, before = solution.value, -response.traction[0]
+        state = law.advance(solution.jump, state)
     return assemble_result(problem, factors, columns, after)
 
 
@@ -286,6 +287,13 @@ class _SideBySide(InterfaceLaw):
         for state, (law, at) in zip(states, self._places(), strict=True):
             joined[: law.n_state, at] = state
         return joined
+
+    def from_here(self, state: np.ndarray) -> np.ndarray:
+        """Let every law count tangential jumps from the last."""
+        new = np.zeros_like(state)
+        for law, at in self._places():
+            new[: law.n_state, at] = law.from_here(state[: law.n_state, at])
+        return new
 
     def advance(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Return the state after a step, which may not win energy."""
