@@ -235,8 +235,8 @@ class MicroSettings(Settings):
     control_realisations: Positive | None = Field(
         None,
         description="Number of these flat cells. If not given, as many as are best for the time, "
-        "by the times and the correlation of both kinds of cells, but for no more time than the "
-        "cells take.",
+        "by the times and the correlation of both kinds of cells, but for about the time that the "
+        "cells take, at most; a power of two.",
     )
     spots: bool = Field(
         False,

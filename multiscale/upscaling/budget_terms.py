@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.control_variates import NORMAL, students
 from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
@@ -35,6 +34,7 @@ __all__ = [
     "scatter_term",
     "separation_term",
     "slope_term",
+    "students",
 ]
 
 FIT_ERRORS = {
@@ -48,6 +48,8 @@ FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures ha
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 FEW_CELLS = "few cells"
 """Term of one part, whose interface holds few cells; the mean law does not have it."""
+
+NORMAL = 1.959963984540054  # standard deviations to 95 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,6 +322,20 @@ def _term_of_errors(response: "xr.Dataset", cause: str, how: str) -> Term:
         worst = ", ".join(f"{100.0 * one:.2g} %" for one in term.max(axis=1))
         how += f": up to {worst} of gap, area and stiffness"
     return Term(how, term)
+
+
+def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
+
+    The freedom of the sum is the one of Welch and Satterthwaite.
+    """
+    from scipy.stats import t
+
+    total = np.maximum(variances.sum(axis=0), 0.0)
+    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
+    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
+    factor = t.ppf(0.975, np.maximum(whole, 1.0))
+    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
 
 
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:

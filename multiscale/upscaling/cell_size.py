@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.budget_terms import NORMAL, Term, each_value, same_steps
-from multiscale.upscaling.control_variates import students
+from multiscale.upscaling.budget_terms import NORMAL, Term, each_value, same_steps, students
 from multiscale.upscaling.response_observations import normal_observations
 
 if TYPE_CHECKING:

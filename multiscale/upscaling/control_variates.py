@@ -7,9 +7,8 @@ import numpy as np
 
 from multiscale.upscaling.bootstrap import widening
 
-__all__ = ["FEWEST_PAIRS", "NORMAL", "Control", "best_ratio", "students", "variance_ratio"]
+__all__ = ["FEWEST_PAIRS", "Control", "best_ratio", "variance_ratio"]
 
-NORMAL = 1.959963984540054  # standard deviations to 95 %
 CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
 FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
 HIGHEST = 1.0 - 1e-12  # correlation, of which the transformation is finite
@@ -156,17 +155,3 @@ def best_ratio(correlation: float, cost_ratio: float) -> float:
 def variance_ratio(correlation: np.ndarray | float, n: int, n_cheap: int) -> np.ndarray:
     """Variance with control over the variance of the mean of the dear values alone."""
     return np.asarray(1.0 - np.square(correlation) * (1.0 - n / n_cheap))
-
-
-def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
-
-    The freedom of the sum is the one of Welch and Satterthwaite.
-    """
-    from scipy.stats import t
-
-    total = np.maximum(variances.sum(axis=0), 0.0)
-    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
-    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
-    factor = t.ppf(0.975, np.maximum(whole, 1.0))
-    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
