@@ -236,7 +236,7 @@ class MicroSettings(Settings):
         None,
         description="Number of these flat cells. If not given, as many as are best for the time, "
         "by the times and the correlation of both kinds of cells, but for about the time that the "
-        "cells take, at most; a power of two.",
+        "cells take, and 256, at most.",
     )
     spots: bool = Field(
         False,
@@ -273,7 +273,8 @@ class MicroSettings(Settings):
 
     def _check_control(self) -> None:
         """Refuse control cells that tell nothing."""
-        if self.control and self.realisations < FEWEST_PAIRS:
+        stated = self.control or self.control_realisations
+        if stated and self.realisations < FEWEST_PAIRS:
             raise ValueError(
                 f"control follows the scatter of {FEWEST_PAIRS} realisations or more, got "
                 f"{self.realisations}; give more, or leave control out"

@@ -290,10 +290,10 @@ class Case(Settings):
                 f"control in [micro] has flat cells on the surfaces of dearer ones, and the cells "
                 f"are {here}; leave it out"
             )
-        if self.accuracy is not None:
+        if self.accuracy is not None and self.micro.control_realisations:
             raise ValueError(
-                "control in [micro] and a target in [accuracy] exclude each other: a planner "
-                "chooses its cells itself"
+                "control_realisations in [micro] and a target in [accuracy] exclude each other: a "
+                "planner chooses their number itself"
             )
 
     def _check_coarser(self) -> None:
@@ -414,17 +414,18 @@ class Case(Settings):
     @property
     def controlled(self) -> bool:
         """Whether flat cells are control variates of the cells."""
-        if not self.has_cells or self.micro.control is False:
+        if not self.has_cells or self.accuracy is not None:
             return False
-        if self.micro.control or self.micro.control_realisations:
-            return True
-        return (
-            self.cell.geometry != "flat"
-            and self.cell.mesh is None
-            and self.accuracy is None
-            and self.micro.realisations >= FEWEST_PAIRS
-            and not self.measured
-        )
+        return self.may_be_controlled and self.micro.realisations >= FEWEST_PAIRS
+
+    @property
+    def may_be_controlled(self) -> bool:
+        """Whether there are flat cells on the surfaces of dearer ones, if these are enough."""
+        if self.cell.geometry == "flat" or self.cell.mesh is not None:
+            return False
+        if self.micro.control is None and self.micro.control_realisations is None:
+            return not self.measured
+        return self.micro.control is not False
 
     @property
     def measured(self) -> bool:

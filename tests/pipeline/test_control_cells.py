@@ -137,11 +137,11 @@ def test_their_number_follows_from_times_and_correlation():
         dear["wall_time"] = cost * dear["wall_time"]
         return _best_count(dear, cheap)
 
-    count, told = counted(1e-4, 40.0)
-    assert count == 512  # 480
-    assert "a cost of 1/40 of a cell" in told
-    count, _ = counted(0.03, 40.0)  # correlation about .96: the ratio is 6.3 * 3.4
-    assert 128 <= count <= 256
-    count, told = counted(10.0, 40.0)
+    count, told = counted(1e-4, 10.0)
+    assert count == 128  # 120
+    assert "a cost of 1/10 of a cell" in told
+    assert counted(1e-4, 80.0)[0] == 256  # and no more
+    assert 16 <= counted(0.1, 10.0)[0] <= 64  # a correlation of .7, and a ratio of 3.2
+    count, told = counted(10.0, 10.0)
     assert count == 12
     assert "by chance alone" in told

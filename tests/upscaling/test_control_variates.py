@@ -136,7 +136,7 @@ def test_the_samples_cover(n):
     """Percentiles of 200 samples of 200 repeats; pairs are drawn together, others apart."""
     random, inside = np.random.default_rng(n), []
     for seed in range(200):
-        y, f = pairs(random, n, 10 * n)
+        y, f = pairs(random, n, 60 * n)
         seen = replace(
             observe("contact_fraction", np.ones(1), 0.2 * y), control=Control.of(0.2 * y, f)
         )
