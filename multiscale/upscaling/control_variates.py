@@ -104,7 +104,7 @@ class Control:
     def __str__(self) -> str:
         """Say how many cheap cells there are, and how they follow the dear ones."""
         low, high = self.correlation.min(), self.correlation.max()
-        return f"{len(self.cheap)} control cells, whose correlation is {low:.4g} to {high:.4g}"
+        return f"{len(self.cheap)} control cells, whose correlation is {low:.5g} to {high:.5g}"
 
     @property
     def parts(self) -> tuple[tuple[np.ndarray, int], ...]:

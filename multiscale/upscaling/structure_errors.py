@@ -357,7 +357,7 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     CaseError
         If the budget lacks a term, as a budget of an earlier version may.
     """
-    require_law(law, "error_bias", *map(how_attribute, ERROR_TERMS))
+    require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
     p = law["fit_pressure"].to_numpy()
     scatter = law["cell_scatter"].to_numpy()
