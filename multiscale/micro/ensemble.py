@@ -128,7 +128,7 @@ def run_realisations(
 
     def finish(k: int, response: "xr.Dataset") -> None:
         results[k] = response
-        logger.info("realisation %d: %d of %d are finished", k, len(results), len(numbers))
+        logger.info("%s %d: %d of %d are finished", name, k, len(results), len(numbers))
         progress(len(results))
 
     todo = [k for k in numbers if k not in results]

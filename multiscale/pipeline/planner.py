@@ -247,7 +247,7 @@ class _Campaign:
     def control(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset | None":
         """Flat cells beside those of a setting, which have been solved; none if these are few."""
         file = self.folder(setting, pilot=pilot) / "micro_response.nc"
-        if not self.case.may_be_controlled or setting.realisations < FEWEST_PAIRS:
+        if not self.case.micro.control or setting.realisations < FEWEST_PAIRS:
             return None
         cells = resize(self.case, setting, pilot=pilot)
         found = press_control(cells, open_response(file), file.parent / "control", self.executor)
@@ -300,7 +300,7 @@ class _Campaign:
         assert self.case.accuracy is not None
         study = {} if known.pilots.stored else STUDY
         limits, target = (known.sizes, GRIDS), self.case.accuracy.target
-        fewest = FEWEST_PAIRS if self.case.may_be_controlled else 1
+        fewest = FEWEST_PAIRS if self.case.micro.control else 1
         costs, done = known.costs, self.done()
         try:
             return (*cheapest(known.estimate, costs, done, study, target, limits, fewest), known)

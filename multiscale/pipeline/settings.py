@@ -414,18 +414,16 @@ class Case(Settings):
     @property
     def controlled(self) -> bool:
         """Whether flat cells are control variates of the cells."""
-        if not self.has_cells or self.accuracy is not None:
+        if not self.has_cells or self.micro.control is False or self.accuracy is not None:
             return False
-        return self.may_be_controlled and self.micro.realisations >= FEWEST_PAIRS
-
-    @property
-    def may_be_controlled(self) -> bool:
-        """Whether there are flat cells on the surfaces of dearer ones, if these are enough."""
-        if self.cell.geometry == "flat" or self.cell.mesh is not None:
-            return False
-        if self.micro.control is None and self.micro.control_realisations is None:
-            return not self.measured
-        return self.micro.control is not False
+        if self.micro.control or self.micro.control_realisations:
+            return True
+        return (
+            self.cell.geometry != "flat"
+            and self.cell.mesh is None
+            and self.micro.realisations >= FEWEST_PAIRS
+            and not self.measured
+        )
 
     @property
     def measured(self) -> bool:
