@@ -113,8 +113,8 @@ def _best_count(response: "xr.Dataset", first: "xr.Dataset") -> tuple[int, str]:
     count = 2 ** round(np.log2(min(best, pairs * cost, MOST)))
     return count, (
         f"{count}: {best:.3g} would be best for the time at a correlation of {correlation:.4g} and "
-        f"a cost of 1/{cost:.3g} of a cell; they take about as long as the cells at most, and are at "
-        f"most {MOST}, a power of two"
+        f"a cost of 1/{cost:.3g} of a cell; they take at most about the time of the cells, and are "
+        f"a power of two, at most {MOST}"
     )
 
 
