@@ -119,7 +119,7 @@ def small_steel(realisations, more=""):
         .replace("[128, 128]", "[36, 36]")
     )
     text = text.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
-    return text.replace("realisations = 12", f"realisations = {realisations}") + more
+    return text.replace("realisations = 5", f"realisations = {realisations}") + more
 
 
 def write_scene(folder, text, *pairs):

@@ -102,40 +102,44 @@ def run_realisations(
     folder: FilePath | None,
     identity: str,
     progress: Callable[[int], None],
+    name: str = "realisation",
 ) -> "xr.Dataset":
     """Compute realisations, each kept in a file of its own, and join their responses.
 
     Parameters
     ----------
     function : callable
-        Importable by name; gives the response to its arguments.
+        Importable by name; gives the response to its arguments, of one realisation or of several.
     arguments : sequence of tuple
     executor, folder, identity, progress
         See :func:`run_ensemble`.
+    name : str
+        Of the files, before their number.
     """
     import xarray as xr
 
     if folder is not None:
         make_folder(folder)
     numbers = range(len(arguments))
-    files = [_file_of(folder, k) if folder else None for k in numbers]
+    files = [_file_of(folder, k, name) if folder else None for k in numbers]
     results = {
         k: found for k, file in enumerate(files) if (found := _finished(file, identity)) is not None
     }
 
     def finish(k: int, response: "xr.Dataset") -> None:
         results[k] = response
-        logger.info("realisation %d: %d of %d are finished", k, len(results), len(numbers))
+        logger.info("%s %d: %d of %d are finished", name, k, len(results), len(numbers))
         progress(len(results))
 
     todo = [k for k in numbers if k not in results]
     progress(len(results))
     jobs = {k: (function, arguments[k], files[k], identity) for k in todo}
     run_jobs(_compute_and_keep, jobs, executor, finish)
+    ends = np.cumsum([0, *(results[k].sizes["realisation"] for k in numbers)])
     ordered = [
         results[k]
         .drop_vars(["height", "pressure", "gap", "x", "y"], errors="ignore")
-        .assign_coords(realisation=[k])
+        .assign_coords(realisation=range(ends[k], ends[k + 1]))
         for k in numbers
     ]
     most = max(one.sizes.get("spot", 0) for one in ordered)
@@ -182,8 +186,8 @@ def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
     return found
 
 
-def _file_of(folder: FilePath, k: int) -> FilePath:
-    return folder / f"realisation-{k:04d}.nc"
+def _file_of(folder: FilePath, k: int, name: str = "realisation") -> FilePath:
+    return folder / f"{name}-{k:04d}.nc"
 
 
 def _steps_of(file: FilePath) -> FilePath:

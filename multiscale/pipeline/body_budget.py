@@ -255,7 +255,7 @@ class _OfLaw:
             lost = cycles.density @ area
             loss[n_rests:] = cycles.density[:, mine] @ own / np.where(lost > 0.0, lost, 1.0)
         cells = np.ones((2, steps.size))
-        if {"longest_wave", "cell_size", "sampling_factor"} <= set(law.attrs):
+        if {"longest_wave", "cell_size"} <= set(law.attrs) and "cell_scatter" in law:
             wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
             place = result["point_position"].to_numpy()[mine]
             number = result["point_joint"].to_numpy()[mine]

@@ -46,11 +46,16 @@ ONE_GRID = OnGrids()
 
 
 def case_budget(
-    case: Case, response: "xr.Dataset", law: "xr.Dataset", grids: OnGrids = ONE_GRID
+    case: Case,
+    response: "xr.Dataset",
+    law: "xr.Dataset",
+    grids: OnGrids = ONE_GRID,
+    control: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
     """Estimate the errors of the law of a case whose cells have one size.
 
-    The response is of the loading; the estimate follows ``ERROR_BUDGET``.
+    The response is of the loading, and the control, if any, of flat cells; the estimate follows
+    ``ERROR_BUDGET``.
     """
     budget = error_budget(
         response,
@@ -59,6 +64,7 @@ def case_budget(
         scales=joint_scales(case),
         apart=bool(grids.pressed),
         tangential=None if case.micro.shear is None else grids.sheared,
+        control=control,
     )
     other_size = other_grid = "a target in [accuracy] solves others"
     if case.micro.unload is not False:  # which excludes a target

@@ -18,6 +18,7 @@ from multiscale.pipeline.toml_model import (
     Settings,
     must_rise,
 )
+from multiscale.upscaling.control_variates import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 __all__ = [
@@ -224,6 +225,19 @@ class MicroSettings(Settings):
         "pressed and, with [micro.shear], sheared, which tells the error of the grid; one costs an "
         "eighth of a cell.",
     )
+    control: Literal["flat", False] | None = Field(
+        None,
+        description="Whether flat cells on the same surfaces and on further ones are control "
+        "variates of the cells, which takes most of the sampling error out of the law. If not "
+        "given, dearer cells have them, on surfaces made from a spectrum and from 4 realisations "
+        "on; `false` turns them off. A planner has them only where they are asked for.",
+    )
+    control_realisations: Positive | None = Field(
+        None,
+        description="Number of these flat cells. If not given, as many as are best for the time, "
+        "by the times and the correlation of both kinds of cells, but for about the time that the "
+        "cells take, and 256, at most.",
+    )
     spots: bool = Field(
         False,
         description="Whether the response keeps area and force of every contact spot.",
@@ -252,9 +266,31 @@ class MicroSettings(Settings):
                 f"coarser is {self.coarser}, more than the {self.realisations} realisations of "
                 f"which it is a part"
             )
+        self._check_control()
         if self.shear is not None:
             self._check_shear(self.shear)
         return self
+
+    def _check_control(self) -> None:
+        """Refuse control cells that tell nothing."""
+        stated = self.control or self.control_realisations
+        if stated and self.realisations < FEWEST_PAIRS:
+            raise ValueError(
+                f"control follows the scatter of {FEWEST_PAIRS} realisations or more, got "
+                f"{self.realisations}; give more, or leave control out"
+            )
+        if self.control_realisations is None:
+            return
+        if self.control is False:
+            raise ValueError(
+                "control_realisations counts cells that control = false turns off; leave out one "
+                "of them"
+            )
+        if self.control_realisations <= self.realisations:
+            raise ValueError(
+                f"control_realisations is {self.control_realisations}, of which the first "
+                f"{self.realisations} have the surfaces of the realisations; give more"
+            )
 
     def _check_shear(self, shear: ShearSettings) -> None:
         """Refuse shear that the cells pressed tell no normal law of."""
@@ -286,8 +322,8 @@ class MicroSettings(Settings):
     def quick(self) -> Self:
         """Return four realisations at most, on one grid."""
         shear = self.shear and self.shear.quick()
-        fewer = {"realisations": min(4, self.realisations), "coarser": 0}
-        return self.model_copy(update={**fewer, "shear": shear})
+        fewer = {"realisations": min(4, self.realisations), "control_realisations": None}
+        return self.model_copy(update={**fewer, "coarser": 0, "shear": shear})
 
 
 class LawSettings(Settings):

@@ -137,6 +137,7 @@ def cheapest(
     study: Mapping[tuple[float, float], int],
     target: float,
     limits: tuple[range, range],
+    fewest: int = 1,
 ) -> tuple[Setting, float]:
     """Choose the setting of least time among those that are expected to reach a target.
 
@@ -153,6 +154,8 @@ def cheapest(
         Relative.
     limits : tuple of range
         Sizes and grids that can be had.
+    fewest : int
+        Realisations at least.
 
     Returns
     -------
@@ -168,7 +171,7 @@ def cheapest(
     best = (np.inf, estimate.setting)
     studies = STUDIES if study else (estimate.setting.study,)
     for size, grid, n, many in product(*limits, REALISATIONS, studies):
-        if many < estimate.setting.study:
+        if many < estimate.setting.study or n < fewest:
             continue
         setting = Setting(size, grid, n, many)
         total = estimate.at(setting).total

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import open_response
+from multiscale.io import open_dataset, open_response, write_dataset
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Setting, cheapest
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.cells import run_micro
+from multiscale.pipeline.stages.control_cells import press_control
 from multiscale.pipeline.stages.joint import solve_joint
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
 from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (
     at_rms_height,
@@ -27,6 +29,7 @@ from multiscale.upscaling import (
     without_size_bias,
 )
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
+from multiscale.upscaling.control_variates import FEWEST_PAIRS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -235,7 +238,21 @@ class _Campaign:
             progress=self.progress,
             fields=False,
         )
+        return self.at_large(response)
+
+    def at_large(self, response: "xr.Dataset") -> "xr.Dataset":
+        """Return a response at the height of the surface at large."""
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
+
+    def control(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset | None":
+        """Flat cells beside those of a setting, which have been solved; none if these are few."""
+        file = self.folder(setting, pilot=pilot) / "micro_response.nc"
+        if not self.case.micro.control or setting.realisations < FEWEST_PAIRS:
+            return None
+        cells = resize(self.case, setting, pilot=pilot)
+        found = press_control(cells, open_response(file), file.parent / "control", self.executor)
+        write_dataset(found, file.with_name(f"{CONTROL_RESPONSE.name}.nc"), CONTROL_RESPONSE)
+        return self.at_large(found)
 
     def begin(self) -> _Known:
         """Start from stored cells, or from pilot runs where none stand for the case."""
@@ -264,7 +281,8 @@ class _Campaign:
         }
         costs = CostModel.fit(times, layered=self.case.cell.geometry != "flat")
         setting = Setting(0, -1, STUDY[0, -1])
-        return _Known(self.estimate(setting, pilots.sizes[large], pilots), pilots, costs)
+        estimate = self.estimate(setting, pilots.sizes[large], pilots, pilot=True)
+        return _Known(estimate, pilots, costs)
 
     def pilots(self, multiple: int) -> Pilots:
         """Solve the pilot runs: cells of two sizes, and some of them on two grids."""
@@ -282,11 +300,10 @@ class _Campaign:
         assert self.case.accuracy is not None
         study = {} if known.pilots.stored else STUDY
         limits, target = (known.sizes, GRIDS), self.case.accuracy.target
+        fewest = FEWEST_PAIRS if self.case.micro.control else 1
+        costs, done = known.costs, self.done()
         try:
-            return (
-                *cheapest(known.estimate, known.costs, self.done(), study, target, limits),
-                known,
-            )
+            return (*cheapest(known.estimate, costs, done, study, target, limits, fewest), known)
         except CaseError:
             if not known.pilots.stored:
                 raise
@@ -297,17 +314,22 @@ class _Campaign:
         more = setting.study > known.estimate.setting.study
         pilots = self.pilots(setting.study) if more else known.pilots
         response = self.solve(setting)
-        return replace(
-            known,
-            estimate=self.estimate(setting, response, pilots),
-            pilots=pilots,
-            costs=known.costs.seen(setting, _time(response)),
-        ), response
+        estimate = self.estimate(setting, response, pilots)
+        more_time = self.time_of_control(setting) / setting.realisations
+        costs = known.costs.seen(setting, _time(response) + more_time)
+        return replace(known, estimate=estimate, pilots=pilots, costs=costs), response
+
+    def time_of_control(self, setting: Setting) -> float:
+        """Time of the flat cells beside those of a setting, s."""
+        file = self.folder(setting) / f"{CONTROL_RESPONSE.name}.nc"
+        return (
+            float(open_dataset(file, CONTROL_RESPONSE)["wall_time"].sum()) if file.exists() else 0.0
+        )
 
     def law(
-        self, setting: Setting, response: "xr.Dataset", pilots: Pilots
+        self, setting: Setting, response: "xr.Dataset", pilots: Pilots, *, pilot: bool = False
     ) -> tuple[Case, "xr.Dataset"]:
-        """Fit the law of a response, with its budget.
+        """Fit the law of a response, with its budget; with flat cells as control of dearer ones.
 
         It has no bootstrap samples: their bands would hold the scatter of few cells, and neither
         that of the pilot runs nor the errors by size and grid, which the budget has.
@@ -315,19 +337,28 @@ class _Campaign:
         chosen = resize(self.case, setting)
         sizes, grids = pilots.beside(chosen)
         response = without_size_bias(response, sizes)
-        law = fit_law(response, n_terms=chosen.law.terms, n_samples=0)
+        control = self.control(setting, pilot=pilot)
+        law = fit_law(response, control=control, n_terms=chosen.law.terms, n_samples=0)
         scales = joint_scales(chosen)
         budget = error_budget(
-            response, law, resolutions=grids, sizes=sizes, scales=scales, apart=True
+            response,
+            law,
+            resolutions=grids,
+            sizes=sizes,
+            scales=scales,
+            apart=True,
+            control=control,
         )
         told = [how_attribute(one) for one in ("sampling", "cell size", "micro discretisation")]
         sources = {one: f"{budget.attrs[one]} ({pilots.source})" for one in told}
         return chosen, with_budget(law, budget.assign_attrs(sources))
 
-    def estimate(self, setting: Setting, response: "xr.Dataset", pilots: Pilots) -> Estimate:
+    def estimate(
+        self, setting: Setting, response: "xr.Dataset", pilots: Pilots, *, pilot: bool = False
+    ) -> Estimate:
         """Say how wrong the answer of a response is."""
         assert self.case.accuracy is not None
-        chosen, carrier = self.law(setting, response, pilots)
+        chosen, carrier = self.law(setting, response, pilots, pilot=pilot)
         quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
             carrier = solve_joint(chosen, carrier)
@@ -374,8 +405,12 @@ class _Campaign:
 
     def spent(self) -> float:
         """Time of all cells that are there, s."""
-        files = self.out.glob("*/micro_response.nc")
-        return sum(float(open_response(file)["wall_time"].sum()) for file in files)
+        schemas = MICRO_RESPONSE, CONTROL_RESPONSE
+        return sum(
+            float(open_dataset(file, schema)["wall_time"].sum())
+            for schema in schemas
+            for file in self.out.glob(f"*/{schema.name}.nc")
+        )
 
 
 def _time(response: "xr.Dataset") -> float:

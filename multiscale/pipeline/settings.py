@@ -45,11 +45,12 @@ from multiscale.pipeline.link_settings import (
     Statics,
     TensegrityGrid,
 )
-from multiscale.pipeline.rough_bodies import CoatingSettings, RoughBody
+from multiscale.pipeline.rough_bodies import CoatingSettings, InstrumentSurface, RoughBody
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
 from multiscale.schema import INTERFACE_LAW
 from multiscale.units import readable
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
+from multiscale.upscaling.control_variates import FEWEST_PAIRS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,11 +89,8 @@ KINDS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get
 
 CONDUCTIVITIES = ("thermal_conductivity", "electrical_conductivity")
 
-CELLS_KEEP = {
-    "micro": {"realisations", "coarser", "shear"},
-    **{body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")},
-}
-"""Keys that finished cells do not depend on."""
+BESIDE = {"realisations", "coarser", "shear", "control", "control_realisations"}
+"""Keys of [micro] on which no pressed cell depends."""
 
 CELLS = ("body_1", "body_2", "cell", "micro")
 """Tables of cells, of which a case has all, or none of the last two."""
@@ -206,6 +204,7 @@ class Case(Settings):
         self._check_conductivities()
         self._check_shear()
         self._check_coarser()
+        self._check_control()
         if self.slide is not None:
             self._check_slide(self.slide)
         target = self.accuracy
@@ -282,6 +281,22 @@ class Case(Settings):
             raise ValueError(
                 f"points in [micro.shear] are {points[0]} x {points[1]}, more than the "
                 f"{self.cell.scope} in [cell]; cells that are sheared may be coarser"
+            )
+
+    def _check_control(self) -> None:
+        """Refuse control cells that cannot be, or that a planner chooses."""
+        if not (self.micro.control or self.micro.control_realisations):
+            return
+        if self.cell.geometry == "flat" or self.cell.mesh is not None:
+            here = "flat already" if self.cell.mesh is None else "one mesh without a surface"
+            raise ValueError(
+                f"control in [micro] has flat cells on the surfaces of dearer ones, and the cells "
+                f"are {here}; leave it out"
+            )
+        if self.accuracy is not None and self.micro.control_realisations:
+            raise ValueError(
+                "control_realisations in [micro] and a target in [accuracy] exclude each other: a "
+                "planner chooses their number itself"
             )
 
     def _check_coarser(self) -> None:
@@ -421,7 +436,27 @@ class Case(Settings):
         condensed = {"homogenise"} if self.cut.homogenise else set()
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
         again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
-        return super().tables | asked | condensed | sheared | again
+        control = {"micro.control"} if self.controlled else set()
+        return super().tables | asked | condensed | sheared | again | control
+
+    @property
+    def controlled(self) -> bool:
+        """Whether flat cells are control variates of the cells."""
+        if not self.has_cells or self.micro.control is False or self.accuracy is not None:
+            return False
+        if self.micro.control or self.micro.control_realisations:
+            return True
+        return (
+            self.cell.geometry != "flat"
+            and self.cell.mesh is None
+            and self.micro.realisations >= FEWEST_PAIRS
+            and not self.measured
+        )
+
+    @property
+    def measured(self) -> bool:
+        """Whether a surface is a measured map, which holds only so many cells."""
+        return any(isinstance(body.surface, InstrumentSurface) for body in self.bodies)
 
     @property
     def has_cells(self) -> bool:
@@ -529,6 +564,13 @@ class Case(Settings):
         micro = micro.model_copy(update={"realisations": micro.coarser, "shear": shear})
         return self.model_copy(update={"cell": cell, "micro": micro})
 
+    def control(self, count: int) -> Self:
+        """Return the case of flat cells on the same surfaces and on further ones."""
+        plain = dict.fromkeys(("element", "sides"))
+        cell = self.cell.model_copy(update={"geometry": "flat", **plain})
+        micro = self.micro.model_copy(update={"realisations": count})
+        return self.model_copy(update={"cell": cell, "micro": micro})
+
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
         after = ("structure", "substructures", "accuracy", *WITH_STRUCTURE)
@@ -600,4 +642,6 @@ class Case(Settings):
         cells that are sheared are not those that are pressed.
         """
         own = set(CELLS) if self.has_cells else {"structure", "grains"}
-        return self.checksum(include=own, exclude=CELLS_KEEP)
+        beside: dict[str, Any] = {"micro": BESIDE}
+        beside |= {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
+        return self.checksum(include=own, exclude=beside)

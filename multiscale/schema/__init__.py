@@ -3,6 +3,7 @@
 from multiscale.schema.cell_schema import (
     COARSER_RESPONSE,
     COARSER_SHEAR_RESPONSE,
+    CONTROL_RESPONSE,
     FIELDS,
     HOLDING,
     LOADING,
@@ -27,6 +28,7 @@ __all__ = [
     "COARSER_RESPONSE",
     "COARSER_SHEAR_RESPONSE",
     "COMPONENTS",
+    "CONTROL_RESPONSE",
     "DAMAGE_SECTIONS",
     "END_TO_END",
     "ERROR_BUDGET",
@@ -78,6 +80,7 @@ SCHEMAS = {
         SHEAR_RESPONSE,
         COARSER_RESPONSE,
         COARSER_SHEAR_RESPONSE,
+        CONTROL_RESPONSE,
         SLIDING_RESPONSE,
         STABILITY,
     )

@@ -10,6 +10,7 @@ from multiscale.schema.dataset_schema import Schema, Variable
 __all__ = [
     "COARSER_RESPONSE",
     "COARSER_SHEAR_RESPONSE",
+    "CONTROL_RESPONSE",
     "FIELDS",
     "HOLDING",
     "LOADING",
@@ -128,6 +129,9 @@ MICRO_RESPONSE = Schema(
 
 SHEAR_RESPONSE = replace(MICRO_RESPONSE, name="shear_response", version=1, news="")
 """Cells of two bodies that are pressed over the pressures of a law, then sheared."""
+
+CONTROL_RESPONSE = replace(MICRO_RESPONSE, name="control_response", version=1, news="")
+"""Many cheap cells, the first of them on the surfaces of the cells of a response."""
 
 COARSER_RESPONSE = replace(MICRO_RESPONSE, name="coarser_response", version=1, news="")
 COARSER_SHEAR_RESPONSE = replace(SHEAR_RESPONSE, name="coarser_shear_response")

@@ -12,6 +12,12 @@ _down = partial(Variable, ("unloading_step",))
 _sheared = partial(Variable, ("shear_step", "tangent"))
 _family = partial(Variable, ("family",))
 
+SCATTER = {
+    "cell_scatter": Variable(
+        ("quantity", "step"), "1", "coefficient of variation over single cells"
+    )
+}
+
 INTERFACE_LAW = Schema(
     name="interface_law",
     version=1,
@@ -90,6 +96,7 @@ INTERFACE_LAW = Schema(
         "sliding_pressure": Variable(("load",), "Pa", "mean pressure of the sliding data"),
         "sliding_friction": Variable(("load",), "1", "steady friction coefficient of sliding"),
         **BUDGET,
+        **SCATTER,
     },
 ).with_samples(
     sample=("coefficient", "area_fraction"),
@@ -102,7 +109,7 @@ ERROR_BUDGET = Schema(
     name="error_budget",
     version=1,
     variables=BUDGET,
-    optional={"nominal_pressure": _step("Pa", "pressure of the steps")},
+    optional={"nominal_pressure": _step("Pa", "pressure of the steps"), **SCATTER},
 )
 
 LAW_COMPARISON = Schema(

@@ -8,14 +8,21 @@ FEWEST_REALISATIONS = 3
 """Below, the interval of a mean is too wide to be of use and there are no samples."""
 
 
-def draw_counts(n_realisations: int, n_samples: int, seed: int) -> np.ndarray:
-    """How often each realisation occurs in each sample, shape (samples, realisations)."""
+def draw_counts(
+    n_realisations: int, n_samples: int, seed: int, *, n_further: int = 0
+) -> np.ndarray:
+    """How often each realisation occurs in each sample, shape (samples, realisations + further).
+
+    The ``n_further`` members of a second ensemble are drawn independently of the realisations.
+    """
     if n_realisations < FEWEST_REALISATIONS:
-        return np.empty((0, n_realisations))
-    random = np.random.default_rng(seed)
-    return random.multinomial(
-        n_realisations, np.full(n_realisations, 1.0 / n_realisations), size=n_samples
-    ).astype(float)
+        return np.empty((0, n_realisations + n_further))
+    drawn = [
+        np.random.default_rng(stream).multinomial(n, np.full(n, 1.0 / n), size=n_samples)
+        for n, stream in ((n_realisations, seed), (n_further, [seed, 1]))
+        if n
+    ]
+    return np.hstack(drawn).astype(float)
 
 
 def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:

@@ -6,7 +6,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.family import unloading_family
-from multiscale.upscaling.fit import fit_law, say_branches
+from multiscale.upscaling.fit import fit_law, say_branches, say_control
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 from multiscale.upscaling.shear_branch import with_sliding
@@ -21,6 +21,7 @@ __all__ = ["fit_branches", "hysteretic_from_dataset", "with_unloading"]
 def fit_branches(
     response: "xr.Dataset",
     *,
+    control: "xr.Dataset | None" = None,
     shear: "xr.Dataset | None" = None,
     sliding: "xr.Dataset | None" = None,
     apart: bool | None = None,
@@ -34,6 +35,8 @@ def fit_branches(
     response : Dataset
         Follows ``MICRO_RESPONSE``; gives the loading, and the unloading if cells have flowed and
         were unloaded.
+    control : Dataset, optional
+        Many cheap cells, as of :func:`fit_law`.
     shear : Dataset, optional
         Follows ``MICRO_RESPONSE``; gives the tangential branch, see :func:`with_shear`.
     sliding : Dataset, optional
@@ -52,15 +55,21 @@ def fit_branches(
     """
     flows = "flowing_fraction" in response.variables
     loading = loading_branch(response) if flows else response
-    law = fit_law(loading, n_samples=n_samples, **options)
+    law = fit_law(loading, control=control, n_samples=n_samples, **options)
     if loading.sizes["step"] < response.sizes["step"]:
-        law = with_unloading(law, response, n_samples=n_samples)
+        law = with_unloading(law, response, control=control, n_samples=n_samples)
     if shear is not None:
         law = with_shear(law, loading, shear, apart=apart)
     return law if sliding is None else with_sliding(law, sliding)
 
 
-def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int) -> "xr.Dataset":
+def with_unloading(
+    law: "xr.Dataset",
+    response: "xr.Dataset",
+    *,
+    control: "xr.Dataset | None" = None,
+    n_samples: int,
+) -> "xr.Dataset":
     """Add the unloading branch to the law of the loading.
 
     Parameters
@@ -69,6 +78,8 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
         Follows ``INTERFACE_LAW``: the normal law of the loading branch.
     response : Dataset
         Follows ``MICRO_RESPONSE``, loaded and unloaded.
+    control : Dataset, optional
+        Many cheap cells, as of :func:`unloading_observations`.
 
     Returns
     -------
@@ -86,7 +97,7 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
     alone: the loading law has its own.
     """
     loading = law_from_dataset(law)
-    seen = unloading_observations(response)
+    seen = unloading_observations(response, control)
     fitted = fit_law(seen, family=unloading_family(loading), n_samples=n_samples)
     names = ("stiffness_ratio", "exponent")
     values = {f"unloading_{name}": fitted[name].values for name in names}
@@ -97,6 +108,9 @@ def with_unloading(law: "xr.Dataset", response: "xr.Dataset", *, n_samples: int)
         "unloading_recovery": fitted["fit_recovery"].values,
         "unloading_fit_error": fitted["fit_error"].values,
     }
+    if control is not None:
+        told = f"{law.attrs['control']}; {say_control('spring back', seen)}"
+        law = law.assign_attrs(control=told)
     return INTERFACE_LAW.assign(law, values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],

@@ -76,6 +76,7 @@ def error_budget(
     scales: ScaleSeparation | None = None,
     apart: bool = False,
     tangential: Mapping[float, "xr.Dataset"] | None = None,
+    control: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
     r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
@@ -102,6 +103,8 @@ def error_budget(
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
         same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
         the law under 1; may be empty.
+    control : Dataset, optional
+        As of :func:`fit_law`.
 
     Returns
     -------
@@ -121,8 +124,9 @@ def error_budget(
 
     Notes
     -----
-    - *sampling*: Student's interval of the mean; of the stiffness, the one of the compliances of
-      single realisations. Two realisations give an interval, one gives none;
+    - *sampling*: Student's interval of the mean, with a control the one of residuals and cheap
+      cells together; of the stiffness, the one of the compliances of single realisations. Two
+      realisations give an interval, one gives none;
     - *fit*: from the root mean square, over the steps, of the error at a step that the fit has not
       seen, by its decay with the spacing, and for the stiffness at the ends from how it bends
       there;
@@ -148,7 +152,7 @@ def error_budget(
     95 %; without a bias it is that root itself.
     """
     INTERFACE_LAW.check(law)
-    gap = normal_observations(response)
+    gap = normal_observations(response, control)
     p = gap.pressure
     if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):
         raise CaseError(
@@ -156,9 +160,11 @@ def error_budget(
             f"response; fit it to this response"
         )
     pooled = sizes if apart else None
-    sampling = sampling_term(response, law, pooled)
+    sampling = sampling_term(response, law, pooled, control)
     how = f"Student's interval of {gap.n_realisations} realisations"
-    if pooled:
+    if gap.control is not None:
+        how += f" with {gap.control}"
+    elif pooled:
         how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
     if not np.any(np.isfinite(sampling.half_width)):
         how = "not known: one realisation tells nothing of the scatter, solve 3"
@@ -186,14 +192,16 @@ def error_budget(
         terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
     if scales is not None:
         terms["scale separation"] = Term(str(scales), separation_term(law, p, scales))
-        few = scatter_term(sampling.half_width / sampling.factor, scales)
+        few = scatter_term(sampling.scatter, scales)
         terms[FEW_CELLS] = Term(scales.count_cells(), few)
     if tangential is None:
         budget = assemble_budget(terms, QUANTITIES, p)
     else:
         rows = (*QUANTITIES, "tangential_traction")
         budget = assemble_budget(tangential_terms(terms, law, p, tangential), rows, p)
-    return budget.assign_attrs(sampling_factor=sampling.factor)
+    scatter = np.full((budget.sizes["quantity"], p.size), np.nan)
+    scatter[:3] = sampling.scatter
+    return ERROR_BUDGET.assign(budget, {"cell_scatter": scatter})
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:

@@ -74,14 +74,17 @@ class Term:
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Half-widths (3, steps) by the sampling of realisations, and their ratio to the scatter."""
+    """Half-widths (3, steps) by the sampling of realisations, and the scatter of single cells."""
 
     half_width: np.ndarray
-    factor: float
+    scatter: np.ndarray
 
 
 def sampling_term(
-    response: "xr.Dataset", law: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"] | None
+    response: "xr.Dataset",
+    law: "xr.Dataset",
+    sizes: Mapping[float, "xr.Dataset"] | None,
+    control: "xr.Dataset | None" = None,
 ) -> Sampling:
     r"""Half-widths from the scatter of the realisations.
 
@@ -90,8 +93,14 @@ def sampling_term(
     :math:`1/K` of a law through mean gaps, whose relative interval is the one of the stiffness;
     each realisation has a law of its own. Two realisations give an interval, one gives none: NaN.
 
-    The scatter of ``sizes``, cells of other sizes apart from the response, counts too. It falls as
-    :math:`1/L`, so that with :math:`\nu_i = N_i - 1` and the sizes
+    With a control, the mean is a sum of the independent means of two ensembles, see
+    :class:`~.control_variates.Control`: the residuals of the pairs, and the cheap cells. The
+    squares of their intervals add up, and so do their variances to the scatter of single cells.
+    The interval of a sum by Welch and Satterthwaite covers less where pairs are few: 92 % of 1500
+    repeats with 4 pairs and a correlation of .98, where this one covers 96 %.
+
+    The scatter of ``sizes``, cells of other sizes apart from the response, counts too, unless
+    there is a control. It falls as :math:`1/L`, so that with :math:`\nu_i = N_i - 1` and the sizes
     :math:`r_i` relative to the response
 
     .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
@@ -100,25 +109,47 @@ def sampling_term(
     from scipy.stats import t
 
     observed = same_steps(response, sizes or {}, apart=bool(sizes))
-    own = observed.own
-    ensembles = [(1.0, [own.gap.masked, own.area.masked, stiffness_of_each(own.gap, law)])]
-    if sizes:
+    gap = normal_observations(response, control)
+    parts = [
+        [(one.masked, freedom) for one, freedom in gap.parts],
+        [(one.masked, freedom) for one, freedom in area_observations(response, control).parts],
+        [(1.0 / stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
+    ]
+    others: dict[float, list[np.ndarray]] = {}
+    if sizes and gap.control is None:
         found = each_value(observed.by_ratio)
-        ensembles += [(ratio, [one[ratio] for one in found]) for ratio in observed.by_ratio]
-    freedom = square = np.zeros((3, own.gap.pressure.size))
-    for ratio, (gap, area, stiffness) in ensembles:
-        values = np.stack([gap, area, 1.0 / stiffness])
-        counted = np.isfinite(values)
-        n = counted.sum(axis=1)
-        mean = np.where(counted, values, 0.0).sum(axis=1) / np.maximum(n, 1)
-        spread = np.where(counted, values - mean[:, None], 0.0)
-        size = np.where(mean == 0.0, np.nan, mean)
-        square = square + (ratio / size) ** 2 * np.sum(spread**2, axis=1)  # nu (r CoV)^2
-        freedom = freedom + np.maximum(n - 1, 0)
-    n = np.isfinite(np.stack(ensembles[0][1])).sum(axis=1)
-    factor = t.ppf(0.975, np.maximum(freedom, 1)) / np.sqrt(np.maximum(n, 1))
-    known = np.where((freedom > 0) & (n > 0), square / np.maximum(freedom, 1), np.nan)
-    return Sampling(factor * np.sqrt(known), float(factor.min()))
+        for ratio in observed.by_ratio:
+            own_gap, own_area, stiffness = (one[ratio] for one in found)
+            others[ratio] = [own_gap, own_area, 1.0 / stiffness]
+    half, scatter = np.full((2, 3, gap.pressure.size), np.nan)
+    for k, ensembles in enumerate(parts):
+        sums = [_squares(one, len(one) - freedom) for one, freedom in ensembles]
+        square, freedom, n = (np.array(one) for one in zip(*sums, strict=True))
+        for ratio, values in others.items():
+            more, free, _ = _squares(values[k], 1)
+            square, freedom = square + ratio**2 * more, freedom + free
+        known = np.all((freedom > 0) & (n > 0), axis=0)
+        variance = square / np.maximum(freedom, 1)
+        factor = t.ppf(0.975, np.maximum(freedom, 1)) / np.sqrt(np.maximum(n, 1))
+        half[k] = np.where(known, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
+        scatter[k] = np.where(known, np.sqrt(variance.sum(axis=0)), np.nan)
+    return Sampling(half, scatter)
+
+
+def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sum of the squares about the mean over its square, scaled to a freedom; the freedom, and n.
+
+    The values (realisations, steps) have ``spent`` degrees of freedom less than their number; their
+    variance is that of one degree less.
+    """
+    counted = np.isfinite(values)
+    n = counted.sum(axis=0)
+    mean = np.where(counted, values, 0.0).sum(axis=0) / np.maximum(n, 1)
+    spread = np.where(counted, values - mean, 0.0)
+    size = np.where(mean == 0.0, np.nan, mean)
+    freedom = np.maximum(n - spent, 0)
+    scale = freedom / np.maximum(n - 1, 1)
+    return scale * np.sum(spread**2, axis=0) / size**2, freedom, n
 
 
 def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:

@@ -34,6 +34,7 @@ __all__ = [
     "fit_law",
     "laws_of_each",
     "say_branches",
+    "say_control",
     "stiffness_of_each",
     "told_branches",
 ]
@@ -57,6 +58,7 @@ FREE_FORM = {
 def fit_law(
     data: "xr.Dataset | Observations",
     *,
+    control: "xr.Dataset | None" = None,
     family: str | Family | None = None,
     fixed: Mapping[str, float] | None = None,
     weights: np.ndarray | None = None,
@@ -74,6 +76,12 @@ def fit_law(
         gives a normal law and an area law. Failed steps (``converged`` 0 or NaN) are left out,
         and a pressure that no realisation reached with them. Observations give the law of their
         quantity; see :func:`observe` and :func:`read_observations`.
+    control : Dataset, optional
+        Follows ``MICRO_RESPONSE``: many cheap cells beside the few of a response, at the same
+        pressures, such as flat cells beside conforming ones. Those with the numbers of the
+        response have its surfaces. Means and samples are of both, see
+        :class:`~.control_variates.Control`; of a quantity for which that makes no interval
+        narrower they are of the response alone.
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
         have free form and are the default; the others are in ``FAMILIES``, or a user's own.
@@ -153,7 +161,7 @@ def fit_law(
             f"n_samples must not be negative and ridge must be positive, got {n_samples} "
             f"and {ridge:g}"
         )
-    observations = data if isinstance(data, Observations) else normal_observations(data)
+    observations = data if isinstance(data, Observations) else normal_observations(data, control)
     chosen = _choose(family, observations.quantity)
     share = np.ones(observations.pressure.size)
     if weights is not None:
@@ -165,7 +173,9 @@ def fit_law(
                 f"given, got shape {given.shape}"
             )
         share = given[observations.order]
-    counts = draw_counts(observations.n_realisations, n_samples, seed)
+    area = None if isinstance(data, Observations) else area_observations(data, control)
+    further = max(one.n_further for one in (observations, area) if one is not None)
+    counts = draw_counts(observations.n_realisations, n_samples, seed, n_further=further)
     attributes: dict[str, Any] = {"uncertainty": BY_REALISATION if len(counts) else NONE}
     if isinstance(chosen, Family):
         found = fit_family(
@@ -174,15 +184,23 @@ def fit_law(
     elif fixed:
         raise CaseError(f"the family {chosen!r} has free form and no parameter to be fixed")
     elif chosen == "monotone":
-        area = fit_area(observations, counts)
-        found = FitResult(area, unseen_errors(area["area_fit_error"]))
+        fitted = fit_area(observations, counts)
+        found = FitResult(fitted, unseen_errors(fitted["area_fit_error"]))
     else:
         found = fit_convex_decreasing(observations, counts, share, n_terms=n_terms, ridge=ridge)
     values = found.values
-    if not isinstance(data, Observations):
-        values = fit_area(area_observations(data), counts) | values
+    if area is not None:
+        values = fit_area(area, counts) | values
+        if control is not None:
+            told = say_control("mean gap", observations), say_control("contact fraction", area)
+            attributes |= {"control": "; ".join(told), "n_control": control.sizes["realisation"]}
         attributes["branches"] = say_branches(BRANCHES)
     return _build(observations, chosen, values, attributes | found.attributes | {"seed": seed})
+
+
+def say_control(name: str, seen: Observations) -> str:
+    """Say what a control does for a quantity, or that it does nothing."""
+    return f"{name}: {seen.control or 'none, since they follow each other by chance alone'}"
 
 
 def say_branches(told: Mapping[str, str], before: str = "") -> str:

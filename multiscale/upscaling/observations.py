@@ -1,11 +1,13 @@
 """What laws are fitted to: values of one quantity at known conditions, by realisation."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.upscaling.bootstrap import widening
+from multiscale.upscaling.control_variates import Control
 
 __all__ = ["QUANTITIES", "Observations", "Quantity", "error_scale", "observe"]
 
@@ -79,6 +81,8 @@ class Observations:
     independent : bool
         Whether the errors of the points of one realisation are independent, as errors of single
         measurements are and errors of the steps of one cell are not.
+    control : Control, optional
+        Mean by many cheap values too, of which the first belong to the realisations.
     """
 
     quantity: str
@@ -89,6 +93,7 @@ class Observations:
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)
     order: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
     independent: bool = False
+    control: Control | None = None
 
     @property
     def pressure(self) -> np.ndarray:
@@ -101,9 +106,34 @@ class Observations:
         return len(self.values)
 
     @property
+    def n_further(self) -> int:
+        """Number of cheap values of a control beside those of the realisations."""
+        return 0 if self.control is None else len(self.control.cheap) - self.n_realisations
+
+    @property
     def masked(self) -> np.ndarray:
         """Values with NaN where there are none."""
         return np.where(self.counted, self.values, np.nan)
+
+    @property
+    def parts(self) -> "tuple[tuple[Observations, int], ...]":
+        """Ensembles whose means add up independently to the mean, and the freedom of each.
+
+        One alone; with a control the residuals of the pairs, and the cheap values, each about the
+        mean.
+        """
+        if self.control is None:
+            return ((self, self.n_realisations - 1),)
+        return tuple(
+            (replace(self, values=one, counted=np.isfinite(one), control=None), freedom)
+            for one, freedom in self.control.parts
+        )
+
+    @property
+    def widening(self) -> float:
+        """Factor by which the means of samples are too near to the mean; 1 with a control."""
+        n = self.n_realisations
+        return widening(n - 1, n=n) if self.control is None else 1.0
 
     def means(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Mean values of samples, and their weights.
@@ -111,7 +141,8 @@ class Observations:
         Parameters
         ----------
         counts : ndarray, shape (samples, realisations), optional
-            How often each realisation counts; once if not given.
+            How often each realisation, and then each further cheap value of a control, counts;
+            once if not given.
 
         Returns
         -------
@@ -119,7 +150,11 @@ class Observations:
             The weight is the share of the values that the sample has, 1 on average; the mean is 0
             where it has none.
         """
-        counts = np.ones((1, self.n_realisations)) if counts is None else counts
+        if self.control is not None:
+            mean = self.control.mean[None]
+            return (mean, np.ones(mean.shape)) if counts is None else self.control.means(counts)
+        n = self.n_realisations
+        counts = np.ones((1, n)) if counts is None else counts[:, :n]
         total = counts @ self.counted
         mean = counts @ np.where(self.counted, self.values, 0.0) / np.maximum(total, 1.0)
         return mean, total / self.counted.sum(axis=0)

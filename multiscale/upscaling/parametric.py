@@ -82,9 +82,7 @@ def _sample_means(
     mean = observations.means()[0]
     if len(counts):
         sample, weight = observations.means(counts)
-        n = observations.n_realisations
-        spread = widening(n - 1, n=n)
-        return mean + spread * np.where(weight > 0.0, sample - mean, 0.0), weight
+        return mean + observations.widening * np.where(weight > 0.0, sample - mean, 0.0), weight
     n, k = mean.size, len(regression.free)
     if not (observations.independent and observations.n_realisations < FEWEST_REALISATIONS):
         return np.empty((0, n)), np.empty((0, n))

@@ -7,6 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import LOADING, MICRO_RESPONSE, UNLOADING, with_cautions
+from multiscale.upscaling.control_variates import Control
 from multiscale.upscaling.gap_checks import check_heights, odd_gaps
 from multiscale.upscaling.observations import Observations, error_scale, observe
 
@@ -27,13 +28,18 @@ _OWN_ATTRIBUTES = frozenset(
 )
 
 
-def normal_observations(response: "xr.Dataset") -> Observations:
+def normal_observations(
+    response: "xr.Dataset", control: "xr.Dataset | None" = None
+) -> Observations:
     """Mean gaps of a response at its rising pressures; what failed is left out.
 
     Parameters
     ----------
     response : Dataset
         Follows ``MICRO_RESPONSE``; one loading branch.
+    control : Dataset, optional
+        Follows ``MICRO_RESPONSE``: many cheap cells at the same pressures. Those with the numbers
+        of the realisations of the response have their surfaces. See :class:`Control`.
 
     Raises
     ------
@@ -41,12 +47,12 @@ def normal_observations(response: "xr.Dataset") -> Observations:
         If fewer than three pressures are usable, one occurs twice, or the averaged traction
         contradicts the pressure.
     """
-    found = _observe_response("gap", response, "mean_gap")
+    found = _observe_response("gap", response, "mean_gap", control)
     told = with_cautions(response, *odd_gaps(response, found))
     return replace(found, attributes=inherited(told))
 
 
-def area_observations(response: "xr.Dataset") -> Observations:
+def area_observations(response: "xr.Dataset", control: "xr.Dataset | None" = None) -> Observations:
     """Contact fractions of a response; see :func:`normal_observations`.
 
     Raises
@@ -55,7 +61,7 @@ def area_observations(response: "xr.Dataset") -> Observations:
         As there, or if a fraction is not between 0 and 1, or falls with the pressure by more than
         chance explains.
     """
-    found = _observe_response("contact_fraction", response, "contact_fraction")
+    found = _observe_response("contact_fraction", response, "contact_fraction", control)
     a, counted = found.values, found.counted
     wrong = counted & ~((a >= 0.0) & (a <= 1.0))
     if np.any(wrong):
@@ -80,7 +86,9 @@ def area_observations(response: "xr.Dataset") -> Observations:
     return found
 
 
-def _observe_response(quantity: str, response: "xr.Dataset", variable: str) -> Observations:
+def _observe_response(
+    quantity: str, response: "xr.Dataset", variable: str, control: "xr.Dataset | None"
+) -> Observations:
     """Select usable steps and realisations; pressures rising."""
     MICRO_RESPONSE.check(response)
     values = response[variable].to_numpy()
@@ -101,9 +109,50 @@ def _observe_response(quantity: str, response: "xr.Dataset", variable: str) -> O
         )
     kept = counted[:, steps].any(axis=1)
     y, mask = values[np.ix_(kept, steps)], counted[np.ix_(kept, steps)]
+    both = None
+    if control is not None:
+        numbers = response["realisation"].to_numpy()[kept]
+        cheap = paired_first(control, numbers, variable, pressure)
+        both = Control.of(np.where(mask, y, np.nan), cheap)
     mean = np.where(mask, y, 0.0).sum(axis=0) / mask.sum(axis=0)
-    scale = error_scale(quantity, (pressure,), mean)
-    return Observations(quantity, (pressure,), y, mask, scale, inherited(response), steps)
+    scale = error_scale(quantity, (pressure,), mean if both is None else both.mean)
+    told = inherited(response)
+    return Observations(quantity, (pressure,), y, mask, scale, told, steps, control=both)
+
+
+def paired_first(
+    control: "xr.Dataset", numbers: np.ndarray, variable: str, pressure: np.ndarray
+) -> np.ndarray:
+    """Values of cheap cells under rising pressures, those with the given numbers first.
+
+    Returns
+    -------
+    ndarray, shape (cheap cells, pressures)
+        NaN where a cell has none; SI.
+
+    Raises
+    ------
+    CaseError
+        If the cheap cells lack a number or a pressure.
+    """
+    loading = loading_branch(control)
+    own = loading["nominal_pressure"].to_numpy()
+    at = np.array([int(np.argmin(np.abs(own - p))) for p in pressure])
+    if far := [p for p, j in zip(pressure, at, strict=True) if abs(own[j] - p) > 1e-6 * p]:
+        raise CaseError(
+            f"the control cells were not pressed under {far[0]:.4g} Pa, a pressure of the cells; "
+            f"press both alike"
+        )
+    have = loading["realisation"].to_numpy()
+    if missing := sorted({*numbers.tolist()} - {*have.tolist()}):
+        raise CaseError(
+            f"the control has no cells of the realisations {missing}, so that they do not pair; "
+            f"solve it on the same surfaces, with the same numbers"
+        )
+    own_rows = [int(np.flatnonzero(have == k)[0]) for k in numbers]
+    rows = np.array([*own_rows, *np.flatnonzero(~np.isin(have, numbers))])
+    values = np.where(loading["converged"] == 1, loading[variable].to_numpy(), np.nan)
+    return np.asarray(values[np.ix_(rows, at)])
 
 
 def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +198,9 @@ def loading_branch(response: "xr.Dataset") -> "xr.Dataset":
     return response.isel(step=np.flatnonzero(response["branch"] == LOADING))
 
 
-def unloading_observations(response: "xr.Dataset") -> Observations:
+def unloading_observations(
+    response: "xr.Dataset", control: "xr.Dataset | None" = None
+) -> Observations:
     """Spring back of a response that was loaded and unloaded, relative to its largest pressures.
 
     Parameters
@@ -157,6 +208,9 @@ def unloading_observations(response: "xr.Dataset") -> Observations:
     response : Dataset
         Follows ``MICRO_RESPONSE``. Every unloading step belongs to the branch from the loading step
         before it.
+    control : Dataset, optional
+        As of :func:`normal_observations`, at the pressures of the unloading too. Cheap cells
+        without memory spring back as they were loaded.
 
     Raises
     ------
@@ -174,12 +228,14 @@ def unloading_observations(response: "xr.Dataset") -> Observations:
             "no step of the response unloads, so that nothing is known of unloading; add "
             "steps at lower pressures after the largest one"
         )
-    return observe(
-        "recovery",
-        (pressure[down], pressure[top[down]]),
-        gap[:, down] - gap[:, top[down]],
-        **inherited(response),
-    )
+    recovery = gap[:, down] - gap[:, top[down]]
+    conditions = (pressure[down], pressure[top[down]])
+    found = observe("recovery", conditions, recovery, **inherited(response))
+    if control is None:
+        return found
+    numbers = response["realisation"].to_numpy()[np.isfinite(recovery).any(axis=1)]
+    low, high = (paired_first(control, numbers, "mean_gap", one) for one in found.conditions)
+    return replace(found, control=Control.of(found.masked, low - high))
 
 
 def inherited(response: "xr.Dataset") -> dict[str, Any]:

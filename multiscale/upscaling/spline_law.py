@@ -7,7 +7,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, ConvexDecreasing
-from multiscale.upscaling.bootstrap import widening
 from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.spline import N_TERMS, RIDGE, fit_spline, place_knots
@@ -68,7 +67,7 @@ def fit_convex_decreasing(
         sample_gap = integrate_stiffness(p, np.where(sample_weight > 0.0, sample_mean, mean))
         largest = float(max(gap.max(), sample_gap.max(initial=0.0)))
     _check_falls(p, gap[0])
-    factor = widening(observations.n_realisations - 1, n=observations.n_realisations)
+    factor = observations.widening
     largest += (factor - 1.0) * (largest - float(gap.max()))
     knot, level = place_knots(p, gap[0], n_terms, largest)
 
@@ -201,11 +200,11 @@ def fit_area(observations: Observations, counts: np.ndarray) -> Values:
     """Area law of free form and its samples: mean fractions that never fall."""
     p, mean = observations.pressure, observations.means()[0]
     sample_mean, sample_weight = observations.means(counts)
-    factor = widening(observations.n_realisations - 1, n=observations.n_realisations)
+    factor = observations.widening
     sample_mean = mean + factor * np.where(sample_weight > 0.0, sample_mean - mean, 0.0)
     fraction = _never_decreasing(mean)[0]
     kept, judged = left_out(p.size)
-    single = np.where(observations.counted, observations.values, mean)
+    singles = [np.where(one.counted, one.values, mean) for one, _ in observations.parts]
     error, noise, x = np.full(judged.size, np.nan), np.zeros(judged.size), np.log(p)
     for k, (left, j) in enumerate(zip(kept, judged, strict=True)):
         if fraction[j] > 0.0:
@@ -213,8 +212,9 @@ def fit_area(observations: Observations, counts: np.ndarray) -> Values:
             error[k] = blind / fraction[j] - 1.0
             below, above = np.flatnonzero(left[:j])[-1], j + 1 + np.flatnonzero(left[j + 1 :])[0]
             w = (x[j] - x[below]) / (x[above] - x[below])
-            between = (1.0 - w) * single[:, below] + w * single[:, above] - single[:, j]
-            noise[k] = np.var(between / fraction[j]) / max(len(single) - 1, 1)
+            for single in singles:
+                between = (1.0 - w) * single[:, below] + w * single[:, above] - single[:, j]
+                noise[k] += np.var(between / fraction[j]) / max(len(single) - 1, 1)
     return {
         "area_pressure": p,
         "area_fraction": fraction,

@@ -357,10 +357,10 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     CaseError
         If the budget lacks a term, as a budget of an earlier version may.
     """
-    require_law(law, "error_bias", *map(how_attribute, ERROR_TERMS))
+    require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
     p = law["fit_pressure"].to_numpy()
-    scatter = half.sel(error_term="sampling").to_numpy() / float(law.attrs["sampling_factor"])
+    scatter = law["cell_scatter"].to_numpy()
     terms = {
         "scale separation": separation_term(law, p, scales),
         FEW_CELLS: scatter_term(scatter[:3], scales),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from multiscale.io import save_law
 from multiscale.laws import Exponential, Sliders
@@ -124,7 +125,8 @@ def test_one_part_scatters_with_its_number_of_cells(joint, tmp_path):
     law = write_cells(tmp_path / "law.nc")
     half = joint["error_half_width"].sel(quantity="interface_stiffness", error_term="few cells")
     sampling = law["error_half_width"].sel(error_term="sampling", quantity="stiffness")
-    expected = 1.96 * float(sampling.mean()) / float(law.attrs["sampling_factor"]) / 10.0
+    scatter = float(sampling.mean()) * np.sqrt(12) / t.ppf(0.975, 11)
+    expected = 1.96 * scatter / 10.0
     np.testing.assert_allclose(half[:2], expected, rtol=0.1)
     told = joint.attrs["how_few_cells"]
     assert float(re.search(r"of which (\S+) or more", told)[1]) == pytest.approx(100.0, rel=0.02)

@@ -87,6 +87,22 @@ def estimate(**terms):
     return Estimate(Setting(0, 0, 8), half, bias)
 
 
+@pytest.mark.slow
+def test_dear_cells_have_flat_ones_as_control(write, tmp_path):
+    """Where they are asked for; at least four cells have them."""
+    dear = CASE.replace('geometry = "flat"\n', "").replace("[64, 64]", "[32, 32]")
+    dear = dear.replace('"0.25 mm"', '"0.5 mm"').replace("layers = 8", "layers = 4")
+    dear = dear[: dear.index("[structure]")] + dear[dear.index("[accuracy]") :]
+    plain = dear
+    dear = dear.replace("realisations = 4", "realisations = 4\ncontrol = 'flat'")
+    law = run(write(dear), tmp_path / "out")["interface_law"]
+    assert "control cells" in law.attrs["how_sampling"]
+    assert law.attrs["n_realisations"] >= 4
+    assert float(law["error_total"].sel(quantity="mean_gap").max()) < 0.12
+    alone = run(write(plain), tmp_path / "alone")["interface_law"]
+    assert "control" not in alone.attrs
+
+
 def test_terms_are_forecast_as_they_scale():
     known = estimate(sampling=0.1, cell_size=0.04, micro_discretisation=0.02, fit=0.01)
     known.bias[ERROR_TERMS.index("cell size")] = 0.03

@@ -56,9 +56,10 @@ def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
     aimed = requirements(
         case_with(tmp_path, ("[statics]", '[accuracy]\ntarget = "5 %"\n[statics]'))
     )
-    assert plain.built["cells"] == "12 of 128 x 128 points, each under 8 pressures"
+    assert plain.built["cells"] == "5 of 128 x 128 points, each under 8 pressures"
     added = set(aimed.built) - set(plain.built)
     assert added == {"planner"}
+    assert set(plain.built) - set(aimed.built) == {"control cells"}  # the planner chooses
     assert "starts from these cells, whose memory this is" in aimed.built["planner"]
 
 

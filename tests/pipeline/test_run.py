@@ -189,7 +189,7 @@ def test_bad_input_is_a_sentence_and_an_exit_status(arguments, status, message, 
 
 
 def test_micro_and_fit_do_the_first_half_alone(command, tmp_path):
-    small = FLAT.replace("[128, 128]", "[64, 64]").replace("realisations = 12", "realisations = 2")
+    small = FLAT.replace("[128, 128]", "[64, 64]").replace("realisations = 5", "realisations = 2")
     (tmp_path / "small.toml").write_text(small, encoding="utf-8")
     status, _, said = command("micro", "small.toml", "-o", "a/response.nc", "--jobs", "1")
     assert status == 0, said
@@ -236,7 +236,7 @@ def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, 
     text = text.replace('"800 um", "800 um"', f'"{size}", "{size}"').replace(
         "[128, 128]", "[64, 64]"
     )
-    text = text.replace("realisations = 12", "realisations = 3")
+    text = text.replace("realisations = 5", "realisations = 3")
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     results = run(load_case(tmp_path / "case.toml"), tmp_path / "out")
     assert results.micro_response["converged"].values.all()

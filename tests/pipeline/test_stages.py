@@ -45,9 +45,10 @@ ADDED = Stage(
 
 def test_the_tables_of_a_file_ask_for_its_stages():
     joint = ["micro_response", "interface_law", "macro_result"]
-    for name in ("ground_steel", "tyre_on_road"):
+    controlled = [joint[0], "control_response", *joint[1:]]
+    for name, asked in (("ground_steel", controlled), ("tyre_on_road", joint)):
         (case,) = load_sweep(name).points
-        assert [stage.name for stage in stages_of(case.tables)] == joint
+        assert [stage.name for stage in stages_of(case.tables)] == asked
     assert [stage.name for stage in stages_of({"slide"})] == ["sliding_response"]
     assert [stage.name for stage in stages_of({"micro"})] == joint[:2]
     assert [stage.name for stage in stages_of({"structure", "joint"})] == joint[2:]

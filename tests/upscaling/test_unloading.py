@@ -72,6 +72,24 @@ def test_both_branches_are_found_again_with_their_samples(response):
     assert low < found.recovery(2e7, np.array(1.6e8)) < high
 
 
+def test_cheap_cells_without_memory_control_the_spring_back_too(response):
+    """Their factors are those of the cells, and that of many of them is nearer to one."""
+    random = np.random.default_rng(1)
+    factor = 1.0 + 0.03 * random.standard_normal((6, 1))
+    factor = np.vstack([factor, 1.0 + 0.03 * random.standard_normal((300, 1))])
+    cheap = response_of(0.8 * factor * TRUTH.loading.gap_at(UP), UP)
+    loading = fit_law(loading_branch(response), control=cheap, n_samples=20)
+    law = with_unloading(loading, response, control=cheap, n_samples=20)
+    assert "spring back: 306 control cells" in law.attrs["control"]
+    down = UP[-2::-1]
+    recovery = TRUTH.recovery(down, np.array(UP[-1]))
+    found = law["unloading_recovery"].to_numpy()
+    order = np.argsort(law["unloading_pressure"].to_numpy())[::-1]
+    np.testing.assert_allclose(found[order], factor.mean() * recovery, rtol=1e-6)
+    alone = with_unloading(loading, response, n_samples=0)["unloading_recovery"].to_numpy()[order]
+    assert np.all(np.abs(found[order] / recovery - 1.0) < np.abs(alone / recovery - 1.0))
+
+
 def test_cells_that_have_not_flowed_are_fitted_as_they_are(response):
     loading = loading_branch(response)
     law = fit_branches(loading, n_samples=0)

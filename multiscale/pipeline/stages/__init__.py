@@ -7,6 +7,7 @@ from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
 from multiscale.pipeline.stages.condensed_parts import CONDENSED_PARTS
+from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.stages.grains import GRAINS
@@ -27,6 +28,7 @@ STAGES: tuple[Stage, ...] = (
     SHEARED_CELLS,
     COARSER_CELLS,
     COARSER_SHEAR,
+    CONTROL_CELLS,
     FITTED_LAW,
     JOINT,
     ROADS,

@@ -27,7 +27,6 @@ from multiscale.pipeline.case_cells import (
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
-from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Section, Stage, format_table
 from multiscale.pipeline.windows import STAGES, Measured
@@ -255,8 +254,7 @@ def _with_roughness(response: "xr.Dataset", measured: Mapping[str, Measured]) ->
 def _needs(case: Case) -> Needs:
     cell = cell_of(case, Surface(np.zeros(case.cell.points), case.cell.size))
     needs = cell_needs(cell, keep_fields=True)
-    measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
-    reader = ("SurfaceTopography",) if measured else ()
+    reader = ("SurfaceTopography",) if case.measured else ()
     nx, ny = case.cell.points
     cells = Choice(
         "cells",

@@ -13,6 +13,7 @@ from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
+from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
 from multiscale.pipeline.stages.sheared_cells import POINT_FRICTION, SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import on_axes
@@ -46,8 +47,10 @@ __all__ = ["FITTED_LAW"]
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     response, sliding = found[MICRO_RESPONSE.name], found.get(SLIDING.name)
     steady = sliding is not None and bool(np.isfinite(sliding["steady_friction"]).any())
+    control = found.get(CONTROL_CELLS.name)
     law = fit_branches(
         response,
+        control=control,
         shear=found.get(SHEARED_CELLS.name),
         sliding=sliding if steady else None,
         apart=case.law.apart,
@@ -59,7 +62,8 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     law = with_conductance(
         law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
     )
-    return with_budget(law, case_budget(case, loading_branch(response), law, grids))
+    budget = case_budget(case, loading_branch(response), law, grids, control)
+    return with_budget(law, budget)
 
 
 def _on_grids(case: Case, found: Datasets) -> OnGrids:
@@ -116,6 +120,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{1e-6 * law.attrs['pressure_max']:.4g} MPa, "
             f"{law.attrs['pressures_per_decade']:.2g} pressures a decade. Branches: "
             f"{law.attrs['branches']}.",
+            *_control(law),
             f"At pressures that were left out of the fit it erred by up to "
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
@@ -126,6 +131,16 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         ],
         figures=figures,
     )
+
+
+def _control(law: "xr.Dataset") -> list[str]:
+    """Say what control cells do for a law that has them."""
+    if "control" not in law.attrs:
+        return []
+    return [
+        f"Means and samples are of these and of {law.attrs['n_control']} flat cells, the first on "
+        f"the same surfaces, as control variates ({law.attrs['control']})."
+    ]
 
 
 def _unloading(law: "xr.Dataset") -> list[str]:
@@ -233,7 +248,7 @@ FITTED_LAW = Stage(
         "body_1": set(CONDUCTIVITIES),
         "body_2": set(CONDUCTIVITIES),
     },
-    takes=(CELLS, SHEARED_CELLS, COARSER_CELLS, COARSER_SHEAR, SLIDING),
+    takes=(CELLS, SHEARED_CELLS, COARSER_CELLS, COARSER_SHEAR, CONTROL_CELLS, SLIDING),
     run=_run,
     sections=_sections,
     summary=_summary,

@@ -207,7 +207,7 @@ def _compare(
         return law, of_file, "The law does not say how large its cells were."
     wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
     scales = compare_scales(wave, cell, width)
-    known = with_scales(law, scales) if "sampling_factor" in law.attrs else law
+    known = with_scales(law, scales) if "cell_scatter" in law else law
     return known, [*of_file, *scales.cautions], cell_share(cell, width)
 
 

@@ -1,0 +1,148 @@
+"""Stage: many flat cells, control variates of dearer ones on the same surfaces."""
+
+from concurrent.futures import Executor
+from itertools import pairwise
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.micro import Path, solve_cell
+from multiscale.micro.ensemble import run_realisations
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.case_cells import make_cells
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stages.cells import CELLS
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
+from multiscale.upscaling import loading_branch, normal_observations
+from multiscale.upscaling.control_variates import best_ratio
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CONTROL_CELLS", "press_control"]
+
+FOLDER = "micro-control"
+
+BATCH = 16
+"""Cells of one job and one file; a job of windows of a map has one."""
+
+TOLERANCE = 3e-3
+"""Of the flat cells: an error that follows the surface is taken out by the pairs. At 128 x 128
+points correlations are as with 1e-6, of gaps .99996 and of stiffnesses .9993 to .9999, in half of
+the time."""
+
+MOST = 256
+"""Cells by the rule of the best ratio, which then seldom depends on times that vary by chance: the
+error of their mean is an eighth of the scatter of single cells. More are there if stated."""
+
+BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
+KEYS = {"pressures", "unload", "seed"}
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    return press_control(case, found[CELLS.name], job.out / FOLDER, job.executor)
+
+
+def press_control(
+    case: Case, response: "xr.Dataset", folder: FilePath, executor: Executor | None
+) -> "xr.Dataset":
+    """Press the flat cells that are control variates of the cells of a response.
+
+    Their number is the one stated, or the best one; see :func:`_best_count`.
+    """
+    pairs, count = response.sizes["realisation"], case.micro.control_realisations
+    told = f"{count} as stated"
+    if count is None:
+        first = _press(case, pairs, folder, executor)
+        count, told = _best_count(response, first)
+        count = max(count, pairs)
+    control = _press(case, count, folder, executor)
+    return control.assign_attrs(title=case.title, number=told)
+
+
+def _press(case: Case, count: int, folder: FilePath, executor: Executor | None) -> "xr.Dataset":
+    """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
+    step = 1 if case.measured else BATCH
+    whole = -(-count // step)
+    way = case.checksum(include={**BODIES, "micro": KEYS})
+    arguments = [(case, *ends) for ends in pairwise(step * k for k in range(whole + 1))]
+    control = run_realisations(
+        _press_batch,
+        arguments,
+        executor=executor,
+        folder=folder / way[:12],
+        identity=way,
+        progress=lambda finished: None,
+        name="cells",
+    )
+    return control.isel(realisation=range(count))
+
+
+def _press_batch(case: Case, start: int, stop: int) -> "xr.Dataset":
+    """Press the flat cells of some realisations under all pressures of the path, rising."""
+    import xarray as xr
+
+    if case.measured:
+        cells = make_cells(case.control(stop))[start:]
+    else:
+        micro = case.micro.model_copy(update={"seed": case.micro.seed + start})
+        cells = make_cells(case.model_copy(update={"micro": micro}).control(stop - start))
+    path = Path(pressure=tuple(sorted({*case.micro.path})))
+    found = [solve_cell(cell, path, tolerance=TOLERANCE) for cell in cells]
+    records = [cell.surface_record(heights=False) for cell in cells]
+    known = [MICRO_RESPONSE.assign(*one) for one in zip(found, records, strict=True)]
+    return xr.concat(known, "realisation", combine_attrs="override")
+
+
+def _best_count(response: "xr.Dataset", first: "xr.Dataset") -> tuple[int, str]:
+    """Return the number of flat cells that is best for the time, and how it was found.
+
+    The least variance for a time is at the ratio of :func:`best_ratio`, by the median of the
+    correlations of the gap; about as much time as the cells have taken is spent at most. The
+    nearest power of two is taken.
+    """
+    dear, cheap = (float(np.median(one["wall_time"].sum("step"))) for one in (response, first))
+    cost, pairs = dear / cheap, response.sizes["realisation"]
+    control = normal_observations(loading_branch(response), first).control
+    if control is None:
+        return pairs, "no more than the cells, which they follow by chance alone"
+    correlation = float(np.median(control.correlation))
+    best = pairs * best_ratio(correlation, cost)
+    count = 2 ** round(np.log2(min(best, pairs * cost, MOST)))
+    return count, (
+        f"{count}: {best:.3g} would be best for the time at a correlation of {correlation:.4g} and "
+        f"a cost of 1/{cost:.3g} of a cell; they take at most about the time of the cells, and are "
+        f"a power of two, at most {MOST}"
+    )
+
+
+def _needs(case: Case) -> Needs:
+    stated = case.micro.control_realisations
+    number = f"{stated} flat ones" if stated else "flat ones, by times and correlation,"
+    told = (
+        f"{number} on the surfaces of the {case.micro.realisations} cells and on further ones, as "
+        f"control variates: the sampling error of the law is theirs, and that of the differences"
+    )
+    return Needs(choices=(Choice("control cells", told),))
+
+
+def _count(found: Datasets) -> list[tuple[str, str]]:
+    control = found[CONTROL_CELLS.name]
+    return [
+        ("control cells", str(control.attrs["number"])),
+        ("solver time of the control cells", f"{float(control['wall_time'].sum()):.1f} s"),
+    ]
+
+
+CONTROL_CELLS = Stage(
+    schema=CONTROL_RESPONSE,
+    tables=("micro.control",),
+    reads={**BODIES, "micro": {*KEYS, "realisations", "control", "control_realisations"}},
+    takes=(CELLS,),
+    run=_run,
+    needs=_needs,
+    work=_count,
+    folders=(FOLDER,),
+)

@@ -1,0 +1,157 @@
+"""Few dear cells and many cheap ones on the same surfaces: means by control variates."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from multiscale.upscaling.bootstrap import widening
+
+__all__ = ["FEWEST_PAIRS", "Control", "best_ratio", "variance_ratio"]
+
+CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
+FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
+HIGHEST = 1.0 - 1e-12  # correlation, of which the transformation is finite
+SMALLEST = 1e-12  # of a sum of squares over the largest one, below which nothing scatters
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    r"""A mean over few dear values and many cheap ones, in two parts that are independent.
+
+    With the values :math:`y_i` of R dear cells and :math:`f_i` of M cheap ones, of which the first
+    R have the surfaces of the dear ones, the mean is
+
+    .. math::
+        \hat y = \bar y_R + \alpha\, (\bar f_M - \bar f_R), \qquad
+        \alpha = \frac{\sum_i (f_i - \bar f_R)(y_i - \bar y_R)}{\sum_i (f_i - \bar f_R)^2},
+        \tag{1}
+
+    and its error has two parts that are not correlated: the mean of the residuals
+    :math:`r_i = y_i - \bar y_R - \alpha (f_i - \bar f_R)` of the pairs, and :math:`\alpha` times
+    the mean of the cheap cells,
+
+    .. math::
+        \operatorname{var} \hat y \approx \frac{1}{R (R - 2)} \sum_i r_i^2
+        \left[1 + R\, \frac{(\bar f_M - \bar f_R)^2}{\sum_i (f_i - \bar f_R)^2}\right]
+        + \frac{\alpha^2}{M (M - 1)} \sum_j (f_j - \bar f_M)^2.    \tag{2}
+
+    For a correlation :math:`\rho` that is known it is
+    :math:`[1 - \rho^2 (1 - R/M)]\, \sigma^2 / R`, see [1]_ and [2]_.
+
+    Attributes
+    ----------
+    mean, weight, correlation : ndarray, shape (points,)
+        :math:`\hat y`, :math:`\alpha` and the correlation observed.
+    residuals : ndarray, shape (R, points)
+        :math:`r_i`, scaled so that their variance as that of R values gives the first part of (2);
+        NaN where a pair has no value.
+    cheap : ndarray, shape (M, points)
+        :math:`\alpha\, (f_j - \bar f_M)`; NaN where there is no value.
+
+    References
+    ----------
+    .. [1] M. B. Giles, Multilevel Monte Carlo methods, Acta Numerica 24 (2015) 259-328,
+       doi:10.1017/S096249291500001X.
+    .. [2] B. Peherstorfer, K. Willcox and M. Gunzburger, Survey of multifidelity methods, SIAM
+       Review 60 (2018) 550-591, doi:10.1137/16M1082469.
+    """
+
+    mean: np.ndarray
+    weight: np.ndarray
+    correlation: np.ndarray
+    residuals: np.ndarray
+    cheap: np.ndarray
+
+    @classmethod
+    def of(cls, dear: np.ndarray, cheap: np.ndarray) -> Self | None:
+        """Combine the values of both ensembles; nothing if they follow each other by chance alone.
+
+        Control is of use where the correlation, in the median over the points, is larger than none
+        with a confidence of 95 %, by Fisher's transformation, of at least four pairs. A rule that
+        took the narrower interval would have intervals that are too narrow.
+
+        Parameters
+        ----------
+        dear, cheap : ndarray, shape (R, points) and (M, points)
+            The first R rows of the second belong to the rows of the first; NaN where there is no
+            value.
+        """
+        paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
+        n = paired.sum(axis=0)
+        if n.min() < FEWEST_PAIRS:
+            return None
+        y, f = (np.where(paired, one, np.nan) for one in (dear, cheap[: len(dear)]))
+        own, mean = np.nanmean(f, axis=0), np.nanmean(cheap, axis=0)
+        dy, df = y - np.nanmean(y, axis=0), f - own
+        square = np.nansum(df**2, axis=0)
+        steady = square <= SMALLEST * np.nansum(f**2, axis=0)  # and tells nothing
+        weight = np.where(steady, 0.0, np.nansum(df * dy, axis=0) / np.where(steady, 1.0, square))
+        apart = np.where(steady, 0.0, (mean - own) ** 2 / np.where(steady, 1.0, square))
+        scale = np.sqrt((1.0 + n * apart) * (n - 1) / np.maximum(n - 2, 1))
+        total = np.nansum(dy**2, axis=0)
+        correlation = np.abs(weight) * np.sqrt(square / np.where(total > 0.0, total, 1.0))
+        if np.median(np.arctanh(np.minimum(correlation, HIGHEST)) * np.sqrt(n - 3)) < CERTAIN:
+            return None
+        return cls(
+            np.nanmean(y, axis=0) + weight * (mean - own),
+            weight,
+            correlation,
+            scale * (dy - weight * df),
+            weight * (cheap - mean),
+        )
+
+    def __str__(self) -> str:
+        """Say how many cheap cells there are, and how they follow the dear ones."""
+        low, high = self.correlation.min(), self.correlation.max()
+        return f"{len(self.cheap)} control cells, whose correlation is {low:.5g} to {high:.5g}"
+
+    @property
+    def parts(self) -> tuple[tuple[np.ndarray, int], ...]:
+        """Values about the mean whose means add up independently, and the freedom of each part."""
+        pairs, cheap = len(self.residuals), len(self.cheap)
+        return (self.mean + self.residuals, pairs - 2), (self.mean + self.cheap, cheap - 1)
+
+    def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means of samples, spread as by Student, and their weights, (samples, points).
+
+        ``counts`` say how often each pair, and then each further cheap cell, occurs in a sample.
+        """
+        pairs, n = len(self.residuals), len(self.cheap)
+        ends = (counts[:, :pairs], self.residuals, pairs - 2), (counts, self.cheap, n - 1)
+        mean = np.tile(self.mean, (len(counts), 1))
+        for drawn, rows, freedom in ends:
+            total = drawn @ np.isfinite(rows)
+            moved = drawn @ np.nan_to_num(rows) / np.maximum(total, 1.0)
+            mean += widening(freedom, n=len(rows)) * moved
+        counted = np.isfinite(self.residuals)
+        return mean, counts[:, :pairs] @ counted / counted.sum(axis=0)
+
+
+def best_ratio(correlation: float, cost_ratio: float) -> float:
+    r"""Return how many cheap cells to solve for each dear one.
+
+    Parameters
+    ----------
+    correlation : float
+        :math:`\rho` of dear and cheap values.
+    cost_ratio : float
+        Time of a dear cell over the time of a cheap one, :math:`c`.
+
+    Notes
+    -----
+    The variance for a given time is smallest at
+    :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}`; see [2]_ of :class:`Control`, (3.6).
+
+    Examples
+    --------
+    >>> round(best_ratio(0.9, 25.0), 1)
+    10.3
+    """
+    square = min(correlation**2, 1.0 - 1e-6)
+    return float(np.sqrt(cost_ratio * square / (1.0 - square)))
+
+
+def variance_ratio(correlation: np.ndarray | float, n: int, n_cheap: int) -> np.ndarray:
+    """Variance with control over the variance of the mean of the dear values alone."""
+    return np.asarray(1.0 - np.square(correlation) * (1.0 - n / n_cheap))

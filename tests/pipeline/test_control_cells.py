@@ -1,0 +1,147 @@
+"""Flat cells beside conforming ones: same surfaces, their number, what the law gains, refusals."""
+
+from shutil import copytree
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.case_cells import make_surfaces
+from multiscale.pipeline.requirements import requirements
+from multiscale.pipeline.stages.control_cells import _best_count
+from tests.support import write_scene
+from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
+
+TEXT = """title = "Few conforming cells and many flat ones"
+[body_1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[body_1.surface]
+rms_height = "0.4 um"
+hurst_exponent = 0.8
+long_cutoff = "200 um"
+short_cutoff = "50 um"
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[cell]
+size = ["400 um", "400 um"]
+points = [24, 24]
+layers = 4
+[micro]
+realisations = 5
+control_realisations = 40
+pressures = ["5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa"]
+seed = 3
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Folder of a case with twenty flat cells."""
+    folder = tmp_path_factory.mktemp("control")
+    run(load_case(write_scene(folder, TEXT, ("= 40", "= 20"))), folder / "out")
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def written(folder):
+    """When the files of the flat cells were written."""
+    return {file: file.stat().st_mtime_ns for file in folder.glob("micro-control/*/cells-*.nc")}
+
+
+@pytest.fixture(scope="module")
+def found(folder, written):
+    """Results of the case with forty."""
+    return run(load_case(write_scene(folder.parent, TEXT)), folder)
+
+
+def test_the_first_flat_cells_have_the_surfaces_of_the_cells(found, tmp_path):
+    control, response = found["control_response"], found["micro_response"]
+    assert control.sizes["realisation"] == 40
+    assert control["converged"].all()
+    np.testing.assert_array_equal(control["realisation"], range(40))
+    dear, cheap = (one["mean_gap"].to_numpy() for one in (response, control))
+    for step in range(5):
+        assert np.corrcoef(dear[:, step], cheap[:5, step])[0, 1] > 0.99
+    case = load_case(write_scene(tmp_path, TEXT))
+    one, other = (make_surfaces(each)[4].heights for each in (case, case.control(40)))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_the_law_is_surer_by_them_and_single_cells_are_not(found, folder, tmp_path):
+    law = found["interface_law"]
+    plain = write_scene(tmp_path, TEXT, ("control_realisations = 40", "control = false"))
+    alone = run(load_case(plain), copytree(folder, tmp_path / "out"))
+    assert "control_response" not in alone
+    sure, unsure = (
+        one["error_half_width"].sel(error_term="sampling").to_numpy()
+        for one in (law, alone["interface_law"])
+    )
+    assert np.all(sure[0] < 0.5 * unsure[0])
+    assert np.all(sure[2, 1:4] < 0.6 * unsure[2, 1:4])
+    ratio = law["cell_scatter"] / alone["interface_law"]["cell_scatter"]
+    assert 0.4 < float(ratio.sel(quantity="mean_gap").mean()) < 2.5
+    assert "40 control cells" in law.attrs["how_sampling"]
+    # the means differ by what five surfaces are off, and bands tell it
+    apart = law["fit_mean_gap"] / alone["interface_law"]["fit_mean_gap"] - 1.0
+    assert np.all(np.abs(apart) < 1.5 * unsure[0])
+
+
+def test_cells_that_are_there_are_kept_and_more_are_added(written, found):
+    assert len(written) == 2  # of 16 cells each
+    assert {file: file.stat().st_mtime_ns for file in written} == written
+    (made,) = {file.parent for file in written}
+    assert len(list(made.iterdir())) == 3
+
+
+@pytest.mark.parametrize(
+    ("pair", "said"),
+    [
+        (("layers = 4", 'layers = 4\ngeometry = "flat"'), "the cells are flat already"),
+        (("realisations = 5\n", "realisations = 3\ncontrol = 'flat'\n"), "scatter of 4 real"),
+        (("= 40", "= 5"), "the first 5 have the surfaces"),
+        (("= 40", "= 40\ncontrol = false"), "that control = false turns off"),
+    ],
+)
+def test_control_that_cannot_be_is_refused(tmp_path, pair, said):
+    with pytest.raises(CaseError, match=said):
+        load_case(write_scene(tmp_path, TEXT, pair))
+
+
+def test_dearer_cells_have_a_control_unless_it_is_turned_off(tmp_path):
+    def controlled(*pairs):
+        return load_case(
+            write_scene(tmp_path, TEXT, ("control_realisations = 40\n", ""), *pairs)
+        ).controlled
+
+    assert controlled()
+    assert not controlled(("layers = 4", 'layers = 4\ngeometry = "flat"'))
+    assert not controlled(("realisations = 5", "realisations = 3"))
+    assert not controlled(("realisations = 5", "realisations = 5\ncontrol = false"))
+    assert not controlled(("[micro]", '[accuracy]\ntarget = "5 %"\nquantity = "mean_gap"\n[micro]'))
+    needs = requirements(load_case(write_scene(tmp_path, TEXT)))
+    assert needs.built["control cells"].startswith("40 flat ones on the surfaces of the 5 cells")
+
+
+def test_their_number_follows_from_times_and_correlation():
+    """Where they follow well the time of the cells bounds it, where less the best split does."""
+
+    def counted(noise, cost):
+        random = np.random.default_rng(5)
+        scatter = 1.0 + 0.1 * random.standard_normal((12, 1))
+        gap = DECAY * np.log(SCALE / PRESSURE)
+        cheap = response_of(gap * scatter)
+        dear = response_of(gap * (scatter + noise * random.standard_normal((12, 1))))
+        dear["wall_time"] = cost * dear["wall_time"]
+        return _best_count(dear, cheap)
+
+    count, told = counted(1e-4, 10.0)
+    assert count == 128  # 120
+    assert "a cost of 1/10 of a cell" in told
+    assert counted(1e-4, 80.0)[0] == 256  # and no more
+    assert 16 <= counted(0.1, 10.0)[0] <= 64  # a correlation of .7, and a ratio of 3.2
+    count, told = counted(10.0, 10.0)
+    assert count == 12
+    assert "by chance alone" in told
