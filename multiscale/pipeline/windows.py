@@ -13,9 +13,9 @@ from multiscale.surfaces import (
     Spectrum,
     crop,
     detrend,
+    find_lay,
     low_pass,
     mirror,
-    oblique_lay,
     resample,
     spectrum,
     window,
@@ -269,10 +269,10 @@ def _losses(
 
 def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> list[str]:
     """Caution against mirroring a lay that is oblique to the edges of the window."""
-    angle, oblique = oblique_lay(whole, cutoff)
-    if settings.periodic != "mirror" or oblique < OBLIQUE:
+    lay = find_lay(whole, cutoff)
+    if settings.periodic != "mirror" or lay.oblique < OBLIQUE:
         return []
-    degrees = np.rad2deg(angle)
+    degrees = np.rad2deg(lay.angle)
     return [
         f"the lay runs at {degrees:.0f} degrees to the x axis, and mirrored it becomes a "
         f"herringbone of {degrees:.0f} and {180.0 - degrees:.0f} degrees: measure the map along "

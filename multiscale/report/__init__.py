@@ -2,13 +2,14 @@
 
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
-from multiscale.report.page import write_report, write_reports
+from multiscale.report.page import write_inspection, write_report, write_reports
 
 __all__ = [
     "FinishedRun",
     "draw_figures",
     "open_finished",
     "tabulate_links",
+    "write_inspection",
     "write_report",
     "write_reports",
 ]

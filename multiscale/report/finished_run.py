@@ -14,7 +14,7 @@ from multiscale.pipeline.toml_model import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FinishedRun", "draw_figures", "open_finished"]
+__all__ = ["FinishedRun", "draw_figures", "draw_sections", "open_finished"]
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,16 @@ def open_finished(out: Path) -> FinishedRun:
     )
 
 
+def draw_sections(run: FinishedRun) -> list[Path]:
+    """Draw the figures of all sections of a page into the folder ``figures``."""
+    folder = make_folder(run.out / "figures")
+    return [
+        draw(folder / f"{name}.png")
+        for section in run.sections()
+        for name, draw in section.figures.items()
+    ]
+
+
 def draw_figures(out: str | Path) -> list[Path]:
     """Draw the figures of a finished run or sweep into its folder ``figures``.
 
@@ -95,13 +105,8 @@ def draw_figures(out: str | Path) -> list[Path]:
         The PNG files, in the order of the page.
     """
     with reading_run(out):
-        sections = open_finished(Path(out)).sections()
-        folder = make_folder(Path(out) / "figures")
-        files = [
-            draw(folder / f"{name}.png")
-            for section in sections
-            for name, draw in section.figures.items()
-        ]
+        files = draw_sections(open_finished(Path(out)))
+    folder = Path(out) / "figures"
     for stage in STAGES:
         for name in stage.pictures:
             if (file := folder / f"{name}.png") not in files:

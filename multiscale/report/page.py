@@ -8,28 +8,55 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from multiscale.executors import run_jobs
-from multiscale.io import read_bytes, reading_run, write_bytes
+from multiscale.io import (
+    make_folder,
+    open_dataset,
+    read_bytes,
+    reading_run,
+    write_bytes,
+    write_dataset,
+)
+from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section
-from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
+from multiscale.report.finished_run import (
+    FinishedRun,
+    draw_figures,
+    draw_sections,
+    open_finished,
+)
+from multiscale.schema import SURFACE_STATISTICS
 from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["write_report", "write_reports"]
+__all__ = ["write_inspection", "write_report", "write_reports"]
 
 
 def write_report(out: str | Path) -> Path:
     """Write ``report.html`` of a finished run or sweep whose figures are drawn."""
+    with reading_run(out):
+        return _write_page(open_finished(Path(out)))
+
+
+def write_inspection(out: str | Path, statistics: "xr.Dataset") -> Path:
+    """Write dataset, figures and ``report.html`` of an inspected surface into a folder."""
+    name, folder = INSPECTION.name, make_folder(Path(out))
+    write_dataset(statistics, folder / INSPECTION.file, SURFACE_STATISTICS)
+    kept = open_dataset(folder / INSPECTION.file, SURFACE_STATISTICS)
+    cautions = list(INSPECTION.cautions(kept))
+    run = FinishedRun(folder, (INSPECTION,), {name: kept}, cautions, "", {"surface": kept.title})
+    draw_sections(run)
+    return _write_page(run)
+
+
+def _write_page(run: FinishedRun) -> Path:
     from jinja2 import Environment
 
-    out = Path(out)
-    with reading_run(out):
-        content = _content(open_finished(out))
     template = resources.files("multiscale.report").joinpath("page.html").read_text()
-    text = Environment(autoescape=True).from_string(template).render(content)
-    write_bytes(out / "report.html", text.encode())
-    return out / "report.html"
+    text = Environment(autoescape=True).from_string(template).render(_content(run))
+    write_bytes(run.out / "report.html", text.encode())
+    return run.out / "report.html"
 
 
 def write_reports(

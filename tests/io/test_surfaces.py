@@ -161,12 +161,12 @@ def test_channel_is_found_by_name_and_by_number(tmp_path, heights):
         pytest.param(b"1\n2\n3\n4\n5\n", "line scan", id="line-scan"),
         pytest.param(
             b"# Width: 4 um\n# Height: 4 um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
-            "gives no unit of length; export",
+            "gives no unit of length; give unit, or export",
             id="no-unit",
         ),
         pytest.param(
             b"# Value units: um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
-            "gives no lateral size; export",
+            "gives no lateral size; give size, or export",
             id="no-size",
         ),
         pytest.param(
