@@ -18,7 +18,7 @@ from multiscale.plotting.inspection_figures import (
     plot_spectral_density,
 )
 from multiscale.schema import SURFACE_STATISTICS
-from multiscale.surfaces import describe_surface
+from multiscale.surfaces import describe_surface, spectrum
 from multiscale.units import readable
 
 if TYPE_CHECKING:
@@ -59,7 +59,8 @@ def inspect_surface(
     """
     found = open_topography(file, channel=channel, size=size, unit=unit)
     surface = found.to_surface(detrend_order=detrend_order, fill_undefined=True)
-    told = describe_surface(surface, resolution=found.resolution)
+    waves = spectrum([surface], periodic=False)
+    told = describe_surface(surface, resolution=found.resolution, waves=waves)
     settings = InstrumentSurface(
         file=file.resolve(),
         channel=channel,
@@ -73,10 +74,7 @@ def inspect_surface(
     proposal, held = "", ""
     try:
         proposed = propose_case(
-            surface,
-            settings,
-            shortest_reliable=float(told["shortest_reliable"]),
-            long=float(told["longest_wave"]),
+            surface, settings, waves, shortest_reliable=float(told["shortest_reliable"])
         )
     except CaseError as error:
         cautions.append(f"no case is proposed: {error}")
@@ -193,7 +191,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         rows=[tuple(one.split(": ", 1)) for one in told.attrs["channels"].splitlines()],
     )
     if told.attrs["proposal"]:
-        keys = [line.partition(" = ") for line in told.attrs["proposal"].splitlines() if line]
+        keys = [line.partition(" = ") for line in told.attrs["proposal"].splitlines()[1:] if line]
         rows = [(key, value) for key, _, value in keys]
         yield Section("Proposed case", [told.attrs["held"]], rows=rows)
 

@@ -12,6 +12,7 @@ from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.pipeline.windows import HELD, Measured, cut_windows
 from multiscale.surfaces import (
     Roughness,
+    Spectrum,
     describe_surface,
     fit_of_statistics,
     rotate,
@@ -65,6 +66,7 @@ def measured_side(
     seed: int,
     *,
     side: int = 0,
+    of_map: Spectrum | None = None,
 ) -> RoughSide:
     """Make the realisations of one body from its measured map or line scan.
 
@@ -72,7 +74,7 @@ def measured_side(
     ----------
     whole : Surface
         From :func:`measured_map`.
-    settings, cell, which, needed, seed
+    settings, cell, which, needed, seed, of_map
         See :func:`~multiscale.pipeline.windows.cut_windows`.
     side : {0, 1}
         Body, which has random numbers of its own.
@@ -88,7 +90,7 @@ def measured_side(
         return _isotropic(whole, settings, cell, seeds)
     if settings.profile == "one_directional":
         whole = rotate(_grooves(whole, max(cell.size)), settings.rotate)
-    surfaces, record = cut_windows(whole, settings, cell, which, needed, seed)
+    surfaces, record = cut_windows(whole, settings, cell, which, needed, seed, of_map=of_map)
     if side == 1:  # measured from outside: turned over as paper is
         surfaces = [Surface(piece.heights[::-1], piece.size) for piece in surfaces]
     return RoughSide(surfaces, record)

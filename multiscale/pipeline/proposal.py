@@ -15,14 +15,14 @@ from multiscale.pipeline.measured_sides import measured_side
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.pipeline.windows import Measured
-from multiscale.surfaces import Surface, spectrum
+from multiscale.surfaces import Spectrum, Surface
 
 __all__ = ["Proposal", "propose_case"]
 
 MOST_POINTS = 256  # of flat cells, along an edge
 SLOPE_HELD = 0.95
 REALISATIONS = (4, 3, 2, 1)
-SMALLER = 0.85
+SMALLER, MOST_SHRINKS = 0.85, 12  # until windows of few filled points are found
 STEEL = (210e9, 0.3)
 LOADS = np.geomspace(0.004, 0.12, 8)  # of contact modulus times slope: contact of 1 to 20 %
 
@@ -51,9 +51,9 @@ class Proposal:
 
 
 def propose_case(
-    whole: Surface, settings: InstrumentSurface, *, shortest_reliable: float, long: float
+    whole: Surface, settings: InstrumentSurface, waves: Spectrum, *, shortest_reliable: float
 ) -> Proposal:
-    """Propose cells for a measured surface: as large as the map allows, as fine as it is reliable.
+    """Propose cells for a measured surface that hold its height and its slope alike.
 
     Parameters
     ----------
@@ -61,30 +61,80 @@ def propose_case(
         Map or line scan, without trend.
     settings : InstrumentSurface
         Surface table as far as the user has given it.
-    shortest_reliable, long : float
-        Shortest reliable wave, and wave beyond which a hundredth of the mean square height is, m.
+    waves : Spectrum
+        Spectrum of the surface, not periodic.
+    shortest_reliable : float
+        Shortest reliable wave, m.
 
     Returns
     -------
     Proposal
-        Flat cells, steel on smooth steel: the materials of a surface are in no file.
+        Flat cells, steel on smooth steel: the materials of a surface are in no file. Large cells
+        hold the long waves, and their grid of at most 256 x 256 points not the short ones: the
+        size is the one for which the smaller of both shares is largest.
 
     Raises
     ------
     CaseError
         If the map holds no window of enough points.
     """
-    if settings.profile == "isotropic":
-        edge = min(long, whole.size[0])
-        found = _cells(whole, settings, edge, shortest_reliable, REALISATIONS[0])
-    else:
-        found = _windows(whole, settings, shortest_reliable)
-    table, cell, count, measured = found
+    finest = max(shortest_reliable, waves.cutoff_holding(SLOPE_HELD, order=2))
+    mirrored = 1.0 if settings.profile == "isotropic" else 2.0
+    refusal = CaseError("the map holds no window of roughness")
+    for count in REALISATIONS:
+        sizes = [mirrored * edge for edge in _edges(whole, count)]
+
+        def held(size: float) -> float:
+            cutoff = max(finest, POINTS_PER_WAVE * size / MOST_POINTS)
+            return min(waves.share(size, cutoff, order=order) for order in (0, 2))
+
+        size = max(sizes, key=held)
+        for _ in range(MOST_SHRINKS if whole.filled_share else 1):
+            table, cell = _cells(settings, size, finest)
+            try:
+                side = measured_side(whole, table, cell, range(count), count, 0, of_map=waves)
+            except CaseError as error:
+                refusal = error
+                size *= SMALLER
+                continue
+            assert side.measured is not None
+            return _write(table, cell, count, side.measured)
+    raise refusal
+
+
+def _edges(whole: Surface, count: int) -> list[float]:
+    """Edges of square windows of which a map has room for enough, or of pieces of a line scan."""
+    profile = whole.heights.shape[1] == 1
+    room = whole.size[0] if profile else min(whole.size)
+    edges = room / np.geomspace(1.0, 32.0, 41) * (1.0 - 1e-4)
+    return [
+        float(edge)
+        for edge in edges
+        if profile or floor(whole.size[0] / edge) * floor(whole.size[1] / edge) >= count
+    ]
+
+
+def _cells(
+    settings: InstrumentSurface, size: float, finest: float
+) -> tuple[InstrumentSurface, CellSettings]:
+    """Choose grid and cut-off of cells of a size."""
+    size = float(f"{size:.4g}")  # as the file says it
+    n = min(MOST_POINTS, 2 * max(8, ceil(0.5 * POINTS_PER_WAVE * size / finest)))
+    cutoff = float(f"{max(finest, POINTS_PER_WAVE * size / n) * 1.0005:.4g}")
+    given = {"size": [f"{size!r} m"] * 2, "points": [n, n], "geometry": "flat"}
+    return settings.model_copy(update={"short_cutoff": cutoff}), CellSettings.model_validate(given)
+
+
+def _write(
+    table: InstrumentSurface, cell: CellSettings, count: int, measured: Measured
+) -> Proposal:
+    """Write the case file of chosen cells."""
     scale = contact_modulus(STEEL, STEEL) * measured.stages[2].rms_slope
-    pressures = ", ".join(f'"{1e-6 * scale * load:.2g} MPa"' for load in LOADS)
+    rounded = [float(f"{1e-6 * scale * load:.2g}") for load in LOADS]
+    pressures = ", ".join(f'"{pressure:g} MPa"' for pressure in rounded)
     text = f"""\
 # Proposed by multiscale inspect; the materials and the smooth second body are assumptions.
-title = {_text(settings.file.name)}
+title = {_text(table.file.name)}
 
 [body_1]
 youngs_modulus = "210 GPa"
@@ -107,47 +157,6 @@ pressures = [{pressures}]
 """
     validate_case(tomllib.loads(text), Path("the proposed case"))
     return Proposal(text, measured)
-
-
-Found = tuple[InstrumentSurface, CellSettings, int, Measured]
-
-
-def _windows(whole: Surface, settings: InstrumentSurface, shortest: float) -> Found:
-    """Choose the largest windows of which the map holds enough, mirrored into cells."""
-    refusal = CaseError("the map holds no window")
-    for count in REALISATIONS:
-        room = min(whole.size)
-        pieces = (room / k for k in range(1, count + 1))
-        edge = next(one for one in pieces if _fit_in(whole, one) >= count) * (1.0 - 1e-9)
-        for _ in range(12 if whole.filled_share else 1):
-            try:
-                return _cells(whole, settings, 2.0 * edge, shortest, count)
-            except CaseError as error:
-                refusal = error
-            edge *= SMALLER
-    raise refusal
-
-
-def _fit_in(whole: Surface, edge: float) -> int:
-    return floor(whole.size[0] / edge * (1 + 1e-9)) * floor(whole.size[1] / edge * (1 + 1e-9))
-
-
-def _cells(
-    whole: Surface, settings: InstrumentSurface, size: float, shortest: float, count: int
-) -> Found:
-    """Choose grid and cut-off of cells of a size, and measure what they hold."""
-    size = float(f"{size * (1.0 - 5e-5):.4g}")  # as the file says it, and no longer
-    holding = spectrum([whole], periodic=False).cutoff_holding(SLOPE_HELD, order=2)
-    cutoff = max(shortest, holding)
-    n = min(MOST_POINTS, 2 * max(8, ceil(0.5 * POINTS_PER_WAVE * size / cutoff)))
-    cutoff = float(f"{max(cutoff, POINTS_PER_WAVE * size / n) * 1.0005:.4g}")
-    cell = CellSettings.model_validate(
-        {"size": [f"{size!r} m"] * 2, "points": [n, n], "geometry": "flat"}
-    )
-    table = settings.model_copy(update={"short_cutoff": cutoff})
-    side = measured_side(whole, table, cell, range(count), count, 0)
-    assert side.measured is not None
-    return table, cell, count, side.measured
 
 
 def _table(settings: InstrumentSurface) -> str:

@@ -54,10 +54,11 @@ def plot_spectral_density(statistics: "xr.Dataset", *, ax: "Axes | None" = None)
     ax.loglog(wave, scale * statistics[name].values, color="C0", linewidth=1.0, label="measured")
     if (fit := fit_of_statistics(statistics)) is not None:
         q = 2.0 * np.pi / np.geomspace(statistics["longest_reliable"], statistics["fitted_to"], 99)
+        q = q[q >= 2.0 * np.pi / float(statistics["longest_wave"])]
         told = f"fit, Hurst exponent {fit.hurst_exponent:.2g}"
         ax.loglog(2e6 * np.pi / q, scale * fit.density(q), "k--", label=told)
-    density = scale * statistics[name].values
-    ax.set_ylim(bottom=float(np.max(density)) * 1e-14 if density.min() <= 0.0 else None)
+    seen = wave >= 0.5 * ends[0]
+    ax.set_ylim(bottom=0.1 * scale * float(np.min(statistics[name].values[seen])))
     ax.invert_xaxis()
     ax.set(xlabel="wavelength (µm)", ylabel=f"power spectral density (µm$^{2 + map_or_line}$)")
     ax.legend(frameon=False)

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import SURFACE_STATISTICS
 from multiscale.surfaces.preparation import low_pass, window
-from multiscale.surfaces.roughness import find_lay, spectrum
+from multiscale.surfaces.roughness import Spectrum, find_lay, spectrum
 from multiscale.surfaces.statistics import nayak_parameter, power_spectral_density
 from multiscale.surfaces.surface import Surface
 
@@ -97,7 +97,9 @@ def fit_self_affine(
     return min(found, key=lambda one: one.deviation)
 
 
-def describe_surface(surface: Surface, *, resolution: float | None = None) -> "xr.Dataset":
+def describe_surface(
+    surface: Surface, *, resolution: float | None = None, waves: Spectrum | None = None
+) -> "xr.Dataset":
     r"""Describe a measured map, or a line scan: heights, slopes, spectrum, lay and bearing curve.
 
     Parameters
@@ -107,6 +109,8 @@ def describe_surface(surface: Surface, *, resolution: float | None = None) -> "x
         leave out filled points; the density counts them.
     resolution : float, optional
         Shortest wavelength that the instrument resolves, m.
+    waves : Spectrum, optional
+        Spectrum of the surface, not periodic, where it is known already.
 
     Returns
     -------
@@ -125,20 +129,21 @@ def describe_surface(surface: Surface, *, resolution: float | None = None) -> "x
     pixels, the resolution of the instrument, or the wave beyond which the density no longer falls
     as fast as a Hurst exponent of zero would, which noise does, whichever is longest.
     """
-    waves = spectrum([surface], periodic=False)
+    waves = waves or spectrum([surface], periodic=False)
     roughness = waves.roughness()
     if not roughness.rms_height > 0.0:
         raise CaseError("all heights are equal; give a rough surface")
     known = surface.heights if surface.filled is None else surface.heights[~surface.filled]
     level = (known - known.mean()) / roughness.rms_height
-    profile = surface.heights.shape[1] == 1
+    square, profile = level**2, surface.heights.shape[1] == 1
     q, C = _density(surface)
     longest = 0.5 * (surface.size[0] if profile else min(surface.size))
     pixel = surface.spacing[0] if profile else max(surface.spacing)
     shortest = max(PIXELS_PER_WAVE * pixel, resolution or 0.0)
     shortest = max(shortest, _noise_from(q, C, shortest, 1 if profile else 2))
-    fitted_to = max(shortest, roughness.shortest_wave)
-    band = (q >= 2.0 * np.pi / longest) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
+    fitted_to = max(shortest, 1.25 * roughness.shortest_wave)
+    fitted_from = min(longest, roughness.longest_wave)
+    band = (q >= 2.0 * np.pi / fitted_from) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
     fit = fit_self_affine(q[band], C[band], dimensions=1 if profile else 2)
     smooth = low_pass(window(surface, taper=0.5), shortest)
     broad = nayak_parameter(smooth) if np.ptp(smooth.heights) > 0.0 else np.nan
@@ -158,8 +163,8 @@ def describe_surface(surface: Surface, *, resolution: float | None = None) -> "x
         "shortest_wave": roughness.shortest_wave,
         "longest_reliable": longest,
         "shortest_reliable": shortest,
-        "skewness": np.mean(level**3),
-        "kurtosis": np.mean(level**4),
+        "skewness": np.mean(level * square),
+        "kurtosis": np.mean(square**2),
         "peak_to_valley": np.ptp(known),
         "nayak_parameter": broad / 1.5 if profile else broad,  # (3) without the factors 1/2, 3/8
         "filled_share": surface.filled_share,

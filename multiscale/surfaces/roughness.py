@@ -74,6 +74,12 @@ class Spectrum:
         """
         return self._reach(self.wavenumber, self.power * self.wavenumber**order, share)
 
+    def share(self, long: float, short: float, *, order: int) -> float:
+        """Share of the rms height (order 0) or slope (2) in the waves from long to short, m."""
+        weight = self.power * self.wavenumber**order
+        ends = np.searchsorted(self.wavenumber, (2.0 * np.pi / long, 2.0 * np.pi / short))
+        return float(np.sqrt(np.sum(weight[slice(*ends)]) / np.sum(weight)))
+
     def length_holding(self, share: float) -> float:
         """Find the shortest length whose waves up to it have a share of the rms height, m."""
         return self._reach(self.wavenumber[::-1], self.power[::-1], share)
