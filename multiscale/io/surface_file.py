@@ -315,8 +315,12 @@ def _reading(path: Path) -> Iterator[Any]:
                 try:
                     opened = SurfaceTopography.open_topography(source)
                 except CannotDetectFileFormat:
-                    if begin == NPY or b"\0" in source.read(4096):
+                    if begin == NPY:
                         raise
+                    source.seek(0)
+                    if b"\0" in source.read(4096):
+                        raise
+                    source.seek(0)
                     opened = SurfaceTopography.open_topography(_with_blanks(source))
                 with opened as reader:
                     yield reader
@@ -353,21 +357,21 @@ SEEN_LINES = 200
 
 def _as_text(stream: Any) -> Any:
     """Leave out a byte order mark, and write decimal commas as points where blanks separate."""
-    head = stream.read(len(BOM))
+    start = len(BOM) if stream.read(len(BOM)) == BOM else 0
+    stream.seek(start)
     lines = [line for line in stream.readlines(1 << 16)[:SEEN_LINES] if _NUMBERS.match(line)]
     commas = bool(lines) and all(
         _SEPARATOR.search(line.strip()) and b"." not in line and b", " not in line for line in lines
     )
     commas = commas and any(_DECIMAL_COMMA.search(line) for line in lines)
-    stream.seek(len(BOM) if head == BOM else 0)
+    stream.seek(start)
     if commas:
         return _with_blanks(stream, comma=b".")
-    return BytesIO(stream.read()) if head == BOM else stream
+    return BytesIO(stream.read()) if start else stream
 
 
 def _with_blanks(stream: Any, comma: bytes = b" ") -> BytesIO:
     """Separate numbers by blanks in all lines of nothing but numbers."""
-    stream.seek(stream.tell() if comma == b"." else 0)
     table = bytes.maketrans(b",;\t", comma + b"  ")
     return BytesIO(
         b"".join(line.translate(table) if _NUMBERS.match(line) else line for line in stream)

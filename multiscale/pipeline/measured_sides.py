@@ -107,10 +107,10 @@ def _grooves(scan: Surface, width: float) -> Surface:
 def _isotropic(
     scan: Surface, settings: InstrumentSurface, cell: CellSettings, seeds: list[int]
 ) -> RoughSide:
-    """Make isotropic self-affine surfaces with the spectrum of a line scan.
+    """Make isotropic surfaces with the self-affine spectrum fitted to a line scan.
 
     The rms height of an isotropic surface is the rms height of its profiles, and its rms slope is
-    larger by the square root of two.
+    larger by the square root of two. Waviness above the fit is in the line scan alone.
     """
     statistics = describe_surface(scan)
     fit = fit_of_statistics(statistics)
@@ -128,7 +128,6 @@ def _isotropic(
             f"short_cutoff {short:.3g} m leaves no wave of the line scan, the longest of which is "
             f"{long:.3g} m; give a shorter one, and more points"
         )
-    share = fit.rms_height(long, short) / fit.rms_height(longest, shortest)
     surfaces = [
         self_affine(
             cell.points,
@@ -138,7 +137,7 @@ def _isotropic(
             long_cutoff=long,
             short_cutoff=short,
             roll_off=float(np.clip(fit.roll_off, short, long)),
-            rms_height=share * float(statistics["rms_height"]),
+            rms_height=fit.rms_height(long, short),
         )
         for seed in seeds
     ]
@@ -154,7 +153,7 @@ def _isotropic(
         for name in ("rms_height", "rms_slope")
     }
     said = (
-        f"isotropic surfaces stand for a line scan, with its rms height, a Hurst exponent of "
+        f"isotropic self-affine surfaces stand for a line scan, fitted with a Hurst exponent of "
         f"{fit.hurst_exponent:.2g} and a roll-off at {1e6 * fit.roll_off:.3g} um; a lay is not "
         f"seen in one line",
         *(

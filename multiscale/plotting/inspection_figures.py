@@ -61,7 +61,7 @@ def plot_spectral_density(statistics: "xr.Dataset", *, ax: "Axes | None" = None)
     ax.set_ylim(bottom=0.1 * scale * float(np.min(statistics[name].values[seen])))
     ax.invert_xaxis()
     ax.set(xlabel="wavelength (µm)", ylabel=f"power spectral density (µm$^{2 + map_or_line}$)")
-    ax.legend(frameon=False)
+    ax.legend()
     return ax
 
 
