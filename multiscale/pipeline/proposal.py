@@ -106,7 +106,7 @@ def _edges(whole: Surface, count: int) -> list[float]:
     """Edges of square windows of which a map has room for enough, or of pieces of a line scan."""
     profile = whole.heights.shape[1] == 1
     room = whole.size[0] if profile else min(whole.size)
-    edges = room / np.geomspace(1.0, 32.0, 41) * (1.0 - 1e-4)
+    edges = room / np.geomspace(1.0, 32.0, 16) * (1.0 - 1e-4)
     return [
         float(edge)
         for edge in edges
