@@ -235,6 +235,8 @@ def _check_metadata(
             f"export it in a format that has them (in a text file the header lines "
             f"'# Width: 10 um', '# Height: 10 um', '# Value units: um')"
         )
+    if not all(length > 0.0 for length in (*(size or ()), 1.0 if unit is None else unit)):
+        raise CaseError(f"{path}: size and unit must be positive lengths")
     if size is not None and len(size) < entry.dim:
         raise CaseError(f"{path}: size of a map is two lengths, got {len(size)}")
 
