@@ -28,6 +28,7 @@ __all__ = ["INSPECTION", "inspect_surface"]
 
 PLAUSIBLE_SLOPES = (1e-5, 3.0)
 FILLED = 0.1  # share of undefined points that needs a caution
+SELF_AFFINE = 0.4  # decades between spectrum and fit that need a caution
 LAY = 1.5  # ratio of slopes from which a surface has a lay
 
 
@@ -113,6 +114,11 @@ def _doubts(told: "xr.Dataset") -> Iterator[str]:
         yield (
             f"{100.0 * filled:.0f} % of the points are undefined; spectrum, Hurst exponent and lay "
             f"count them as filled"
+        )
+    if float(told["fit_deviation"]) > SELF_AFFINE:
+        yield (
+            f"the spectrum is {float(told['fit_deviation']):.2g} decades off the self-affine fit, "
+            f"so that Hurst exponent and roll-off describe it poorly"
         )
     if not float(told["longest_reliable"]) > float(told["shortest_reliable"]):
         yield "no wave is reliable: the map has too few points"
