@@ -11,6 +11,7 @@ from multiscale.io import open_topography
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
+from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.inspection_figures import (
     plot_bearing_curve,
@@ -84,6 +85,11 @@ def inspect_surface(
         height, slope = proposed.held.values()
         held = f"The cells hold {height:.2f} of the rms height and {slope:.2f} of the rms slope."
         cautions.extend(proposed.measured.cautions)
+        if max(height, slope) > 1.0 / HELD and not found.is_profile:
+            cautions.append(
+                "the windows of the proposed cells are rougher than the map: more realisations "
+                "cover more of it"
+            )
     nx, ny = found.heights.shape
     return told.assign_attrs(
         title=file.name,
