@@ -268,6 +268,49 @@ def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finishe
     typer.echo(show_run(out).out / "report.html")
 
 
+@app.command("inspect")
+def inspect_command(
+    surface: Annotated[Path, typer.Argument(help="Topography file: a map or a line scan.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of dataset and page.")] = Path(
+        "inspection"
+    ),
+    channel: Annotated[str, typer.Option(help="Number, from 0, or name of a channel.")] = "",
+    size: Annotated[
+        str, typer.Option(help='Edge lengths, such as "90 um x 130 um", for those of the file.')
+    ] = "",
+    unit: Annotated[str, typer.Option(help="Unit of the file, such as um, if it has none.")] = "",
+    detrend_order: Annotated[
+        int, typer.Option(min=0, max=2, help="0 mean, 1 plane, 2 curvature.")
+    ] = 2,
+    case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
+) -> None:
+    """Say what a measured surface holds, and propose cells that stand for it."""
+    from multiscale.io import try_to_write, write_bytes
+    from multiscale.pipeline.inspection import INSPECTION, inspect_surface
+    from multiscale.report import write_inspection
+    from multiscale.units import to_si
+
+    if case is not None:
+        try_to_write(case)
+    told = inspect_surface(
+        surface,
+        channel=channel or None,
+        size=[to_si(edge, "m") for edge in size.split(" x ")] if size else None,
+        unit=to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None,
+        detrend_order=detrend_order,
+    )
+    page = write_inspection(out, told)
+    _warn(list(INSPECTION.cautions(told)))
+    for line in INSPECTION.lines({INSPECTION.name: told}):
+        typer.echo(line)
+    typer.echo(f"page, figures and dataset: {page}")
+    if case is not None and not told.attrs["proposal"]:
+        raise CaseError(f"{surface}: no case is proposed, and {case} is not written")
+    if case is not None:
+        write_bytes(case, told.attrs["proposal"].encode())
+        typer.echo(f"case: {case}")
+
+
 @app.command("bench")
 def bench_command(
     families: Annotated[

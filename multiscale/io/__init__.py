@@ -25,9 +25,10 @@ from multiscale.io.grain_fields import write_grain_fields
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.link_fields import write_link_fields
 from multiscale.io.meshes import open_mesh, read_mesh
-from multiscale.io.surface_file import read_surface
+from multiscale.io.surface_file import Topography, open_topography, read_surface
 
 __all__ = [
+    "Topography",
     "VoxelImage",
     "logging_to",
     "make_folder",
@@ -36,6 +37,7 @@ __all__ = [
     "open_mesh",
     "open_response",
     "open_run",
+    "open_topography",
     "read_bytes",
     "read_images",
     "read_mesh",

@@ -1,9 +1,12 @@
 """Rough surfaces from the files of instruments."""
 
+import re
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from difflib import get_close_matches
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,77 +18,63 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from multiscale.surfaces import Surface
 
-__all__ = ["read_surface"]
+__all__ = ["Topography", "open_topography", "read_surface"]
 
 _TRENDS = ("mean", "plane", "curvature")
 
+NPY = b"\x93NUMPY"
+BOM = b"\xef\xbb\xbf"
 
-def read_surface(
-    path: str | PathLike[str],
-    *,
-    detrend_order: int = 1,
-    fill_undefined: bool = False,
-    channel: int | str | None = None,
-) -> "Surface":
-    """Read a measured topography from an instrument file.
 
-    Parameters
+@dataclass(frozen=True, eq=False)
+class Topography:
+    """One channel of a topography file, as it was measured.
+
+    Attributes
     ----------
-    path : path
-        File of any format that SurfaceTopography reads; its content determines the format.
-    detrend_order : {0, 1, 2}
-        Degree of the polynomial that is removed: 0 the mean, 1 a plane (a tilted sample), 2 also
-        the curvature (a ball or a cylinder). The fit uses the defined points only.
-    fill_undefined : bool
-        Fill undefined points, after detrending, by the solution of Laplace's equation with their
-        defined neighbours as boundary values. Filled regions are too smooth, so they lower the
-        root mean square slope; the result marks their points. Without it undefined points are
-        refused.
-    channel : int or str, optional
-        Number, counted from 0, or name of the channel. The format's default height channel if not
-        given.
-
-    Returns
-    -------
-    Surface
-        Heights and size in m. The mean height is 0 unless points were filled; ``filled`` marks
-        them, and ``filled_share`` is their share. A measured map is not periodic: see
-        :func:`multiscale.surfaces.mirror` and :func:`~multiscale.surfaces.window`.
-
-    Raises
-    ------
-    CaseError
-        If the file is missing, cannot be read as a height map, has no unit or no lateral size, has
-        undefined points, is flat, or SurfaceTopography is not installed.
-
-    Notes
-    -----
-    An incomplete file is not detected in formats without length or checksum, such as plain text
-    cut between two rows.
+    path : Path
+        The file.
+    format : str
+        Format of the file in words.
+    channels : tuple of str
+        All channels of the file with number, name, kind, points, size and unit, as text.
+    channel : str
+        Number and name of the channel that was read.
+    heights : ndarray, shape (nx, ny)
+        Heights, m, NaN where they are undefined. A line scan has ``ny = 1``.
+    size : tuple of float
+        Edge lengths, m. The width of a line scan is its length.
+    resolution : float or None
+        Shortest wavelength that the instrument resolves by the metadata of the file, m.
+    interpolated : bool
+        Whether the points of a line scan were uneven, and heights were interpolated linearly.
     """
-    from multiscale.surfaces.surface import Surface, remove_trend
 
-    path = Path(path)
-    _check_file(path)
-    with _reading(path) as (library, reader):
-        entry = _pick_channel(path, reader, channel)
-        if entry.dim == 1 or entry.is_uniform is False:
-            raise CaseError(
-                f"{path}: holds a line scan or scattered points; give a map on a regular grid"
-            )
-        found = {"unit of length": entry.unit, "lateral size": entry.physical_sizes}
-        missing = [name for name, value in found.items() if value is None]
-        if missing:
-            raise CaseError(
-                f"{path}: the file gives no {' and no '.join(missing)}; export it in a format that "
-                f"does (in a text file the header lines '# Width: 10 um', '# Height: 10 um', "
-                f"'# Value units: um'), or build Surface(heights, size) in Python"
-            )
-        topography = entry.topography().to_unit("m")
-        size = tuple(float(length) for length in topography.physical_sizes)
-        heights: np.ndarray = np.ma.filled(np.ma.array(topography.heights(), dtype=float), np.nan)
-        undefined = ~np.isfinite(heights)
-        heights[undefined] = np.nan
+    path: Path
+    format: str
+    channels: tuple[str, ...]
+    channel: str
+    heights: np.ndarray
+    size: tuple[float, float]
+    resolution: float | None = None
+    interpolated: bool = False
+
+    @property
+    def is_profile(self) -> bool:
+        """Whether this is a line scan."""
+        return bool(self.heights.shape[1] == 1)
+
+    def to_surface(self, *, detrend_order: int = 1, fill_undefined: bool = False) -> "Surface":
+        """Remove the trend and fill undefined points; see :func:`read_surface`.
+
+        Raises
+        ------
+        CaseError
+            If points are undefined and not to be filled, or the heights are constant.
+        """
+        from multiscale.surfaces.surface import Surface, remove_trend
+
+        path, undefined = self.path, ~np.isfinite(self.heights)
         n_undefined = np.count_nonzero(undefined)
         if n_undefined == undefined.size:
             raise CaseError(
@@ -97,21 +86,187 @@ def read_surface(
                 f"({n_undefined / undefined.size:.2%}) are undefined; set fill_undefined to true "
                 f"or crop the map in the instrument's software"
             )
-        scale = np.nanmax(np.abs(heights))
-        heights = remove_trend(heights, detrend_order)
+        scale = np.nanmax(np.abs(self.heights))
+        heights = remove_trend(self.heights, detrend_order)
         if np.nanstd(heights) <= 1e-13 * scale:  # round-off of the fit
             raise CaseError(
                 f"{path}: all heights are equal once the {_TRENDS[detrend_order]} is removed; "
                 f"choose a file, or a channel, that holds a rough surface"
             )
-        if undefined.any():
-            masked = np.ma.array(heights, mask=undefined)
-            filled = library.Topography(masked, size).interpolate_undefined_data()
-            heights = np.ma.getdata(filled.heights())
+        if n_undefined:
+            heights = _fill(heights, undefined, self.size)
         try:
-            return Surface(heights, size, undefined if undefined.any() else None)  # type: ignore[arg-type]
+            return Surface(heights, self.size, undefined if n_undefined else None)
         except CaseError as error:
             raise CaseError(f"{path}: {error}") from error
+
+
+def read_surface(
+    path: str | PathLike[str],
+    *,
+    detrend_order: int = 1,
+    fill_undefined: bool = False,
+    channel: int | str | None = None,
+    size: Sequence[float] | None = None,
+    unit: float | None = None,
+) -> "Surface":
+    """Read a measured map from an instrument file.
+
+    Parameters
+    ----------
+    path : path
+        File of any format that SurfaceTopography reads, a NumPy array, or text with a matrix or
+        with points ``x y z``; its content determines the format.
+    detrend_order : {0, 1, 2}
+        Degree of the polynomial that is removed: 0 the mean, 1 a plane (a tilted sample), 2 also
+        the curvature (a ball or a cylinder). The fit uses the defined points only.
+    fill_undefined : bool
+        Fill undefined points, after detrending, by the solution of Laplace's equation with their
+        defined neighbours as boundary values. Filled regions are too smooth, so they lower the
+        root mean square slope; the result marks their points. Without it undefined points are
+        refused.
+    channel : int or str, optional
+        Number, counted from 0, or name of the channel. The format's default height channel if not
+        given.
+    size : sequence of float, optional
+        Edge lengths along x and y, m, instead of those of the file.
+    unit : float, optional
+        Length of one unit of heights (and positions) in the file, m, where the file gives none.
+
+    Returns
+    -------
+    Surface
+        Heights and size in m. The mean height is 0 unless points were filled; ``filled`` marks
+        them, and ``filled_share`` is their share. A measured map is not periodic: see
+        :func:`multiscale.surfaces.mirror` and :func:`~multiscale.surfaces.window`.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, cannot be read as a height map, holds a line scan, has no unit or
+        no lateral size, has undefined points, is flat, or SurfaceTopography is not installed.
+
+    Notes
+    -----
+    An incomplete file is not detected in formats without length or checksum, such as plain text
+    cut between two rows. Text may have a byte order mark, semicolons or tabs, and decimal commas.
+    """
+    found = open_topography(path, channel=channel, size=size, unit=unit)
+    if found.is_profile:
+        raise CaseError(
+            f"{path}: holds a line scan of {found.heights.size} points; give a map, or say by "
+            f"profile in the surface table of a case how the scan stands for one"
+        )
+    return found.to_surface(detrend_order=detrend_order, fill_undefined=fill_undefined)
+
+
+def open_topography(
+    path: str | PathLike[str],
+    *,
+    channel: int | str | None = None,
+    size: Sequence[float] | None = None,
+    unit: float | None = None,
+) -> Topography:
+    """Read one channel of a topography file as it was measured, map or line scan.
+
+    Parameters
+    ----------
+    path, channel, size, unit
+        See :func:`read_surface`; of a line scan only the first length of ``size`` counts.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing or cannot be read, has no such channel, unit or size.
+    """
+    path = Path(path)
+    _check_file(path)
+    with _reading(path) as reader:
+        entry = _pick_channel(path, reader, channel)
+        _check_metadata(path, entry, size, unit)
+        given: dict[str, Any] = {} if entry.unit is not None else {"unit": "m"}
+        if entry.physical_sizes is None:
+            given["physical_sizes"] = tuple(1.0 for _ in entry.nb_grid_pts)
+        topography = entry.topography(**given)
+        if entry.unit is not None:
+            topography = topography.to_unit("m")
+        factor = 1.0 if unit is None else unit
+        resolution = None
+        with suppress(Exception):  # a tip radius that makes no sense
+            resolution = topography.short_reliability_cutoff()
+        uneven = topography.dim == 1 and not topography.is_uniform
+        heights, edges = _even(topography) if uneven else _as_array(topography)
+        if entry.physical_sizes is None or size is not None:
+            assert size is not None  # or the file would have been refused
+            edges, factor_of_size = tuple(size), 1.0
+        else:
+            factor_of_size = factor
+        edges = (*edges, *edges)[:2] if heights.shape[1] == 1 else edges
+        return Topography(
+            path,
+            reader.name(),
+            tuple(_say_channel(one) for one in reader.channels),
+            f"{entry.index} ({entry.name!r})",
+            factor * heights,
+            (factor_of_size * float(edges[0]), factor_of_size * float(edges[1])),
+            None if resolution is None else factor * float(resolution),
+            uneven,
+        )
+
+
+def _check_metadata(
+    path: Path, entry: Any, size: Sequence[float] | None, unit: float | None
+) -> None:
+    """Refuse a file whose size or unit is unknown, or told twice."""
+    if entry.dim not in (1, 2) or (entry.dim == 2 and entry.is_uniform is False):
+        raise CaseError(f"{path}: holds scattered points; give a map on a regular grid")
+    if entry.unit is not None and unit is not None:
+        raise CaseError(f"{path}: the file gives its unit, {entry.unit}; leave out unit")
+    missing = {
+        "lateral size": entry.physical_sizes is None and size is None,
+        "unit of length": entry.unit is None and unit is None,
+    }
+    absent = [name for name, is_missing in missing.items() if is_missing]
+    if absent:
+        keys = [name.split()[-1 if name.endswith("size") else 0] for name in absent]
+        raise CaseError(
+            f"{path}: the file, a {'map' if entry.dim == 2 else 'line scan'}, gives no "
+            f"{' and no '.join(absent)}; give {' and '.join(keys)}, or "
+            f"export it in a format that has them (in a text file the header lines "
+            f"'# Width: 10 um', '# Height: 10 um', '# Value units: um')"
+        )
+    if not all(length > 0.0 for length in (*(size or ()), 1.0 if unit is None else unit)):
+        raise CaseError(f"{path}: size and unit must be positive lengths")
+    if size is not None and len(size) < entry.dim:
+        raise CaseError(f"{path}: size of a map is two lengths, got {len(size)}")
+
+
+def _as_array(topography: Any) -> tuple[np.ndarray, tuple[float, ...]]:
+    """Heights, NaN where undefined, shape (nx, ny), and size, in the unit of a topography."""
+    heights: np.ndarray = np.ma.filled(np.ma.array(topography.heights(), dtype=float), np.nan)
+    heights[~np.isfinite(heights)] = np.nan
+    return np.atleast_2d(heights.T).T, tuple(topography.physical_sizes)
+
+
+def _even(topography: Any) -> tuple[np.ndarray, tuple[float, ...]]:
+    """Interpolate an uneven line scan at as many even points: heights, shape (n, 1), and size."""
+    x, heights = topography.positions_and_heights()
+    even = np.linspace(x[0], x[-1], x.size)
+    length = (x[-1] - x[0]) * x.size / (x.size - 1)
+    return np.interp(even, x, heights)[:, None], (length,)
+
+
+def _fill(heights: np.ndarray, undefined: np.ndarray, size: tuple[float, float]) -> np.ndarray:
+    """Fill undefined points by the solution of Laplace's equation; of line scans linearly."""
+    if heights.shape[1] == 1:
+        known, places = ~undefined[:, 0], np.arange(heights.size)
+        between: np.ndarray = np.interp(places, places[known], heights[known, 0])
+        return between[:, None]
+    from SurfaceTopography import Topography as Map
+
+    masked = np.ma.array(heights, mask=undefined)
+    filled: np.ndarray = np.ma.getdata(Map(masked, size).interpolate_undefined_data().heights())
+    return filled
 
 
 def _check_file(path: Path) -> None:
@@ -133,7 +288,7 @@ def _check_file(path: Path) -> None:
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
+def _reading(path: Path) -> Iterator[Any]:
     """Open a file with SurfaceTopography and report its errors in one sentence."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -147,14 +302,30 @@ def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
             ) from error
         warnings.simplefilter("error", RuntimeWarning)  # arithmetic on a damaged header
         try:
-            stream = path.open("rb")  # not every reader closes a file that it fails to read
+            stream: Any = path.open("rb")  # not every reader closes a file that it fails to read
         except OSError as error:
             raise CaseError(
                 f"{path}: cannot be opened ({error.strerror}); check the permissions"
             ) from error
         try:
-            with stream, SurfaceTopography.open_topography(stream) as reader:
-                yield SurfaceTopography, reader
+            with stream:
+                begin = stream.read(len(NPY))
+                if begin == NPY:
+                    _check_array(path)
+                stream.seek(0)
+                source: Any = str(path) if begin == NPY else _as_text(stream)
+                try:
+                    opened = SurfaceTopography.open_topography(source)
+                except CannotDetectFileFormat:
+                    if begin == NPY:
+                        raise
+                    source.seek(0)
+                    if b"\0" in source.read(4096):
+                        raise
+                    source.seek(0)
+                    opened = SurfaceTopography.open_topography(_with_blanks(source))
+                with opened as reader:
+                    yield reader
         except CaseError:
             raise
         except CannotDetectFileFormat as error:
@@ -170,16 +341,77 @@ def _reading(path: Path) -> Iterator[tuple[Any, Any]]:
             ) from error
 
 
-def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:
-    """Find a channel by number or name among the channels of heights."""
+def _check_array(path: Path) -> None:
+    """Refuse NumPy arrays that are no map and no line scan of real numbers."""
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.ndim not in (1, 2) or array.dtype.kind not in "fiu":
+        raise CaseError(
+            f"{path}: holds an array of shape {array.shape} and type {array.dtype}; a map is a "
+            f"matrix of real numbers (nx, ny)"
+        )
+
+
+_NUMBERS = re.compile(rb"^[-+\d.,;\s]*\d(?:[-+\d.,;\seE]|nan|inf)*$", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(rb"\d,\d")
+_SEPARATOR = re.compile(rb"[;\t ]")
+SEEN_LINES = 200
+
+
+def _as_text(stream: Any) -> Any:
+    """Leave out a byte order mark, and write decimal commas as points where blanks separate."""
+    start = len(BOM) if stream.read(len(BOM)) == BOM else 0
+    stream.seek(start)
+    lines = [line for line in stream.readlines(1 << 16)[:SEEN_LINES] if _NUMBERS.match(line)]
+    commas = bool(lines) and all(
+        _SEPARATOR.search(line.strip()) and b"." not in line and b", " not in line for line in lines
+    )
+    commas = commas and any(_DECIMAL_COMMA.search(line) for line in lines)
+    stream.seek(start)
+    if commas:
+        return _with_blanks(stream, comma=b".")
+    return BytesIO(stream.read()) if start else stream
+
+
+def _with_blanks(stream: Any, comma: bytes = b" ") -> BytesIO:
+    """Separate numbers by blanks in all lines of nothing but numbers."""
+    table = bytes.maketrans(b",;\t", comma + b"  ")
+    return BytesIO(
+        b"".join(line.translate(table) if _NUMBERS.match(line) else line for line in stream)
+    )
+
+
+def _height_channels(reader: Any) -> dict[int, Any]:
+    """Return the channels of heights by number; others have no unit of length."""
     from SurfaceTopography.IO.Reader import DataKind
 
-    known = {entry.index: entry for entry in reader.channels if entry.data_kind == DataKind.HEIGHT}
+    return {
+        entry.index: entry
+        for entry in reader.channels
+        if entry.data_kind == DataKind.HEIGHT and not isinstance(entry.unit, tuple)
+    }
+
+
+def _say_channel(entry: Any) -> str:
+    """Describe a channel in a line."""
+    points = " x ".join(map(str, entry.nb_grid_pts))
+    unit = entry.unit[0] if isinstance(entry.unit, tuple) else entry.unit
+    kind = entry.data_kind.value if not isinstance(entry.unit, tuple) else "other"
+    size = (
+        "no size"
+        if entry.physical_sizes is None
+        else " x ".join(f"{float(edge):.6g}" for edge in entry.physical_sizes)
+    )
+    return f"{entry.index} ({entry.name!r}): {kind}, {points} points, {size} {unit or '(no unit)'}"
+
+
+def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:
+    """Find a channel by number or name among the channels of heights."""
+    known = _height_channels(reader)
     if channel is None and known:
         default = reader.default_channel.index
         return known.get(default, next(iter(known.values())))
     for entry in known.values():
-        if channel in (entry.index, entry.name):
+        if str(channel) in (str(entry.index), entry.name):
             return entry
     listed = ", ".join(f"{index} ({entry.name!r})" for index, entry in known.items())
     raise CaseError(

@@ -1,14 +1,11 @@
 """From a case to its cells: surfaces of both bodies, and one elastic body that stands for both."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import read_surface
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro import Coating, FiniteCell, FlatCell, SecondBody
@@ -17,14 +14,14 @@ from multiscale.micro.cell_maker import Cell
 from multiscale.micro.mesh.file_cell import cell_from_file
 from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.measured_sides import RoughSide, measured_map, measured_side
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.windows import Measured, cut_windows
+from multiscale.pipeline.windows import Measured
 from multiscale.surfaces import composite, self_affine
 from multiscale.surfaces.surface import Surface
 
 __all__ = [
-    "RoughSide",
     "cell_of",
     "coating_caution",
     "composite_coating",
@@ -44,14 +41,6 @@ __all__ = [
 
 ALIKE = 1e-3
 """Relative error of the compliance of a wave below which one body is taken to stand for both."""
-
-
-@dataclass(frozen=True, eq=False)
-class RoughSide:
-    """Realisations of one body's surface, none if it is smooth, and their share of a map."""
-
-    surfaces: list[Surface]
-    measured: Measured | None = None
 
 
 def composite_material(case: Case) -> tuple[float, float]:
@@ -79,7 +68,7 @@ def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
 def longest_wave(case: Case) -> float:
     """Longest wavelength of the roughness of both bodies, m; the cell for a map or a mesh."""
     synthetic = [
-        body.surface.long_cutoff
+        body.surface.longest_wave
         for body in case.bodies
         if body.surface is not None and not isinstance(body.surface, InstrumentSurface)
     ]
@@ -280,7 +269,7 @@ def rough_sides(case: Case) -> list[RoughSide]:
     count, seed = case.micro.realisations, case.micro.seed
     settings = [body.surface for body in case.bodies]
     files = [one.file.resolve() for one in settings if isinstance(one, InstrumentSurface)]
-    maps: dict[tuple[Any, ...], Surface] = {}
+    maps: dict[str, Surface] = {}
     sides = []
     for side, one in enumerate(settings):
         try:
@@ -291,18 +280,16 @@ def rough_sides(case: Case) -> list[RoughSide]:
                 shared = files.count(one.file.resolve()) == 2
                 which = range(side, 2 * count, 2) if shared else range(count)
                 needed = 2 * count if shared else count
-                order, fill = one.detrend_order, one.fill_undefined
-                key = (one.file.resolve(), order, fill)
+                key = one.checksum(exclude={"filled", "periodic", "short_cutoff"})
                 if key not in maps:
-                    maps[key] = read_surface(one.file, detrend_order=order, fill_undefined=fill)
-                pieces, record = cut_windows(maps[key], one, case.cell, which, needed, seed)
-                if side == 1:  # measured from outside: turned over as paper is
-                    pieces = [Surface(piece.heights[::-1], piece.size) for piece in pieces]
-                sides.append(RoughSide(pieces, record))
+                    maps[key] = measured_map(one)
+                sides.append(
+                    measured_side(maps[key], one, case.cell, which, needed, seed, side=side)
+                )
             else:  # the two sides are independent
-                grid, given = (case.cell.points, case.cell.size), one.model_dump()
+                grid = (case.cell.points, case.cell.size)
                 seeds = range(2 * seed + side, 2 * (seed + count), 2)
-                sides.append(RoughSide([self_affine(*grid, k, **given) for k in seeds]))
+                sides.append(RoughSide([self_affine(*grid, k, **one.options) for k in seeds]))
         except CaseError as error:
             raise CaseError(f"[body_{side + 1}.surface] {error}") from error
     return sides

@@ -65,7 +65,7 @@ def surface_at_large(case: Case) -> "Surface | None":
     synthetic = [one for one in surfaces if isinstance(one, SyntheticSurface)]
     if len(synthetic) < len(surfaces):
         return None
-    wave = max(one.long_cutoff for one in synthetic)
+    wave = max(one.longest_wave for one in synthetic)
     wanted = MANY_WAVES * wave / max(case.cell.size)
     room = MOST_POINTS / max(case.cell.points)
     larger = 2 ** max(0, int(np.ceil(np.log2(min(wanted, room)))))
@@ -136,6 +136,7 @@ def _is_plain(case: Case) -> bool:
     return (
         len(set(case.cell.size)) == 1
         and one.roll_off in (None, one.long_cutoff)
+        and one.anisotropy is None
         and HURST_RANGE[0] <= one.hurst_exponent <= HURST_RANGE[1]
         and BAND_RANGE[0] <= one.long_cutoff / one.short_cutoff <= BAND_RANGE[1]
     )

@@ -1,9 +1,10 @@
 """What a case may say of its two bodies: their surfaces, and what they are made of."""
 
+from math import pi
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from multiscale.micro.coating import Coating
 from multiscale.pipeline.toml_model import (
@@ -17,8 +18,16 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
+from multiscale.surfaces import Anisotropy
 
-__all__ = ["TABOR", "CoatingSettings", "InstrumentSurface", "RoughBody", "SyntheticSurface"]
+__all__ = [
+    "TABOR",
+    "AnisotropySettings",
+    "CoatingSettings",
+    "InstrumentSurface",
+    "RoughBody",
+    "SyntheticSurface",
+]
 
 TABOR, INDENTED = 2.8, 0.08
 """Hardness over flow stress, and plastic strain of that under a Vickers indenter (D. Tabor, The
@@ -26,6 +35,21 @@ Hardness of Metals, Oxford 1951)."""
 
 
 Slope = Annotated[Number, Field(gt=0.0)]
+Angle = Annotated[float, quantity("rad"), with_unit("rad")]
+UnitOfLength = Annotated[
+    Length, BeforeValidator(lambda value: f"1 {value}" if str(value)[:1].isalpha() else value)
+]
+
+
+class AnisotropySettings(Settings):
+    """Lay of a synthetic surface, along which its waves are longer."""
+
+    ratio: Annotated[Number, Field(ge=1.0, le=100.0)] = Field(
+        description="Length of the waves along the lay over their length across it."
+    )
+    direction: Angle = Field(
+        0.0, description='Angle of ridges and grooves to the x axis, rad; it may be `"30 deg"`.'
+    )
 
 
 class SyntheticSurface(Settings):
@@ -44,7 +68,13 @@ class SyntheticSurface(Settings):
     short_cutoff: Length = Field(
         description="Shortest wave, m; it wants eight grid points or more."
     )
-    roll_off: Length | None = Field(None, description="Wave above which the spectrum is flat, m.")
+    roll_off: Length | None = Field(
+        None,
+        description="Wave above which the spectrum is flat, m; the longest wave if not given.",
+    )
+    anisotropy: AnisotropySettings | None = Field(
+        None, description="Lay, across which the wavelengths above hold; none if not given."
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -57,11 +87,49 @@ class SyntheticSurface(Settings):
             )
         return self
 
+    @property
+    def longest_wave(self) -> float:
+        """Longest wavelength in any direction, m."""
+        return self.long_cutoff * (1.0 if self.anisotropy is None else self.anisotropy.ratio)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Options of :func:`multiscale.surfaces.self_affine`."""
+        lay = self.anisotropy and Anisotropy(self.anisotropy.ratio, self.anisotropy.direction)
+        return self.model_dump() | {"anisotropy": lay}
+
 
 class InstrumentSurface(Settings):
     """A measured map, cut into one window per realisation."""
 
-    file: Path = Field(description="Instrument file of any format that SurfaceTopography reads.")
+    file: Path = Field(
+        description="Instrument file of any format that SurfaceTopography reads, a NumPy array, or "
+        "text with a matrix, or with points `x y z`."
+    )
+    channel: int | str | None = Field(
+        None, description="Number, from 0, or name of a channel; the channel of heights if one."
+    )
+    size: tuple[Length, ...] | None = Field(
+        None,
+        min_length=1,
+        max_length=2,
+        description="Edge lengths along x and y, or the length of a line scan, m, instead of those "
+        "of the file.",
+    )
+    unit: UnitOfLength | None = Field(
+        None,
+        description='Unit of the numbers in the file, such as `"um"`, where the file gives none.',
+    )
+    rotate: Angle = Field(
+        0.0,
+        description="Angle, rad, by which the map is turned counter-clockwise before it is cut; "
+        "exact for multiples of 90 degrees, interpolated otherwise.",
+    )
+    profile: Literal["isotropic", "one_directional"] | None = Field(
+        None,
+        description="How a line scan stands for a surface: `isotropic` ones with its spectrum, or "
+        "grooves along y with the scan across them.",
+    )
     detrend_order: Count = Field(
         2,
         ge=0,
@@ -78,6 +146,18 @@ class InstrumentSurface(Settings):
         description="Shortest wave kept, m; eight points of the cell's grid if not given, so that "
         "another grid has another surface.",
     )
+
+    @model_validator(mode="after")
+    def _check_turn(self) -> Self:
+        quarters = self.rotate / (0.5 * pi)
+        if self.profile == "isotropic" and self.rotate != 0.0:
+            raise ValueError("rotate means nothing to isotropic surfaces; leave it out")
+        if self.profile == "one_directional" and abs(quarters - round(quarters)) > 1e-9:
+            raise ValueError(
+                "rotate of a line scan is a multiple of 90 degrees; grooves along an edge of the "
+                "cell stay straight where it repeats itself"
+            )
+        return self
 
 
 def _kind_of_surface(value: Any) -> str:

@@ -1,6 +1,7 @@
 """Windows of a measured map as surfaces of cells, and what is left of its roughness in them."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -13,9 +14,9 @@ from multiscale.surfaces import (
     Spectrum,
     crop,
     detrend,
+    find_lay,
     low_pass,
     mirror,
-    oblique_lay,
     resample,
     spectrum,
     window,
@@ -62,6 +63,8 @@ def cut_windows(
     which: range,
     needed: int,
     seed: int,
+    *,
+    of_map: Spectrum | None = None,
 ) -> tuple[list[Surface], Measured]:
     """Cut separate windows from a measured map and make them periodic and band-limited.
 
@@ -75,6 +78,8 @@ def cut_windows(
         Numbers of the windows to cut, and how many the map must hold.
     seed : int
         Seed of the order of the windows, which are the same whatever their number.
+    of_map : Spectrum, optional
+        Spectrum of the map, not periodic, where it is known already.
 
     Returns
     -------
@@ -116,7 +121,8 @@ def cut_windows(
             f"{settings.file.name} has a window without waves of {cutoff:.3g} m and more; give a "
             f"finer grid with a shorter short_cutoff"
         )
-    of_map, of_pieces = spectrum([whole], periodic=False), spectrum(pieces, periodic=False)
+    of_map = of_map or spectrum([whole], periodic=False)
+    of_pieces = spectrum(pieces, periodic=False)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
     return surfaces, Measured(
         stages,
@@ -171,9 +177,12 @@ def _corners(
     (nx, ny), (m, n) = whole.heights.shape, pixels
     if m > nx or n > ny:
         return []
+    random = np.random.default_rng(seed)
+    if whole.filled is None:
+        tiles = list(product(range(0, nx - m + 1, m), range(0, ny - n + 1, n)))
+        return [tiles[k] for k in random.permutation(len(tiles))]
     total = np.zeros((nx + 1, ny + 1))
-    if whole.filled is not None:
-        total[1:, 1:] = np.cumsum(np.cumsum(whole.filled, axis=0), axis=1)
+    total[1:, 1:] = np.cumsum(np.cumsum(whole.filled, axis=0), axis=1)
     filled = (total[m:, n:] - total[:-m, n:] - total[m:, :-n] + total[:-m, :-n]) / (m * n)
     places = np.argsort(filled, axis=None, kind="stable")
     free, taken = filled <= most, []
@@ -181,7 +190,7 @@ def _corners(
         if free[i, j]:
             taken.append((i, j))
             free[max(0, i - m + 1) : i + m, max(0, j - n + 1) : j + n] = False
-    order = np.random.default_rng(seed).permutation(len(taken))
+    order = random.permutation(len(taken))
     return sorted((taken[k] for k in order), key=lambda corner: filled[corner])
 
 
@@ -269,10 +278,10 @@ def _losses(
 
 def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> list[str]:
     """Caution against mirroring a lay that is oblique to the edges of the window."""
-    angle, oblique = oblique_lay(whole, cutoff)
-    if settings.periodic != "mirror" or oblique < OBLIQUE:
+    lay = find_lay(whole, cutoff)
+    if settings.periodic != "mirror" or lay.oblique < OBLIQUE:
         return []
-    degrees = np.rad2deg(angle)
+    degrees = np.rad2deg(lay.angle)
     return [
         f"the lay runs at {degrees:.0f} degrees to the x axis, and mirrored it becomes a "
         f"herringbone of {degrees:.0f} and {180.0 - degrees:.0f} degrees: measure the map along "

@@ -23,6 +23,11 @@ from multiscale.plotting.grain_figures import (
     plot_grain_energies,
 )
 from multiscale.plotting.growth_figures import plot_growth
+from multiscale.plotting.inspection_figures import (
+    plot_bearing_curve,
+    plot_measured_heights,
+    plot_spectral_density,
+)
 from multiscale.plotting.interface_figures import (
     MOST_DRAWN,
     load_pictures,
@@ -80,6 +85,7 @@ __all__ = [
     "load_pictures",
     "plot_amplitudes",
     "plot_area_law",
+    "plot_bearing_curve",
     "plot_biaxial_curve",
     "plot_bolt_forces",
     "plot_braking_force",
@@ -101,10 +107,12 @@ __all__ = [
     "plot_joint_plan",
     "plot_joint_stiffness",
     "plot_load_paths",
+    "plot_measured_heights",
     "plot_road",
     "plot_shear_law",
     "plot_sliding_friction",
     "plot_sorted_tensions",
+    "plot_spectral_density",
     "plot_steady_friction",
     "plot_stiffness_against_damage",
     "plot_surface",

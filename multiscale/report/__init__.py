@@ -2,7 +2,7 @@
 
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
-from multiscale.report.page import show_run, write_report, write_reports
+from multiscale.report.page import show_run, write_inspection, write_report, write_reports
 
 __all__ = [
     "FinishedRun",
@@ -10,6 +10,7 @@ __all__ = [
     "open_finished",
     "show_run",
     "tabulate_links",
+    "write_inspection",
     "write_report",
     "write_reports",
 ]

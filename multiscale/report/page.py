@@ -8,15 +8,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from multiscale.executors import run_jobs
-from multiscale.io import read_bytes, reading_run, write_bytes
+from multiscale.io import (
+    make_folder,
+    open_dataset,
+    read_bytes,
+    reading_run,
+    write_bytes,
+    write_dataset,
+)
+from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section
 from multiscale.report.finished_run import FinishedRun, draw_sections, open_finished
+from multiscale.schema import SURFACE_STATISTICS
 from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["show_run", "write_report", "write_reports"]
+__all__ = ["show_run", "write_inspection", "write_report", "write_reports"]
 
 
 def show_run(out: str | Path) -> FinishedRun:
@@ -39,6 +48,18 @@ def write_report(out: str | Path) -> Path:
     with reading_run(out):
         run = open_finished(Path(out))
         return _write(run, run.sections())
+
+
+def write_inspection(out: str | Path, statistics: "xr.Dataset") -> Path:
+    """Write dataset, figures and ``report.html`` of an inspected surface into a folder."""
+    name, folder = INSPECTION.name, make_folder(Path(out))
+    write_dataset(statistics, folder / INSPECTION.file, SURFACE_STATISTICS)
+    kept = open_dataset(folder / INSPECTION.file, SURFACE_STATISTICS)
+    cautions = list(INSPECTION.cautions(kept))
+    run = FinishedRun(folder, (INSPECTION,), {name: kept}, cautions, "", {"surface": kept.title})
+    sections = run.sections()
+    draw_sections(folder, sections)
+    return _write(run, sections)
 
 
 def write_reports(

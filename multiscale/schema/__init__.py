@@ -21,6 +21,7 @@ from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPAR
 from multiscale.schema.stability_schema import STABILITY
 from multiscale.schema.stored_cells_schema import STORED_CELLS
 from multiscale.schema.structure_schema import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.surface_schema import SURFACE_STATISTICS
 from multiscale.schema.sweep_schema import SWEEP
 from multiscale.schema.work_precision_schema import WORK_PRECISION
 
@@ -48,6 +49,7 @@ __all__ = [
     "SLIDING_RESPONSE",
     "STABILITY",
     "STORED_CELLS",
+    "SURFACE_STATISTICS",
     "SWEEP",
     "UNLOADING",
     "WOEHLER",
@@ -83,5 +85,6 @@ SCHEMAS = {
         CONTROL_RESPONSE,
         SLIDING_RESPONSE,
         STABILITY,
+        SURFACE_STATISTICS,
     )
 }

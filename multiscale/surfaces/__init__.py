@@ -12,6 +12,12 @@ so that a mean over the cell is a sum over the waves,
 and the size of the cell see :class:`multiscale.surfaces.Surface`.
 """
 
+from multiscale.surfaces.map_statistics import (
+    SelfAffineFit,
+    describe_surface,
+    fit_of_statistics,
+    fit_self_affine,
+)
 from multiscale.surfaces.preparation import (
     composite,
     crop,
@@ -19,9 +25,10 @@ from multiscale.surfaces.preparation import (
     low_pass,
     mirror,
     resample,
+    rotate,
     window,
 )
-from multiscale.surfaces.roughness import Roughness, Spectrum, oblique_lay, spectrum
+from multiscale.surfaces.roughness import Lay, Roughness, Spectrum, find_lay, spectrum
 from multiscale.surfaces.statistics import (
     nayak_parameter,
     power_spectral_density,
@@ -29,23 +36,30 @@ from multiscale.surfaces.statistics import (
     rms_slope,
 )
 from multiscale.surfaces.surface import Surface
-from multiscale.surfaces.synthesis import self_affine
+from multiscale.surfaces.synthesis import Anisotropy, self_affine
 
 __all__ = [
+    "Anisotropy",
+    "Lay",
     "Roughness",
+    "SelfAffineFit",
     "Spectrum",
     "Surface",
     "composite",
     "crop",
+    "describe_surface",
     "detrend",
+    "find_lay",
+    "fit_of_statistics",
+    "fit_self_affine",
     "low_pass",
     "mirror",
     "nayak_parameter",
-    "oblique_lay",
     "power_spectral_density",
     "resample",
     "rms_height",
     "rms_slope",
+    "rotate",
     "self_affine",
     "spectrum",
     "window",

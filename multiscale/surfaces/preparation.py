@@ -7,7 +7,7 @@ from multiscale.errors import CaseError
 from multiscale.surfaces.statistics import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
-__all__ = ["composite", "crop", "detrend", "low_pass", "mirror", "resample", "window"]
+__all__ = ["composite", "crop", "detrend", "low_pass", "mirror", "resample", "rotate", "window"]
 
 _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 
@@ -104,6 +104,49 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
     piece = np.s_[i : i + nx, j : j + ny]
     filled = None if surface.filled is None else surface.filled[piece]
     return Surface(surface.heights[piece], (nx * dx, ny * dy), filled)
+
+
+def rotate(surface: Surface, angle: float) -> Surface:
+    """Turn a map counter-clockwise.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map; it need not be periodic.
+    angle : float
+        Angle, rad. Multiples of a right angle are exact. Otherwise heights are interpolated by
+        cubic splines, which damps the shortest waves, and the result is the largest rectangle,
+        with sides in the ratio of the map or its inverse, that lies in the turned map.
+
+    Returns
+    -------
+    Surface
+        Map of the same spacing. Points whose neighbours were filled count as filled.
+    """
+    from scipy.ndimage import map_coordinates
+
+    quarters = round(angle / (0.5 * np.pi))
+    heights = np.rot90(surface.heights, quarters)
+    a, b = surface.size
+    size = (a, b) if quarters % 2 == 0 else (b, a)
+    filled = None if surface.filled is None else np.rot90(surface.filled, quarters)
+    turn = angle - 0.5 * np.pi * quarters
+    if abs(turn) < _ROUND_OFF:
+        return Surface(heights, size, filled)
+    dx, dy = size[0] / heights.shape[0], size[1] / heights.shape[1]
+    lx, ly = (heights.shape[0] - 1) * dx, (heights.shape[1] - 1) * dy
+    c, s = np.cos(turn), np.sin(turn)
+    scale = min(lx / (lx * c + ly * abs(s)), ly / (lx * abs(s) + ly * c))
+    nx, ny = (int(scale * edge / step + _ROUND_OFF) + 1 for edge, step in ((lx, dx), (ly, dy)))
+    x, y = np.meshgrid(
+        (np.arange(nx) - 0.5 * (nx - 1)) * dx, (np.arange(ny) - 0.5 * (ny - 1)) * dy, indexing="ij"
+    )
+    middle = 0.5 * np.array(heights.shape) - 0.5
+    places = np.stack([(c * x + s * y) / dx + middle[0], (c * y - s * x) / dy + middle[1]])
+    turned = map_coordinates(heights, places, order=3, mode="nearest")
+    if filled is not None:
+        filled = map_coordinates(filled.astype(float), places, order=1, mode="nearest") > 0.0
+    return Surface(turned, (nx * dx, ny * dy), filled)
 
 
 def resample(surface: Surface, points: tuple[int, int]) -> Surface:

@@ -10,7 +10,7 @@ from multiscale.surfaces.preparation import window
 from multiscale.surfaces.statistics import wave_power
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["Roughness", "Spectrum", "oblique_lay", "spectrum"]
+__all__ = ["Lay", "Roughness", "Spectrum", "find_lay", "spectrum"]
 
 NEGLECTED_SHARE = 0.01  # share of the mean squares beyond the longest and the shortest wave
 
@@ -74,6 +74,12 @@ class Spectrum:
         """
         return self._reach(self.wavenumber, self.power * self.wavenumber**order, share)
 
+    def share(self, long: float, short: float, *, order: int) -> float:
+        """Share of the rms height (order 0) or slope (2) in the waves from long to short, m."""
+        weight = self.power * self.wavenumber**order
+        ends = np.searchsorted(self.wavenumber, (2.0 * np.pi / long, 2.0 * np.pi / short))
+        return float(np.sqrt(np.sum(weight[slice(*ends)]) / np.sum(weight)))
+
     def length_holding(self, share: float) -> float:
         """Find the shortest length whose waves up to it have a share of the rms height, m."""
         return self._reach(self.wavenumber[::-1], self.power[::-1], share)
@@ -126,6 +132,8 @@ def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float,
     known = np.ones(level.shape, dtype=bool) if surface.filled is None else ~surface.filled
     slopes = [0.0, 0.0]
     for axis, step in enumerate(surface.spacing):
+        if level.shape[axis] == 1:  # a profile
+            continue
         square = (np.diff(level, axis=axis) / step) ** 2
         both = np.logical_and(*(np.delete(known, end, axis=axis) for end in (0, -1)))
         slopes[0] += float(np.mean(square[both])) if both.any() else 0.0
@@ -133,8 +141,28 @@ def _measured(surface: Surface, level: np.ndarray) -> tuple[float, float, float,
     return float(np.mean(level[known] ** 2)), slopes[0], float(np.mean(level**2)), slopes[1]
 
 
-def oblique_lay(surface: Surface, short_cutoff: float) -> tuple[float, float]:
-    r"""Direction of the lay of a map, and the share of it that a mirror image loses.
+@dataclass(frozen=True)
+class Lay:
+    r"""Direction of ridges and grooves.
+
+    Attributes
+    ----------
+    angle : float
+        Angle of the lay to the x axis, rad, from 0 to pi.
+    ratio : float
+        Root mean square slope across the lay over the slope along it, at least 1.
+    oblique : float
+        Share of the lay that a mirror image loses: 0 for an isotropic map and for a lay along an
+        axis, :math:`|\sin 2\theta|` for parallel ridges.
+    """
+
+    angle: float
+    ratio: float
+    oblique: float
+
+
+def find_lay(surface: Surface, short_cutoff: float) -> Lay:
+    r"""Find the direction of the lay of a map, and how much of it a mirror image loses.
 
     Parameters
     ----------
@@ -143,16 +171,13 @@ def oblique_lay(surface: Surface, short_cutoff: float) -> tuple[float, float]:
     short_cutoff : float
         Shortest wavelength that counts, m.
 
-    Returns
-    -------
-    angle : float
-        Angle of the lay (the direction of ridges and grooves) to the x axis, rad, from 0 to pi.
-    oblique : float
-        :math:`2 |T_{xy}| / (T_{xx} + T_{yy})` of
-        :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla h^T \rangle`:
-        0 for an isotropic map and for a lay along an axis, :math:`|\sin 2\theta|` for parallel
-        ridges. A mirror image has four waves :math:`(\pm q_x, \pm q_y)` for a wave
-        :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes: ridges become a herringbone.
+    Notes
+    -----
+    Of :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla h^T \rangle` the
+    eigenvalues are the mean square slopes across and along the lay, and
+    :math:`2 |T_{xy}| / (T_{xx} + T_{yy})` is lost in a mirror image, which has four waves
+    :math:`(\pm q_x, \pm q_y)` for a wave :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes:
+    ridges become a herringbone.
     """
     faded = window(surface, taper=0.5)
     q, power = wave_power(faded)
@@ -160,5 +185,7 @@ def oblique_lay(surface: Surface, short_cutoff: float) -> tuple[float, float]:
     (nx, ny), (dx, dy) = faded.heights.shape, faded.spacing
     qx, qy = 2.0 * np.pi * fft.fftfreq(nx, dx)[:, None], 2.0 * np.pi * fft.rfftfreq(ny, dy)
     xx, yy, xy = (float(np.sum(product * power)) for product in (qx**2, qy**2, qx * qy))
-    across = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    return float((across + 0.5 * np.pi) % np.pi), 2.0 * abs(xy) / max(xx + yy, 1e-300)
+    along, across = np.linalg.eigvalsh([[xx, xy], [xy, yy]])
+    angle = float((0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi) % np.pi)
+    ratio = float(np.sqrt(across / max(along, 1e-12 * across))) if across > 0.0 else 1.0
+    return Lay(angle, ratio, 2.0 * abs(xy) / max(xx + yy, 1e-300))

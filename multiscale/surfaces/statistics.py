@@ -72,10 +72,13 @@ def nayak_parameter(surface: Surface) -> float:
     ----------
     .. [1] P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608.
     """
-    slope_square = _moment(surface, 2)
+    q, power = wave_power(surface)
+    height_square, slope_square, curvature_square = (
+        float(np.sum(weight)) for weight in (power, q**2 * power, (q**2) ** 2 * power)
+    )
     if slope_square == 0.0:
         raise CaseError("a flat surface has no Nayak parameter; give a rough one")
-    m0, m2, m4 = _moment(surface, 0), slope_square / 2.0, 3.0 / 8.0 * _moment(surface, 4)
+    m0, m2, m4 = height_square, slope_square / 2.0, 3.0 / 8.0 * curvature_square
     return float(m0 * m4 / m2**2)  # (3)
 
 

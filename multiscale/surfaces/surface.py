@@ -104,11 +104,17 @@ def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
         raise CaseError(
             f"the detrending order must be 0 (mean), 1 (plane) or 2 (curvature), got {order!r}"
         )
-    x, y = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in heights.shape), indexing="ij")
     powers = [(i, j) for i in range(order + 1) for j in range(order + 1 - i)]
-    basis = np.stack([x**i * y**j for i, j in powers], axis=-1)
+    x, y = (np.vander(np.linspace(-1.0, 1.0, n), 2 * order + 1, True) for n in heights.shape)
     defined = np.isfinite(heights)
     heights = heights - np.mean(heights[defined])  # a large offset would cost digits of the fit
-    coefficients = np.linalg.lstsq(basis[defined], heights[defined], rcond=None)[0]
-    detrended: np.ndarray = heights - basis @ coefficients
+    moments = x.T @ defined @ y  # sums of x^i y^j over the defined points
+    matrix = np.array([[moments[i + k, j + m] for k, m in powers] for i, j in powers])
+    for _ in range(2):  # the second pass removes the round-off of the first
+        weighted = x.T @ np.where(defined, heights, 0.0) @ y
+        sums = np.array([weighted[power] for power in powers])
+        fitted = np.zeros((order + 1, order + 1))
+        fitted[tuple(zip(*powers, strict=True))] = np.linalg.lstsq(matrix, sums, rcond=1e-12)[0]
+        heights = heights - x[:, : order + 1] @ fitted @ y[:, : order + 1].T
+    detrended: np.ndarray = heights
     return detrended

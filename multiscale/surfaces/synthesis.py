@@ -1,14 +1,37 @@
 """Self-affine surfaces from random phases."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import fft
 
 from multiscale.errors import CaseError
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["self_affine"]
+__all__ = ["Anisotropy", "self_affine"]
 
 _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
+
+
+@dataclass(frozen=True)
+class Anisotropy:
+    """Lay of a rough surface whose waves are longer along one direction.
+
+    Attributes
+    ----------
+    ratio : float
+        Length of the waves along the lay over their length across it, at least 1; also the root
+        mean square slope across the lay over the slope along it.
+    direction : float
+        Angle of the lay, the direction of ridges and grooves, to the x axis, rad.
+    """
+
+    ratio: float
+    direction: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.ratio < np.inf:
+            raise CaseError(f"the ratio of an anisotropy must be at least 1, got {self.ratio:g}")
 
 
 def self_affine(
@@ -22,8 +45,9 @@ def self_affine(
     roll_off: float | None = None,
     rms_height: float | None = None,
     rms_slope: float | None = None,
+    anisotropy: Anisotropy | None = None,
 ) -> Surface:
-    r"""Make a periodic, isotropic, self-affine surface with a band-limited spectrum.
+    r"""Make a periodic, self-affine surface with a band-limited spectrum.
 
     Parameters
     ----------
@@ -40,6 +64,8 @@ def self_affine(
     rms_height, rms_slope : float, optional
         Root mean square height, m, or slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`,
         dimensionless; exactly one of them.
+    anisotropy : Anisotropy, optional
+        Lay of the surface, whose cut-offs and roll-off then hold across it; isotropic if not given.
 
     Raises
     ------
@@ -55,7 +81,9 @@ def self_affine(
         \hat h_q \propto \max(q, 2\pi/\lambda_r)^{-1-H}\, e^{i \varphi_q}
         \quad\text{for}\quad 2\pi/\lambda_l \le q \le 2\pi/\lambda_s,    \tag{2}
 
-    and 0 elsewhere, so the power spectral density falls as :math:`q^{-2-2H}`.
+    and 0 elsewhere, so the power spectral density falls as :math:`q^{-2-2H}`. With an anisotropy of
+    ratio r the wavenumber q is replaced by :math:`(q_\perp^2 + r^2 q_\parallel^2)^{1/2}` of the
+    components across and along the lay.
 
     Only the phases are random, not the moduli. Hence every realisation has exactly the given root
     mean square height or slope, and the same spectrum. The scatter of an ensemble with Gaussian
@@ -89,15 +117,17 @@ def self_affine(
 
     i, j, q = _waves(size, short_cutoff)
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=q.size)
-    band = q >= 2.0 * np.pi / long_cutoff * (1.0 - _ROUND_OFF)
+    across = q if anisotropy is None else _stretched(i, j, size, anisotropy)
+    band = across >= 2.0 * np.pi / long_cutoff * (1.0 - _ROUND_OFF)
+    band &= across <= 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)
     if not band.any():
         raise CaseError(
             f"no wave of the {size[0]:g} m x {size[1]:g} m cell lies between short_cutoff "
             f"{short_cutoff:g} m and long_cutoff {long_cutoff:g} m; widen the band"
         )
-    i, j, q, phase = i[band], j[band], q[band], phase[band]
+    i, j, q, across, phase = i[band], j[band], q[band], across[band], phase[band]
     q_roll_off = 2.0 * np.pi / roll_off
-    modulus = (np.maximum(q, q_roll_off) / q_roll_off) ** (-1.0 - hurst_exponent)  # (2)
+    modulus = (np.maximum(across, q_roll_off) / q_roll_off) ** (-1.0 - hurst_exponent)  # (2)
     if rms_height is not None:
         modulus *= rms_height / np.sqrt(2.0 * np.sum(modulus**2))  # 2: the waves -q
     else:
@@ -109,6 +139,15 @@ def self_affine(
     axis = j == 0  # here the transform needs q and -q
     spectrum[-i[axis] % nx, 0] = spectrum[i[axis] % nx, 0].conj()
     return Surface(fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
+
+
+def _stretched(
+    i: np.ndarray, j: np.ndarray, size: tuple[float, float], lay: Anisotropy
+) -> np.ndarray:
+    """Wavenumbers with the component along the lay stretched by its ratio, rad/m."""
+    qx, qy = 2.0 * np.pi * i / size[0], 2.0 * np.pi * j / size[1]
+    c, s = np.cos(lay.direction), np.sin(lay.direction)
+    return np.asarray(np.hypot(c * qy - s * qx, lay.ratio * (c * qx + s * qy)))
 
 
 def _waves(

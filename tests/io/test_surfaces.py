@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.io import read_surface
+from multiscale.io import open_topography, read_surface
 from multiscale.surfaces import Surface, crop, detrend
 from multiscale.surfaces.surface import remove_trend
 from tests.support import run_python
@@ -161,12 +161,12 @@ def test_channel_is_found_by_name_and_by_number(tmp_path, heights):
         pytest.param(b"1\n2\n3\n4\n5\n", "line scan", id="line-scan"),
         pytest.param(
             b"# Width: 4 um\n# Height: 4 um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
-            "gives no unit of length; export",
+            "gives no unit of length; give unit, or export",
             id="no-unit",
         ),
         pytest.param(
             b"# Value units: um\n1 2 3 4\n2 2 3 4\n1 2 5 4\n1 2 3 4\n",
-            "gives no lateral size; export",
+            "gives no lateral size; give size, or export",
             id="no-size",
         ),
         pytest.param(
@@ -296,3 +296,62 @@ def test_corrupted_header_gives_a_surface_or_a_sentence(reference_data, tmp_path
         except CaseError as error:
             outcome = str(error).startswith(f"{copy}: ")
         assert outcome
+
+
+# Text of every kind
+
+
+def written(numbers, separator, comma, mark):
+    rows = "\n".join(separator.join(f"{h:.6g}" for h in row) for row in numbers) + "\n"
+    return (b"\xef\xbb\xbf" if mark else b"") + rows.replace(".", comma).encode()
+
+
+@pytest.mark.parametrize("mark", [False, True], ids=["plain", "byte-order-mark"])
+@pytest.mark.parametrize(
+    ("separator", "comma"),
+    [(" ", "."), ("\t", "."), (",", "."), (";", "."), (";", ","), ("\t", ","), (" ", ",")],
+)
+def test_a_matrix_is_read_whatever_separates_its_numbers(tmp_path, heights, separator, comma, mark):
+    path = tmp_path / "matrix.txt"
+    path.write_bytes(written(heights.T, separator, comma, mark))
+    found = read_surface(path, size=(12e-6, 5e-6), unit=1e-9, detrend_order=0)
+    assert found.size == (12e-6, 5e-6)
+    np.testing.assert_allclose(found.heights, 1e-9 * (heights - heights.mean()), atol=1e-14)
+
+
+@pytest.mark.parametrize(("separator", "comma"), [(" ", "."), (",", "."), (";", ","), ("\t", ",")])
+def test_points_x_y_z_and_line_scans_are_read_with_their_unit(tmp_path, heights, separator, comma):
+    points = [(0.5 * i, 0.25 * j, heights[i, j]) for i in range(6) for j in range(5)]
+    path = tmp_path / "points.txt"
+    path.write_bytes(written(points, separator, comma, False))
+    found = open_topography(path, unit=1e-6)
+    assert found.size == pytest.approx((3e-6, 1.25e-6))
+    np.testing.assert_allclose(found.heights, 1e-6 * heights, atol=1e-11)
+    path.write_bytes(
+        written([(0.5 * k, h) for k, h in enumerate(heights.ravel())], separator, comma, True)
+    )
+    scan = open_topography(path, unit=1e-6)
+    assert scan.is_profile
+    assert scan.size[0] == pytest.approx(15e-6)
+    np.testing.assert_allclose(scan.heights[:, 0], 1e-6 * heights.ravel(), atol=1e-11)
+    with pytest.raises(CaseError, match="holds a line scan of 30 points"):
+        read_surface(path, unit=1e-6)
+
+
+def test_a_unit_that_the_file_gives_is_not_told_twice(tmp_path, heights):
+    with pytest.raises(CaseError, match="the file gives its unit, nm; leave out unit"):
+        read_surface(write_text(tmp_path / "map.txt", heights), unit=1e-6)
+    larger = read_surface(write_text(tmp_path / "map.txt", heights), size=(24e-6, 10e-6))
+    assert larger.size == (24e-6, 10e-6)
+
+
+def test_channels_that_are_no_heights_are_listed_and_refused(reference_data):
+    file = reference_data / "topography" / "di-3.di"
+    assert [one.split(":")[1].split(",")[0].strip() for one in open_topography(file).channels] == [
+        "height",
+        "other",
+        "other",
+        "height",
+    ]
+    with pytest.raises(CaseError, match=r"no channel 'Phase'.*: 0 \('ZSensor'\), 3 \('Height'\)"):
+        read_surface(file, channel="Phase")

@@ -6,9 +6,9 @@ import pytest
 from multiscale.surfaces import (
     Surface,
     crop,
+    find_lay,
     low_pass,
     mirror,
-    oblique_lay,
     rms_height,
     rms_slope,
     self_affine,
@@ -85,13 +85,13 @@ def ridges(degrees, n=128):
 
 @pytest.mark.parametrize("degrees", [0, 30, 45, 90, 120])
 def test_the_lay_and_what_a_mirror_loses_of_it_are_read_from_the_spectrum(degrees):
-    angle, oblique = oblique_lay(ridges(degrees), 0.05)
-    turned = (np.rad2deg(angle) - degrees + 90.0) % 180.0 - 90.0
+    lay = find_lay(ridges(degrees), 0.05)
+    turned = (np.rad2deg(lay.angle) - degrees + 90.0) % 180.0 - 90.0
     assert abs(turned) < 0.5
-    assert oblique == pytest.approx(abs(np.sin(2.0 * np.deg2rad(degrees))), abs=0.02)
+    assert lay.oblique == pytest.approx(abs(np.sin(2.0 * np.deg2rad(degrees))), abs=0.02)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_isotropic_surface_has_no_oblique_lay(seed):
     rough = self_affine((128, 128), (1e-4, 1e-4), seed, rms_height=1e-6, **BAND)
-    assert oblique_lay(rough, BAND["short_cutoff"])[1] < 0.15
+    assert find_lay(rough, BAND["short_cutoff"]).oblique < 0.15

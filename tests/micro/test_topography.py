@@ -8,6 +8,7 @@ from multiscale.errors import CaseError
 from multiscale.io import read_surface
 from multiscale.micro import self_affine
 from multiscale.surfaces import (
+    Anisotropy,
     Surface,
     composite,
     crop,
@@ -19,6 +20,7 @@ from multiscale.surfaces import (
     resample,
     rms_height,
     rms_slope,
+    rotate,
     window,
 )
 from tests.support import rough_square
@@ -384,3 +386,53 @@ def test_a_measured_map_becomes_a_periodic_cell(reference_data, name):
     assert cell.size == tuple(2.0 * edge for edge in measured.size)
     assert 0.5 * rms_height(measured) < rms_height(cell) < rms_height(measured)
     assert 0.1 * rms_slope(measured, periodic=False) < rms_slope(cell) < rms_slope(measured)
+
+
+@pytest.mark.parametrize(("ratio", "degrees"), [(2.0, 0), (4.0, 35), (3.0, 90)])
+def test_an_anisotropic_surface_has_its_lay_and_its_height(ratio, degrees):
+    lay = Anisotropy(ratio, np.deg2rad(degrees))
+    band = {"hurst_exponent": 0.8, "long_cutoff": 1e-5, "short_cutoff": 2e-6, "rms_height": 1e-7}
+    surface = self_affine((256, 256), (1e-4, 1e-4), 2, anisotropy=lay, **band)
+    assert rms_height(surface) == pytest.approx(1e-7, rel=1e-12, abs=0.0)
+    q, along = np.cos(lay.direction), np.sin(lay.direction)
+    hx, hy = np.gradient(surface.heights)
+    slopes = [np.std(q * hx + along * hy), np.std(q * hy - along * hx)]
+    assert slopes[1] / slopes[0] == pytest.approx(ratio, rel=0.05)
+
+
+def test_an_anisotropy_of_ratio_one_is_none():
+    isotropic = self_affine((64, 64), (1e-4, 1e-4), 1, rms_slope=0.1, **BAND)
+    same = self_affine((64, 64), (1e-4, 1e-4), 1, rms_slope=0.1, anisotropy=Anisotropy(1.0), **BAND)
+    np.testing.assert_allclose(same.heights, isotropic.heights, atol=1e-12 * 1e-6)
+    with pytest.raises(CaseError, match=r"must be at least 1, got 0\.5"):
+        Anisotropy(0.5)
+
+
+def test_quarter_turns_are_exact_and_counter_clockwise():
+    heights = np.zeros((5, 3))
+    heights[4, 1] = 1.0  # at the middle of the edge x = 4
+    turned = rotate(Surface(heights, (5.0, 3.0)), 0.5 * pi)
+    assert turned.size == (3.0, 5.0)
+    assert np.argwhere(turned.heights).tolist() == [[1, 4]]  # of the edge y = 4
+    back = rotate(turned, -0.5 * pi)
+    np.testing.assert_array_equal(back.heights, heights)
+
+
+def test_other_turns_interpolate_the_same_surface():
+    x, y = np.meshgrid(np.arange(200.0), np.arange(160.0), indexing="ij")
+    angle = np.deg2rad(25.0)
+
+    def wave(x, y):  # about the middle of the map
+        return cos(2.0 * pi * (0.6 * (x - 99.5) + 0.8 * (y - 79.5)) / 20.0)
+
+    filled = np.zeros(x.shape, dtype=bool)
+    turned = rotate(Surface(wave(x, y), (200.0, 160.0), filled), angle)
+    nx, ny = turned.heights.shape
+    assert turned.spacing == pytest.approx((1.0, 1.0))
+    assert not turned.filled.any()
+    u, v = np.meshgrid(
+        np.arange(nx) - 0.5 * (nx - 1), np.arange(ny) - 0.5 * (ny - 1), indexing="ij"
+    )
+    expected = wave(99.5 + cos(angle) * u + sin(angle) * v, 79.5 - sin(angle) * u + cos(angle) * v)
+    inner = np.s_[4:-4, 4:-4]  # splines end at the edges
+    np.testing.assert_allclose(turned.heights[inner], expected[inner], atol=2e-3)

@@ -5,12 +5,13 @@ import pytest
 
 from multiscale.cli import run_command
 from multiscale.errors import CaseError
-from multiscale.io import open_dataset, open_response, read_surface
+from multiscale.io import open_dataset, open_response
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, SecondBody, run_ensemble
 from multiscale.micro import Path as LoadPath
 from multiscale.pipeline import case_cells, load_case, make_cells, run
 from multiscale.pipeline.case_cells import composite_material
+from multiscale.pipeline.measured_sides import measured_map
 from multiscale.pipeline.stages.cells import with_slope_errors
 from multiscale.schema import MACRO_RESULT
 from multiscale.surfaces import rms_height, rms_slope
@@ -127,11 +128,11 @@ def test_two_sides_from_one_map_read_it_once_and_share_no_window(case, tmp_path,
     rng = np.random.default_rng(seed=1)
     path, read = write_map(tmp_path / "map.txt", rng.standard_normal((425, 213))), []
 
-    def counted(*args, **options):
-        read.append(args)
-        return read_surface(*args, **options)
+    def counted(settings):
+        read.append(settings)
+        return measured_map(settings)
 
-    monkeypatch.setattr(case_cells, "read_surface", counted)
+    monkeypatch.setattr(case_cells, "measured_map", counted)
     surfaces = [cell.surface.heights for cell in make_cells(both_measured(case, path))]
     assert len(read) == 1
     singles = [cell.surface.heights for cell in make_cells(measured(case, path))]

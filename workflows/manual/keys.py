@@ -178,7 +178,7 @@ def _value(hint: Any) -> str:
         said = zip(marks, get_args(kind), strict=True)
         return " or ".join(f"`{mark}{value}{mark}`" for mark, value in said)
     if get_origin(kind) in (Union, UnionType):
-        return " or ".join(map(_value, get_args(kind)))
+        return " or ".join(_value(one) for one in get_args(kind) if one is not NoneType)
     if get_origin(kind) is tuple:
         return _list(get_args(kind), bounds)
     if get_origin(kind) is dict:

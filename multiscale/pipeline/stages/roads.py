@@ -32,9 +32,7 @@ __all__ = ["ROADS", "make_roads", "slide_road"]
 def make_roads(case: TyreCase) -> list[Surface]:
     """Road of each realisation."""
     return [
-        self_affine(
-            case.cell.points, case.cell.size, case.sliding.seed + k, **case.road.model_dump()
-        )
+        self_affine(case.cell.points, case.cell.size, case.sliding.seed + k, **case.road.options)
         for k in range(case.sliding.realisations)
     ]
 

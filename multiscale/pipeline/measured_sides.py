@@ -1,0 +1,171 @@
+"""Surfaces of a body from a measured file: a map cut into windows, or a line scan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.io import open_topography
+from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import POINTS_PER_WAVE
+from multiscale.pipeline.windows import HELD, Measured, cut_windows
+from multiscale.surfaces import (
+    Roughness,
+    Spectrum,
+    describe_surface,
+    fit_of_statistics,
+    rotate,
+    self_affine,
+    spectrum,
+)
+from multiscale.surfaces.surface import Surface
+
+__all__ = ["RoughSide", "measured_map", "measured_side"]
+
+
+@dataclass(frozen=True, eq=False)
+class RoughSide:
+    """Realisations of one body's surface, none if it is smooth, and their share of a map."""
+
+    surfaces: list[Surface]
+    measured: Measured | None = None
+
+
+def measured_map(settings: InstrumentSurface) -> Surface:
+    """Read the map, or the line scan, of a surface table, without trend.
+
+    Raises
+    ------
+    CaseError
+        If the file cannot be read, or ``profile`` does not go with what it holds.
+    """
+    found = open_topography(
+        settings.file, channel=settings.channel, size=settings.size, unit=settings.unit
+    )
+    if found.is_profile and settings.profile is None:
+        raise CaseError(
+            f"{settings.file}: holds a line scan of {found.heights.size} points, and cells need an "
+            f'area; set profile = "isotropic", for surfaces with its spectrum, or '
+            f'"one_directional", for grooves across the scan'
+        )
+    if not found.is_profile and settings.profile is not None:
+        raise CaseError(f"{settings.file}: holds a map, no line scan; leave out profile")
+    surface = found.to_surface(
+        detrend_order=settings.detrend_order, fill_undefined=settings.fill_undefined
+    )
+    return surface if found.is_profile else rotate(surface, settings.rotate)
+
+
+def measured_side(
+    whole: Surface,
+    settings: InstrumentSurface,
+    cell: CellSettings,
+    which: range,
+    needed: int,
+    seed: int,
+    *,
+    side: int = 0,
+    of_map: Spectrum | None = None,
+) -> RoughSide:
+    """Make the realisations of one body from its measured map or line scan.
+
+    Parameters
+    ----------
+    whole : Surface
+        From :func:`measured_map`.
+    settings, cell, which, needed, seed, of_map
+        See :func:`~multiscale.pipeline.windows.cut_windows`.
+    side : {0, 1}
+        Body, which has random numbers of its own.
+
+    Raises
+    ------
+    CaseError
+        If a map has too few windows, or a line scan no self-affine range.
+    """
+    if settings.profile == "isotropic":
+        # windows of a shared file are counted for both bodies, random surfaces are not
+        seeds = [2 * (seed + k) + side for k in range(len(which))]
+        return _isotropic(whole, settings, cell, seeds)
+    if settings.profile == "one_directional":
+        whole = rotate(_grooves(whole, max(cell.size)), settings.rotate)
+    surfaces, record = cut_windows(whole, settings, cell, which, needed, seed, of_map=of_map)
+    if side == 1:  # measured from outside: turned over as paper is
+        surfaces = [Surface(piece.heights[::-1], piece.size) for piece in surfaces]
+    return RoughSide(surfaces, record)
+
+
+def _grooves(scan: Surface, width: float) -> Surface:
+    """Repeat a line scan along y."""
+    step = scan.spacing[0]
+    n = int(np.ceil(width / step))
+    filled = None if scan.filled is None else np.repeat(scan.filled, n, axis=1)
+    return Surface(np.repeat(scan.heights, n, axis=1), (scan.size[0], n * step), filled)
+
+
+def _isotropic(
+    scan: Surface, settings: InstrumentSurface, cell: CellSettings, seeds: list[int]
+) -> RoughSide:
+    """Make isotropic surfaces with the self-affine spectrum fitted to a line scan.
+
+    The rms height of an isotropic surface is the rms height of its profiles, and its rms slope is
+    larger by the square root of two. Waviness above the fit is in the line scan alone.
+    """
+    statistics = describe_surface(scan)
+    fit = fit_of_statistics(statistics)
+    if fit is None:
+        raise CaseError(
+            f"{settings.file}: a line scan of {scan.heights.size} points has too few waves for a "
+            f"spectrum; measure a longer one"
+        )
+    longest, shortest = float(statistics["longest_wave"]), 2.0 * scan.spacing[0]
+    long = min(longest, max(cell.size))
+    resolved = max(POINTS_PER_WAVE * cell.spacing, shortest)
+    short = settings.short_cutoff or resolved
+    if short >= long:
+        raise CaseError(
+            f"short_cutoff {short:.3g} m leaves no wave of the line scan, the longest of which is "
+            f"{long:.3g} m; give a shorter one, and more points"
+        )
+    surfaces = [
+        self_affine(
+            cell.points,
+            cell.size,
+            seed,
+            hurst_exponent=fit.hurst_exponent,
+            long_cutoff=long,
+            short_cutoff=short,
+            roll_off=float(np.clip(fit.roll_off, short, long)),
+            rms_height=fit.rms_height(long, short),
+        )
+        for seed in seeds
+    ]
+    measured = Roughness(
+        float(statistics["rms_height"]),
+        np.sqrt(2.0) * float(statistics["rms_slope"]),
+        longest,
+        float(statistics["shortest_wave"]),
+    )
+    of_cells = spectrum(surfaces).roughness()
+    shares = {
+        name: getattr(of_cells, name) / getattr(measured, name)
+        for name in ("rms_height", "rms_slope")
+    }
+    said = (
+        f"isotropic self-affine surfaces stand for a line scan, fitted with a Hurst exponent of "
+        f"{fit.hurst_exponent:.2g} and a roll-off at {1e6 * fit.roll_off:.3g} um; a lay is not "
+        f"seen in one line",
+        *(
+            f"the cells hold {share:.2g} of the {name.replace('_', ' ')} that belongs to the line "
+            f"scan, by their waves from {1e6 * short:.3g} to {1e6 * long:.3g} um"
+            for name, share in shares.items()
+            if not HELD <= share <= 1.0 / HELD
+        ),
+    )
+    chosen = "the short_cutoff of the case" if settings.short_cutoff else "grid and line scan"
+    stages = (measured, measured, of_cells)
+    kept = (scan.filled_share,) * len(seeds)
+    return RoughSide(
+        surfaces, Measured(stages, kept[0], kept, f"{1e6 * short:.3g} um, {chosen}", said)
+    )

@@ -1,0 +1,191 @@
+"""A case for a measured surface: cells that fit into its map, and what they hold of it."""
+
+import tomllib
+from dataclasses import dataclass
+from math import ceil, floor
+from pathlib import Path
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.bulk.moduli import contact_modulus
+from multiscale.pipeline.case import validate_case
+from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.measured_sides import measured_side
+from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.settings import POINTS_PER_WAVE
+from multiscale.pipeline.windows import Measured
+from multiscale.surfaces import Spectrum, Surface
+
+__all__ = ["Proposal", "propose_case"]
+
+MOST_POINTS = 256  # of flat cells, along an edge
+SLOPE_HELD = 0.95
+REALISATIONS = (4, 3, 2, 1)
+SMALLER, MOST_SHRINKS = 0.85, 12  # until windows of few filled points are found
+STEEL = (210e9, 0.3)
+LOADS = np.geomspace(0.004, 0.12, 8)  # of contact modulus times slope: contact of 1 to 20 %
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A case for a measured surface.
+
+    Attributes
+    ----------
+    text : str
+        The case, a TOML file.
+    measured : Measured
+        What its cells hold of the surface.
+    """
+
+    text: str
+    measured: Measured
+
+    @property
+    def held(self) -> dict[str, float]:
+        """Shares of the rms height and slope of the surface that the cells hold."""
+        whole, cells = self.measured.stages[0], self.measured.stages[2]
+        names = ("rms_height", "rms_slope")
+        return {name: getattr(cells, name) / getattr(whole, name) for name in names}
+
+
+def propose_case(
+    whole: Surface, settings: InstrumentSurface, waves: Spectrum, *, shortest_reliable: float
+) -> Proposal:
+    """Propose cells for a measured surface that hold its height and its slope alike.
+
+    Parameters
+    ----------
+    whole : Surface
+        Map or line scan, without trend.
+    settings : InstrumentSurface
+        Surface table as far as the user has given it.
+    waves : Spectrum
+        Spectrum of the surface, not periodic.
+    shortest_reliable : float
+        Shortest reliable wave, m.
+
+    Returns
+    -------
+    Proposal
+        Flat cells, steel on smooth steel: the materials of a surface are in no file. Large cells
+        hold the long waves, and their grid of at most 256 x 256 points not the short ones: the
+        size is the one for which the smaller of both shares is largest.
+
+    Raises
+    ------
+    CaseError
+        If the map holds no window of enough points.
+    """
+    finest = max(shortest_reliable, waves.cutoff_holding(SLOPE_HELD, order=2))
+    mirrored = 1.0 if settings.profile == "isotropic" else 2.0
+    refusal = CaseError("the map holds no window of roughness")
+    for count in REALISATIONS:
+        sizes = [mirrored * edge for edge in _edges(whole, count)]
+
+        def held(size: float) -> float:
+            cutoff = max(finest, POINTS_PER_WAVE * size / MOST_POINTS)
+            return min(waves.share(size, cutoff, order=order) for order in (0, 2))
+
+        size = max(sizes, key=held)
+        for _ in range(MOST_SHRINKS if whole.filled_share else 1):
+            table, cell = _cells(settings, size, finest)
+            try:
+                side = measured_side(whole, table, cell, range(count), count, 0, of_map=waves)
+            except CaseError as error:
+                refusal = error
+                size *= SMALLER
+                continue
+            assert side.measured is not None
+            return _write(table, cell, count, side.measured)
+    raise refusal
+
+
+def _edges(whole: Surface, count: int) -> list[float]:
+    """Edges of square windows of which a map has room for enough, or of pieces of a line scan."""
+    profile = whole.heights.shape[1] == 1
+    room = whole.size[0] if profile else min(whole.size)
+    edges = room / np.geomspace(1.0, 32.0, 16) * (1.0 - 1e-4)
+    return [
+        float(edge)
+        for edge in edges
+        if profile or floor(whole.size[0] / edge) * floor(whole.size[1] / edge) >= count
+    ]
+
+
+def _cells(
+    settings: InstrumentSurface, size: float, finest: float
+) -> tuple[InstrumentSurface, CellSettings]:
+    """Choose grid and cut-off of cells of a size."""
+    size = float(f"{size:.4g}")  # as the file says it
+    n = min(MOST_POINTS, 2 * max(8, ceil(0.5 * POINTS_PER_WAVE * size / finest)))
+    cutoff = float(f"{max(finest, POINTS_PER_WAVE * size / n) * 1.0005:.4g}")
+    given = {"size": [f"{size!r} m"] * 2, "points": [n, n], "geometry": "flat"}
+    return settings.model_copy(update={"short_cutoff": cutoff}), CellSettings.model_validate(given)
+
+
+def _write(
+    table: InstrumentSurface, cell: CellSettings, count: int, measured: Measured
+) -> Proposal:
+    """Write the case file of chosen cells."""
+    scale = contact_modulus(STEEL, STEEL) * measured.stages[2].rms_slope
+    rounded = [float(f"{1e-6 * scale * load:.2g}") for load in LOADS]
+    pressures = ", ".join(f'"{pressure:g} MPa"' for pressure in rounded)
+    text = f"""\
+# Proposed by multiscale inspect; the materials and the smooth second body are assumptions.
+title = {_text(table.file.name)}
+
+[body_1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+
+[body_1.surface]
+{_table(table)}
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+
+[cell]
+size = [{_length(cell.size[0])}, {_length(cell.size[1])}]
+points = [{cell.points[0]}, {cell.points[1]}]
+geometry = "flat"
+
+[micro]
+realisations = {count}
+pressures = [{pressures}]
+"""
+    validate_case(tomllib.loads(text), Path("the proposed case"))
+    return Proposal(text, measured)
+
+
+def _table(settings: InstrumentSurface) -> str:
+    """Write the keys of a surface table that are not defaults."""
+    lines = [f"file = {_text(str(settings.file))}"]
+    if settings.channel is not None:
+        named = settings.channel
+        lines.append(f"channel = {named if isinstance(named, int) else _text(named)}")
+    if settings.size is not None:
+        lines.append(f"size = [{', '.join(_length(one) for one in settings.size)}]")
+    if settings.unit is not None:
+        lines.append(f'unit = "{settings.unit!r} m"')
+    if settings.detrend_order != InstrumentSurface.model_fields["detrend_order"].default:
+        lines.append(f"detrend_order = {settings.detrend_order}")
+    if settings.fill_undefined:
+        lines.append("fill_undefined = true")
+    if settings.profile is not None:
+        lines.append(f'profile = "{settings.profile}"')
+    if settings.short_cutoff is not None:
+        lines.append(f"short_cutoff = {_length(settings.short_cutoff)}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: str) -> str:
+    """Write text as TOML."""
+    import tomli_w
+
+    return tomli_w.dumps({"a": value}).removeprefix("a = ").strip()
+
+
+def _length(value: float) -> str:
+    return f'"{1e6 * value:.10g} um"'

@@ -1,0 +1,226 @@
+"""Statistics of a measured map or line scan: spectrum, reliable waves, self-affine fit, bearing."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.schema import SURFACE_STATISTICS
+from multiscale.surfaces.preparation import low_pass, window
+from multiscale.surfaces.roughness import Spectrum, find_lay, spectrum
+from multiscale.surfaces.statistics import nayak_parameter, power_spectral_density
+from multiscale.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["SelfAffineFit", "describe_surface", "fit_of_statistics", "fit_self_affine"]
+
+PIXELS_PER_WAVE = 4  # of the shortest reliable wave
+BINS_PER_DECADE = 12  # of the density that is fitted
+FEWEST_BINS = 6
+DRAWN_POINTS = 512  # along an edge of the picture
+SHARES = np.linspace(0.0, 1.0, 101)
+
+
+@dataclass(frozen=True)
+class SelfAffineFit:
+    r"""A self-affine spectrum, :math:`C \propto \max(q, 2\pi/\lambda_r)^{-d-2H}`, and its range.
+
+    Attributes
+    ----------
+    hurst_exponent : float
+        :math:`H`, between 0 and 1.
+    roll_off : float
+        Wavelength :math:`\lambda_r` above which the density is flat, m.
+    level : float
+        Density of the flat part, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).
+    deviation : float
+        Root mean square deviation of the density from the fit, in decades.
+    dimensions : int
+        2 for a map and 1 for a profile.
+    """
+
+    hurst_exponent: float
+    roll_off: float
+    level: float
+    deviation: float
+    dimensions: int = 2
+
+    def density(self, wavenumber: np.ndarray) -> np.ndarray:
+        """Evaluate the fit, m^4 or m^3, at wavenumbers, rad/m."""
+        q = np.maximum(wavenumber * self.roll_off / (2.0 * np.pi), 1.0)
+        return np.asarray(self.level * q ** (-self.dimensions - 2.0 * self.hurst_exponent))
+
+    def rms_height(self, long_cutoff: float, short_cutoff: float) -> float:
+        """Root mean square height of an isotropic surface with waves of a band alone, m.
+
+        The spectrum of the surface that belongs to a profile falls faster by one power.
+        """
+        q = 2.0 * np.pi * np.geomspace(1.0 / long_cutoff, 1.0 / short_cutoff, 2001)
+        weight = self.density(q) * (q / (2.0 * np.pi) if self.dimensions == 2 else 1.0 / np.pi)
+        return float(np.sqrt(np.trapezoid(weight, q)))
+
+
+def fit_self_affine(
+    wavenumber: np.ndarray, density: np.ndarray, *, dimensions: int
+) -> SelfAffineFit | None:
+    """Fit a self-affine spectrum with a roll-off to a density, by least squares of logarithms.
+
+    Parameters
+    ----------
+    wavenumber, density : ndarray, shape (bins,)
+        Wavenumbers, rad/m, rising, and the positive density of a map, m^4, or of a profile, m^3.
+    dimensions : {2, 1}
+        Whether the density belongs to a map or to a profile.
+
+    Returns
+    -------
+    SelfAffineFit or None
+        None if fewer than six intervals of a twelfth of a decade have waves.
+    """
+    q, C = _logarithmic_bins(wavenumber, density)
+    if q.size < FEWEST_BINS:
+        return None
+    x, y, found = np.log(q), np.log(C), []
+    for first in range(q.size - FEWEST_BINS + 1):  # the bin at which the flat part ends
+        bent = np.maximum(x, x[first])
+        slope, level = np.polyfit(bent, y, 1)
+        hurst = float(np.clip(0.5 * (-slope - dimensions), 0.0, 1.0))
+        shape = -(dimensions + 2.0 * hurst) * (bent - x[first])
+        level = float(np.mean(y - shape))
+        error = float(np.sqrt(np.mean((y - shape - level) ** 2)))
+        roll_off = float(2.0 * np.pi / q[first])
+        decades = error / np.log(10.0)
+        found.append(SelfAffineFit(hurst, roll_off, float(np.exp(level)), decades, dimensions))
+    return min(found, key=lambda one: one.deviation)
+
+
+def describe_surface(
+    surface: Surface, *, resolution: float | None = None, waves: Spectrum | None = None
+) -> "xr.Dataset":
+    r"""Describe a measured map, or a line scan: heights, slopes, spectrum, lay and bearing curve.
+
+    Parameters
+    ----------
+    surface : Surface
+        Map, or line scan of one point across, without trend. Statistics of heights and slopes
+        leave out filled points; the density counts them.
+    resolution : float, optional
+        Shortest wavelength that the instrument resolves, m.
+    waves : Spectrum, optional
+        Spectrum of the surface, not periodic, where it is known already.
+
+    Returns
+    -------
+    Dataset
+        Follows ``SURFACE_STATISTICS``. What cannot be told is NaN.
+
+    Raises
+    ------
+    CaseError
+        If the surface is flat.
+
+    Notes
+    -----
+    The density is that of the map under Hann's window, whose loss 9/64 (3/8 of a line scan) of
+    the mean square is given back. Waves are reliable from half of the shorter edge down to four
+    pixels, the resolution of the instrument, or the wave beyond which the density no longer falls
+    as fast as a Hurst exponent of zero would, which noise does, whichever is longest.
+    """
+    waves = waves or spectrum([surface], periodic=False)
+    roughness = waves.roughness()
+    if not roughness.rms_height > 0.0:
+        raise CaseError("all heights are equal; give a rough surface")
+    known = surface.heights if surface.filled is None else surface.heights[~surface.filled]
+    level = (known - known.mean()) / roughness.rms_height
+    square, profile = level**2, surface.heights.shape[1] == 1
+    q, C = _density(surface)
+    longest = 0.5 * (surface.size[0] if profile else min(surface.size))
+    pixel = surface.spacing[0] if profile else max(surface.spacing)
+    shortest = max(PIXELS_PER_WAVE * pixel, resolution or 0.0)
+    shortest = max(shortest, _noise_from(q, C, shortest, 1 if profile else 2))
+    fitted_to = max(shortest, 1.25 * roughness.shortest_wave)
+    fitted_from = min(longest, roughness.longest_wave)
+    band = (q >= 2.0 * np.pi / fitted_from) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
+    fit = fit_self_affine(q[band], C[band], dimensions=1 if profile else 2)
+    smooth = low_pass(window(surface, taper=0.5), shortest)
+    broad = nayak_parameter(smooth) if np.ptp(smooth.heights) > 0.0 else np.nan
+    lay = None if profile else find_lay(surface, shortest)
+    step = max(1, -(-max(surface.heights.shape) // DRAWN_POINTS))
+    values = {
+        "height": surface.heights[::step, ::step].T,
+        "wavenumber": q,
+        ("profile_density" if profile else "power_spectral_density"): C,
+        "bearing_share": SHARES,
+        "bearing_height": np.quantile(known, 1.0 - SHARES) - known.mean(),
+        "dimensions": 1 if profile else 2,
+        "size": [*surface.size],
+        "rms_height": roughness.rms_height,
+        "rms_slope": roughness.rms_slope,
+        "longest_wave": roughness.longest_wave,
+        "shortest_wave": roughness.shortest_wave,
+        "longest_reliable": longest,
+        "shortest_reliable": shortest,
+        "skewness": np.mean(level * square),
+        "kurtosis": np.mean(square**2),
+        "peak_to_valley": np.ptp(known),
+        "nayak_parameter": broad / 1.5 if profile else broad,  # (3) without the factors 1/2, 3/8
+        "filled_share": surface.filled_share,
+        "hurst_exponent": np.nan if fit is None else fit.hurst_exponent,
+        "roll_off": np.nan if fit is None else fit.roll_off,
+        "fitted_to": fitted_to,
+        "fit_level": np.nan if fit is None else fit.level,
+        "fit_deviation": np.nan if fit is None else fit.deviation,
+        "lay_angle": np.nan if lay is None else lay.angle,
+        "lay_ratio": np.nan if lay is None else lay.ratio,
+    }
+    return SURFACE_STATISTICS.build(values)
+
+
+def fit_of_statistics(statistics: "xr.Dataset") -> SelfAffineFit | None:
+    """Return the self-affine fit that a dataset of :func:`describe_surface` holds, if any."""
+    names = ("hurst_exponent", "roll_off", "fit_level", "fit_deviation")
+    hurst, roll_off, level, deviation = (float(statistics[name]) for name in names)
+    if not np.isfinite(level):
+        return None
+    return SelfAffineFit(hurst, roll_off, level, deviation, int(statistics["dimensions"]))
+
+
+def _density(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    """Wavenumbers, rad/m, and density under Hann's window, m^4 of a map and m^3 of a profile."""
+    faded = window(surface, taper=0.5)
+    if surface.heights.shape[1] > 1:
+        found = power_spectral_density(faded)
+        return found["wavenumber"].values, found["power_spectral_density"].values / (3.0 / 8.0) ** 2
+    length = surface.size[0]
+    square = Surface(faded.heights, (length, length))  # rings of one wave
+    found = power_spectral_density(square)
+    return (
+        found["wavenumber"].values,
+        found["power_spectral_density"].values / length / (3.0 / 8.0),
+    )
+
+
+def _logarithmic_bins(q: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average wavenumber and density over equal parts of a decade that have waves."""
+    place = np.floor(BINS_PER_DECADE * np.log10(q)).astype(int)
+    parts = [place == one for one in np.unique(place)]
+    mean = [(float(np.mean(q[one])), float(np.mean(C[one]))) for one in parts]
+    return np.array([m for m, _ in mean]), np.array([m for _, m in mean])
+
+
+def _noise_from(q: np.ndarray, C: np.ndarray, shortest: float, dimensions: int) -> float:
+    """Longest wave beyond which the density is as flat as noise, m; 0 if it falls to the end."""
+    seen = (q <= 2.0 * np.pi / shortest) & (C > 0.0) & (q > 0.0)
+    if np.count_nonzero(seen) < FEWEST_BINS:
+        return 0.0
+    x, y = (np.log(one) for one in _logarithmic_bins(q[seen], C[seen]))
+    width, start = BINS_PER_DECADE // 3, 0
+    for first in range(x.size - width - 1, -1, -1):
+        part = slice(first, first + width + 1)
+        if np.polyfit(x[part], y[part], 1)[0] < -dimensions:
+            start = first + width
+            break
+    return 0.0 if start >= x.size - 1 or start == 0 else float(2.0 * np.pi / np.exp(x[start]))

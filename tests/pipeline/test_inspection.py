@@ -1,0 +1,316 @@
+"""What a measured surface is found to hold, and cases from measured files of every kind."""
+
+import tomllib
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.pipeline.case import validate_case
+from multiscale.pipeline.case_cells import rough_sides, two_surfaces
+from multiscale.pipeline.inspection import inspect_surface
+from multiscale.surfaces import Anisotropy, self_affine
+
+PIXEL = 1e-6
+BODY = {"youngs_modulus": "210 GPa", "poissons_ratio": 0.3}
+
+
+@pytest.fixture
+def store(tmp_path):
+    """Write heights, m, into an npy file."""
+
+    def write(heights, name="map.npy"):
+        np.save(tmp_path / name, heights)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """An anisotropic map of 384 x 320 pixels, piece of a larger periodic surface."""
+    whole = self_affine(
+        (512, 512),
+        (512 * PIXEL, 512 * PIXEL),
+        3,
+        hurst_exponent=0.7,
+        long_cutoff=80 * PIXEL,
+        short_cutoff=5 * PIXEL,
+        roll_off=40 * PIXEL,
+        rms_height=1e-6,
+        anisotropy=Anisotropy(3.0, np.deg2rad(30.0)),
+    )
+    return whole.heights[:384, :320]
+
+
+def case_of(surfaces, *, size="60 um", points=48, count=2):
+    """A case whose bodies have these surface tables."""
+    bodies = {
+        f"body_{k}": BODY | ({"surface": one} if one else {}) for k, one in enumerate(surfaces, 1)
+    }
+    cell = {"size": [size, size], "points": [points, points], "geometry": "flat"}
+    micro = {"realisations": count, "pressures": ["10 MPa", "20 MPa", "40 MPa"]}
+    return validate_case({"title": "map", "cell": cell, "micro": micro} | bodies, Path("case.toml"))
+
+
+def test_statistics_of_a_synthetic_map_are_those_it_was_made_of(store, rough):
+    told = inspect_surface(store(rough), size=(384e-6, 320e-6), unit=1.0, detrend_order=1)
+    assert float(told["rms_height"]) == pytest.approx(1e-6, rel=0.1)
+    assert float(told["hurst_exponent"]) == pytest.approx(0.7, abs=0.15)
+    assert float(told["lay_ratio"]) == pytest.approx(3.0, rel=0.1)
+    assert np.rad2deg(float(told["lay_angle"])) == pytest.approx(30.0, abs=2.0)
+    heights = np.sort(rough.ravel())[::-1]
+    share = told["bearing_share"].values
+    middle = told["bearing_height"].values[np.isclose(share, 0.5)]
+    assert middle == pytest.approx(np.median(heights) - heights.mean(), abs=2e-8)
+    assert float(told["shortest_reliable"]) == pytest.approx(4 * PIXEL)
+
+
+def test_spectrum_of_a_map_adds_up_to_its_mean_square_height(store):
+    whole, size = (512, 512), (512 * PIXEL, 512 * PIXEL)
+    band = {"long_cutoff": 30 * PIXEL, "short_cutoff": 5 * PIXEL, "rms_height": 1e-6}  # many waves
+    heights = self_affine(whole, size, 3, hurst_exponent=0.7, **band).heights[:384, :320]
+    told = inspect_surface(store(heights), size=(384e-6, 320e-6), unit=1.0, detrend_order=1)
+    q, density = told["wavenumber"].values, told["power_spectral_density"].values
+    total = np.trapezoid(q * density, q) / (2.0 * np.pi)
+    assert total / float(told["rms_height"]) ** 2 == pytest.approx(1.0, abs=0.08)
+
+
+def test_waves_below_instrument_noise_are_not_reliable(store):
+    size = (512 * PIXEL, 512 * PIXEL)
+    band = {"long_cutoff": 256 * PIXEL, "short_cutoff": 5 * PIXEL, "rms_height": 1e-6}
+    smooth = self_affine((512, 512), size, 1, hurst_exponent=0.8, **band).heights
+    noise = 5e-7 * np.random.default_rng(2).standard_normal(smooth.shape)
+    told = inspect_surface(store(smooth + noise), size=size, unit=1.0)
+    # noise of variance s^2 has the density s^2 dx^2, which the surface meets at about 16 pixels
+    assert 8 * PIXEL < float(told["shortest_reliable"]) < 30 * PIXEL
+    clean = inspect_surface(store(smooth, "clean.npy"), size=size, unit=1.0)
+    assert float(clean["shortest_reliable"]) == pytest.approx(4 * PIXEL)
+
+
+def test_the_proposed_case_runs(store, rough, command, tmp_path):
+    file = store(rough)
+    status, said, _ = command(
+        "inspect",
+        file,
+        "--size",
+        "384 um x 320 um",
+        "--unit",
+        "m",
+        "--case",
+        "proposed.toml",
+        "-o",
+        "page",
+    )
+    assert status == 0
+    assert "The cells hold" in said
+    case = tomllib.loads((tmp_path / "proposed.toml").read_text())
+    height = float(said.split("The cells hold ")[1].split()[0])
+    assert 0.8 < height < 1.2
+    page = (tmp_path / "page" / "report.html").read_text()
+    for name in ("measured heights", "spectral density", "bearing curve"):
+        assert f'alt="{name}"' in page
+    case["cell"] |= {"points": [16, 16]}
+    case["body_1"]["surface"]["short_cutoff"] = "60 um"
+    case["micro"] |= {"realisations": 1, "pressures": case["micro"]["pressures"][:3]}
+    import tomli_w
+
+    (tmp_path / "small.toml").write_text(tomli_w.dumps(case))
+    status, said, _ = command("run", "small.toml", "-o", "out", "--jobs", "1")
+    assert (status, "MPa" in said) == (0, True)
+
+
+def test_the_share_that_proposed_cells_hold_is_the_share_of_their_surfaces(store, rough):
+    told = inspect_surface(store(rough), size=(384e-6, 320e-6), unit=1.0)
+    case = validate_case(tomllib.loads(told.attrs["proposal"]), Path("case.toml"))
+    side = rough_sides(case)[0]
+    share = np.sqrt(np.mean([one.heights.var() for one in side.surfaces])) / float(
+        told["rms_height"]
+    )
+    assert f"hold {share:.2f} of the rms height" in told.attrs["held"]
+
+
+# Surface keys
+
+
+def test_two_maps_are_turned_against_each_other(store, rough):
+    table = {"file": str(store(rough)), "size": ["384 um", "320 um"], "unit": "m"}
+    other = table | {"file": str(store(rough, "other.npy")), "rotate": "90 deg"}
+    kept = {"short_cutoff": "8 um"}
+    (lower, upper), *_ = two_surfaces(case_of([table | kept, other | kept]))
+    slopes = [
+        [np.abs(np.diff(one.heights, axis=k)).mean() for k in range(2)] for one in (lower, upper)
+    ]
+    assert slopes[0][0] < slopes[0][1]  # ridges at 30 degrees to x
+    assert slopes[1][0] > slopes[1][1]
+
+
+def test_an_isotropic_surface_of_a_profile_has_the_spectrum_of_the_surface_it_crosses(store):
+    n = 1024
+    whole = self_affine(
+        (n, n),
+        (n * PIXEL, n * PIXEL),
+        5,
+        hurst_exponent=0.8,
+        long_cutoff=100 * PIXEL,
+        short_cutoff=10 * PIXEL,
+        roll_off=60 * PIXEL,
+        rms_height=1e-6,
+    )
+    scan = whole.heights[:, 7]
+    table = {"file": str(store(scan)), "size": [f"{n} um"], "unit": "m", "profile": "isotropic"}
+    case = case_of([table | {"short_cutoff": "10 um"}, None], size="400 um", points=320)
+    side = rough_sides(case)[0]
+    assert side.surfaces[0].heights.std() == pytest.approx(1e-6, rel=0.3)
+    of_scan, _, of_cells = side.measured.stages
+    assert of_cells.rms_slope == pytest.approx(of_scan.rms_slope, rel=0.35)
+    assert "isotropic self-affine surfaces stand for a line scan" in side.measured.cautions[0]
+
+
+@pytest.mark.parametrize(("rotate", "axis"), [("0 deg", 1), ("90 deg", 0)])
+def test_one_directional_grooves_run_across_the_scan(store, rough, rotate, axis):
+    table = {"file": str(store(rough[:, 3])), "size": ["384 um"], "unit": "m", "rotate": rotate}
+    table |= {"profile": "one_directional", "short_cutoff": "8 um"}
+    (surface, _) = rough_sides(case_of([table, None], count=2))[0].surfaces
+    assert np.ptp(surface.heights, axis=axis).max() < 1e-9 * np.ptp(surface.heights)
+    assert np.ptp(surface.heights) > 0.0
+
+
+def test_a_synthetic_surface_with_a_lay_comes_from_its_table():
+    table = {
+        "rms_height": "1 um",
+        "hurst_exponent": 0.8,
+        "long_cutoff": "20 um",
+        "short_cutoff": "5 um",
+    }
+    lay = {"anisotropy": {"ratio": 2, "direction": "90 deg"}}
+    (surface, _) = rough_sides(case_of([table | lay, None]))[0].surfaces
+    slopes = [np.abs(np.diff(surface.heights, axis=k)).std() for k in range(2)]
+    assert slopes[0] / slopes[1] == pytest.approx(2.0, rel=0.15)
+
+
+# Bad input: key, table or options, and the sentence
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        pytest.param({"unit": None}, "gives no unit of length; give unit", id="no-unit"),
+        pytest.param({"size": None}, "gives no lateral size; give size", id="no-size"),
+        pytest.param({"size": ["1 um"]}, "size of a map is two lengths", id="one-length"),
+        pytest.param({"channel": "Phase"}, "no channel 'Phase' .* 0 \\('Default'\\)", id="channel"),
+        pytest.param({"unit": "furlongz"}, "unit.*unknown unit", id="unknown-unit"),
+        pytest.param({"profile": "isotropic"}, "holds a map, no line scan", id="map-as-profile"),
+        pytest.param({"rotate": "1 m"}, "cannot be converted to rad", id="no-angle"),
+    ],
+)
+def test_surface_tables_are_refused_in_a_sentence(store, rough, changed, sentence):
+    table = {"file": str(store(rough)), "size": ["384 um", "320 um"], "unit": "m"} | changed
+    table = {key: value for key, value in table.items() if value is not None}
+    with pytest.raises(CaseError, match=sentence) as caught:
+        rough_sides(case_of([table, None]))
+    assert "=True" not in str(caught.value)
+    assert "Surface(" not in str(caught.value)
+
+
+def test_a_profile_where_cells_need_an_area_is_refused_with_the_key(store, rough):
+    table = {"file": str(store(rough[:, 3])), "size": ["384 um"], "unit": "um"}
+    with pytest.raises(CaseError, match=r'line scan of 384 points.*set profile = "isotropic"'):
+        rough_sides(case_of([table, None]))
+
+
+@pytest.mark.parametrize(
+    ("heights", "sentence"),
+    [
+        pytest.param(np.zeros((3, 4, 5)), "an array of shape \\(3, 4, 5\\)", id="three-dimensions"),
+        pytest.param(np.ones((20, 20)), "all heights are equal", id="constant"),
+        pytest.param(np.full((20, 20), np.nan), "no point has a defined height", id="nan"),
+        pytest.param(np.ones((9, 9)) + 1j, "complex128", id="complex"),
+    ],
+)
+def test_arrays_that_are_no_rough_map_are_refused(store, command, heights, sentence):
+    file = store(heights)
+    status, _, said = command("inspect", file, "--size", "1 um x 1 um", "--unit", "um")
+    assert status == 1
+    assert len(said.strip().splitlines()) == 1
+    with pytest.raises(CaseError, match=sentence):
+        inspect_surface(file, size=(1e-6, 1e-6), unit=1e-6)
+
+
+# Every file of the reference data: what it holds beside SurfaceTopography's own, or the refusal
+
+FILES = {
+    "al3d-1.al3d": {},
+    "csv-1.csv": {"unit": 1e-6},
+    "dektak-1.csv": {},
+    "di-3.di": {},
+    "example-2d.npy": {"unit": 1e-6, "size": (2e-6, 2e-6)},
+    "frt-1.frt": {},
+    "gwyddion-export-english.txt": {},
+    "hfm-1.hfm": {},
+    "matrix-3.txt": {},
+    "mi-1.mi": {},
+    "mnt-1.mnt": {},
+    "nc-1.nc": {},
+    "nms-1.nms": {},
+    "opdx-3.opdx": {},
+    "sdf-1.sdf": {},
+    "stp-1.stp": {},
+    "sur-3.sur": {},
+    "tmd-1.tmd": {},
+    "top-1.top": {},
+    "xyz-1.txt": {"unit": 1e-6},
+}
+REFUSED = {
+    "nc-1.nc": "all heights are equal once the plane is removed",
+}
+
+
+def library_rms_height(file, given):
+    """Root mean square height without plane by SurfaceTopography, m."""
+    from SurfaceTopography import UniformLineScan, open_topography
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with open_topography(str(file)) as reader:
+            entry = reader.default_channel
+            missing = {}
+            if entry.unit is None:
+                missing["unit"] = "µm"
+            if entry.physical_sizes is None:
+                missing["physical_sizes"] = tuple(1e6 * edge for edge in given["size"])
+            topography = entry.topography(**missing).to_unit("m")
+            if topography.dim == 1 and not topography.is_uniform:  # as even points
+                x, heights = topography.positions_and_heights()
+                heights = np.interp(np.linspace(x[0], x[-1], x.size), x, heights)
+                topography = UniformLineScan(heights, x[-1] - x[0])
+            level = topography.detrend("height")
+            if level.dim == 2:
+                return level.rms_height_from_area()
+            return level.rms_height_from_profile()
+
+
+SLOW = {"sur-3.sur": pytest.mark.slow}  # nine tenths of its points are filled
+
+
+@pytest.mark.parametrize("name", [pytest.param(one, marks=SLOW.get(one, ())) for one in FILES])
+def test_every_file_has_the_rms_height_of_the_library_or_a_sentence(reference_data, name):
+    file = reference_data / "topography" / name
+    if name in REFUSED:
+        with pytest.raises(CaseError, match=REFUSED[name]):
+            inspect_surface(file, **FILES[name], detrend_order=1)
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        told = inspect_surface(file, **FILES[name], detrend_order=1)
+    expected = library_rms_height(file, FILES[name])
+    assert float(told["rms_height"]) == pytest.approx(expected, rel=1e-6, abs=0.0)
+    if told.attrs["proposal"]:
+        case = validate_case(tomllib.loads(told.attrs["proposal"]), Path("case.toml"))
+        surface = rough_sides(case)[0].surfaces[0]
+        assert surface.heights.shape == case.cell.points
+        assert surface.heights.std() > 0.0
+    else:
+        assert "no case is proposed" in told.attrs["cautions"]
