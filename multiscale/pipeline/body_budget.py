@@ -14,6 +14,7 @@ from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
+from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.real_contact import contact_dependence
 from multiscale.pipeline.settings import Case
 from multiscale.schema import with_cautions
@@ -59,6 +60,8 @@ class Change:
         In place of their normal law.
     factors : mapping of str to float
         Of the parameters of their friction.
+    slabs : int, optional
+        Number of slabs of their beds of sliders.
     structure : RoughBodies or Bodies, optional
         The same structure on another mesh.
     """
@@ -66,6 +69,7 @@ class Change:
     joints: tuple[int, ...] = ()
     normal: NormalLaw | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
+    slabs: int | None = None
     structure: RoughBodies | Bodies | None = None
 
 
@@ -92,6 +96,8 @@ JointSolve = Callable[[Change], "xr.Dataset"]
 """From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
 must be able to import it."""
 
+BED = "friction bed"  # a term
+
 PARAMETERS = ("friction", "stiffness_ratio")
 """Parameters of the sliders, which are those of the law where the case gives none."""
 
@@ -110,6 +116,7 @@ def change_friction(laws: Sequence[Sliders], change: Change) -> list[Sliders]:
     """Return the laws of all joints, of which those that change have other parameters."""
 
     def changed(law: Sliders) -> Sliders:
+        law = replace(law, slabs=change.slabs or law.slabs)
         return replace(
             law, **{name: factor * getattr(law, name) for name, factor in change.factors.items()}
         )
@@ -166,7 +173,10 @@ def with_joint_budget(
         return rows
 
     of_laws = [_OfLaw.measure(one, result, steps, rests.size, asked) for one in laws]
-    jobs: dict[Hashable, Change] = {} if cycles is None else {"fine": Change()}
+    jobs: dict[Hashable, Change] = {}
+    if cycles is not None:
+        every = tuple(joint for one in laws for joint in one.joints)
+        jobs = {"fine": Change(), "bed": Change(every, slabs=SLABS // 2)}
     jobs |= {ratio: Change(structure=structure) for ratio, structure in coarser.items()}
     for number, one in enumerate(of_laws):
         jobs |= {(number, key): change for key, change in one.changes().items()}
@@ -185,7 +195,10 @@ def with_joint_budget(
             np.abs(value / fine - 1.0) / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
         )
         left = np.where(np.arange(steps.size) >= rests.size, left, 0.0) * np.ones(value.shape)
-        once.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
+        # twice the slabs at least halve the error of the beds
+        beds = np.where(np.arange(steps.size) >= rests.size, np.abs(solved["bed"] / fine - 1.0), 0)
+        errors = {"macro discretisation": left, BED: beds}
+        once.append(Dependence(np.ones(left.shape), errors))
     budgets = []
     for number, one in enumerate(of_laws):
         changed = {key: solved[number, key] for key in one.changes()}
@@ -194,6 +207,9 @@ def with_joint_budget(
         budgets.append(one.budget(names, value, changed, mesh, [] if number else once))
     where = [f"interface {', '.join(map(str, one.joints))}" for one in laws]
     budget = add_budgets(budgets, where)
+    if cycles is not None:
+        told = f"{budget.attrs[how_attribute(BED)]}; beds of {SLABS} and {SLABS // 2} slabs"
+        budget = budget.assign_attrs({how_attribute(BED): told})
     if not coarser:
         why = (
             "not known: elements of twice the size do not fit; give smaller ones, or an even "
@@ -297,7 +313,7 @@ class _OfLaw:
         passed = list(others)
         if cycles is not None:
             passed.append(_uneven_slip(law, cycles, mean, rows, self.load))
-            own["friction bed"] = _part_of(loss_term(law), lost * self.loss)
+            own[BED] = _part_of(loss_term(law), lost * self.loss)
             if "shear_loss_grid_error" in law:
                 told = "the loss ratio on two grids"
                 grid = Term(told, law["shear_loss_grid_error"].to_numpy())

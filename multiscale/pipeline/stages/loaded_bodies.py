@@ -233,8 +233,8 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
     path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(
         "intervals",
-        f"{4 if case.cycles else 3} to 6 more solves, of the steps {path}, for each law with a "
-        f"budget: one for each of its terms, and once coarser meshes",
+        f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the steps {path}, for each law "
+        f"with a budget: one for each of its terms, and once coarser beds and meshes",
     )
     libraries = tuple(sorted({*needs.libraries, "meshio"}))
     return replace(

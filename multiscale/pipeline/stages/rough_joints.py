@@ -184,8 +184,9 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         )
     solves = Choice(
         "intervals",
-        f"{4 if case.cycles else 3} to 6 more solves, of the preloads {path}, if the law carries a "
-        f"budget: one for each of its terms, measured friction and stiffness ratio, and the mesh",
+        f"{'5 to 7' if case.cycles else '3 to 6'} more solves, of the preloads {path}, if the law "
+        f"carries a budget: one for each of its terms, measured friction and stiffness ratio, beds "
+        f"of half the slabs, and the mesh",
     )
     loading = Choice("loading", pressed)
     libraries = (*needs.libraries, *bodies.mesher)
