@@ -11,9 +11,6 @@ from multiscale.errors import ConvergenceError
 
 __all__ = ["Solution", "Status", "verdict"]
 
-LARGEST = 1e150
-"""Residual from which on its square, in a linear solver, would overflow."""
-
 
 class Status(Enum):
     """Why an iterative solver stopped. The value is the sentence shown to the user."""
@@ -93,7 +90,7 @@ def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> St
     patience : float
         Iterations without a smaller residual after which the iteration counts as stalled.
     """
-    if not residuals[-1] < LARGEST:
+    if not isfinite(residuals[-1]):
         return Status.NOT_FINITE
     if residuals[-1] <= tolerance:
         return Status.CONVERGED

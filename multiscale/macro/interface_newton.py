@@ -38,7 +38,7 @@ __all__ = [
     "face_stiffness",
     "find_equilibrium",
     "go_on_along_law",
-    "soften",
+    "soften_tangent",
     "tangent_traction",
 ]
 
@@ -58,7 +58,7 @@ STIFFEST = 1e8
 """Stiffness of a tangent over the stiffness of the bodies, above which a spring in series softens
 it: beside a stiffer one, the stiffness of the bodies is rounded away."""
 
-GROWTH, ROUNDS = 1e4, 6
+GROWTH, ROUNDS = 1e4, 8
 """Factor of the residual beyond which a whole step has left all that is known of the law, and steps
 without a smaller residual after which the iteration may go round in circles: the energy then tells
 the length of the step."""
@@ -141,7 +141,7 @@ def _along(
     return there, lambda step: float(direction @ there(step).gradient)
 
 
-def soften(response: Response, stiffness: float) -> Response:
+def soften_tangent(response: Response, stiffness: float) -> Response:
     """Put a spring in series with the tangent where it is far stiffer than the bodies, Pa/m."""
     most = STIFFEST * stiffness
     largest = np.abs(response.tangent).max(axis=(0, 1))
@@ -177,7 +177,7 @@ def go_on_along_law(
     state : ndarray, shape (law.n_state, points)
         Committed state of the law.
     """
-    traction = tangent_traction(soften(law.respond(at, state), stiffness), at, jump)
+    traction = tangent_traction(soften_tangent(law.respond(at, state), stiffness), at, jump)
     try:
         found = law.resolvent(traction + stiffness * jump, stiffness, state)
     except ConvergenceError:  # a whole step may end where the law has no numbers

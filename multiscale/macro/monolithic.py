@@ -20,7 +20,7 @@ from multiscale.macro.interface_newton import (
     ROUNDS,
     face_stiffness,
     go_on_along_law,
-    soften,
+    soften_tangent,
     tangent_traction,
 )
 from multiscale.numerics.factorisation import Solve, factorise
@@ -196,7 +196,7 @@ class _Tangent:
 class _Whole:
     """Equation (1), the stiffness of the bodies per area, Pa/m, and the size of the forces, N.
 
-    Bodies that are prepared tell the first direction, others one where the tangent is singular.
+    Bodies that are prepared tell the direction of tangents that are not softened.
     """
 
     stiffness: csr_array | np.ndarray
@@ -217,7 +217,7 @@ class _Whole:
         """
         at = jump if at is None else at
         own = self.law.respond(at, self.state)
-        response = soften(own, self.resistance)
+        response = soften_tangent(own, self.resistance)
         inner = self.stiffness @ u - self.load
         traction = tangent_traction(response, at, jump)
         gradient, fault = (
@@ -277,7 +277,7 @@ class _Whole:
             tangent = tangent.copy()
             for row in range(len(tangent)):
                 tangent[row, row] += floor * self.resistance * self.weight
-        if self.prepared is not None:
+        if self.prepared is not None and not here.softened:
             with suppress(MultiscaleError):
                 return self.prepared.direction(B, tangent, -here.gradient)
         i, j, at = np.nonzero(tangent)

@@ -188,7 +188,7 @@ def with_joint_budget(
         lambda key, found: solved.update({key: answers(found)}),
     )
     value, mesh = answers(result), {ratio: solved[ratio] for ratio in coarser}
-    once = []
+    once, beds = [], np.zeros((len(names), steps.size))
     if cycles is not None:
         fine, value = value, solved["fine"]
         left = (
@@ -197,19 +197,16 @@ def with_joint_budget(
         left = np.where(np.arange(steps.size) >= rests.size, left, 0.0) * np.ones(value.shape)
         # twice the slabs at least halve the error of the beds
         beds = np.where(np.arange(steps.size) >= rests.size, np.abs(solved["bed"] / fine - 1.0), 0)
-        errors = {"macro discretisation": left, BED: beds}
-        once.append(Dependence(np.ones(left.shape), errors))
+        once.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
     budgets = []
     for number, one in enumerate(of_laws):
         changed = {key: solved[number, key] for key in one.changes()}
         result = with_cautions(result, *one.cautions)
-        # the error of the mesh counts once
-        budgets.append(one.budget(names, value, changed, mesh, [] if number else once))
+        # the errors of the mesh and of the beds count once
+        own = ([], 0.0 * beds) if number else (once, beds)
+        budgets.append(one.budget(names, value, changed, mesh, *own))
     where = [f"interface {', '.join(map(str, one.joints))}" for one in laws]
     budget = add_budgets(budgets, where)
-    if cycles is not None:
-        told = f"{budget.attrs[how_attribute(BED)]}; beds of {SLABS} and {SLABS // 2} slabs"
-        budget = budget.assign_attrs({how_attribute(BED): told})
     if not coarser:
         why = (
             "not known: elements of twice the size do not fit; give smaller ones, or an even "
@@ -305,15 +302,19 @@ class _OfLaw:
         changed: Mapping[str, np.ndarray],
         coarser: Mapping[float, np.ndarray],
         others: Sequence[Dependence],
+        beds: np.ndarray,
     ) -> "xr.Dataset":
-        """Carry the budget of the law to answers, from those with its changes, and by the mesh."""
+        """Carry the budget of the law to answers, from those with its changes, mesh and beds."""
         law, mean, cycles = self.law, self.pressure, self.asked.cycles
         rows, own = np.array(names), {}
         lost = rows[:, None] == ("" if cycles is None else cycles.loss)
         passed = list(others)
         if cycles is not None:
             passed.append(_uneven_slip(law, cycles, mean, rows, self.load))
-            own[BED] = _part_of(loss_term(law), lost * self.loss)
+            cells = _part_of(loss_term(law), lost * self.loss)
+            told = f"{cells.how}; beds of {SLABS} and {SLABS // 2} slabs"
+            half_width = np.hypot(np.asarray(cells.half_width), beds)
+            own[BED] = replace(cells, how=told, half_width=half_width)
             if "shear_loss_grid_error" in law:
                 told = "the loss ratio on two grids"
                 grid = Term(told, law["shear_loss_grid_error"].to_numpy())

@@ -223,7 +223,7 @@ class _Campaign:
 
     def folder(self, setting: Setting, *, pilot: bool = False) -> Path:
         """Return where the cells of a setting are."""
-        name = f"size{setting.size:+d}-grid{setting.grid:+d}"
+        name = f"size{setting.size:+g}-grid{setting.grid:+g}"
         return self.out / (f"pilot-{name}" if pilot else name)
 
     def solve(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset":
@@ -245,9 +245,10 @@ class _Campaign:
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
     def control(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset | None":
-        """Flat cells beside those of a setting, which have been solved; none if these are few."""
+        """Flat cells beside those of a setting; none if these are few, or are stored ones."""
         file = self.folder(setting, pilot=pilot) / "micro_response.nc"
-        if not self.case.micro.control or setting.realisations < FEWEST_PAIRS:
+        few = setting.realisations < FEWEST_PAIRS
+        if few or not self.case.micro.control or not file.exists():
             return None
         cells = resize(self.case, setting, pilot=pilot)
         found = press_control(cells, open_response(file), file.parent / "control", self.executor)

@@ -121,7 +121,7 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     one = [kind(flat.surface, flat.depth, flat.layers, flat.law)]
     whole = run_ensemble(one, path)
     monkeypatch.setattr(checkpoint, "WORTH", 0.0)
-    average, solved = cell_solver._average, []
+    average, solved = cell_solver.average_contact, []
 
     def killed(problem, state, **kept):
         if len(solved) == 3:
@@ -129,12 +129,12 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
         solved.append(state)
         return average(problem, state, **kept)
 
-    monkeypatch.setattr(cell_solver, "_average", killed)
+    monkeypatch.setattr(cell_solver, "average_contact", killed)
     with pytest.raises(KeyboardInterrupt):
         run_ensemble(one, path, folder=tmp_path, identity="a")
     monkeypatch.setattr(
         cell_solver,
-        "_average",
+        "average_contact",
         lambda *given, **kept: solved.append(0) or average(*given, **kept),
     )
     timed = ["wall_time"]

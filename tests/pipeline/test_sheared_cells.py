@@ -138,7 +138,7 @@ def test_the_command_fits_the_same_law_from_files_and_exports_it(finished, comma
     assert Path("law.csv").read_text().startswith("pressure (MPa),gap (um)")
     for arguments, told in (
         (("law.txt",), "ends in .inp or .csv, got law.txt"),
-        (("law.csv", "--friction", "abaqus"), "--friction is written to an .inp file, got law.csv"),
+        (("law.csv", "--friction", "abaqus"), "are written to an .inp file, got law.csv"),
         (("law.inp", "--friction", "ansys"), "for abaqus or calculix, got 'ansys'"),
         (("law.inp", "--friction", "abaqus", "--stick-pressure", "1 GPa"), "got a stick_pressure"),
     ):

@@ -17,7 +17,7 @@ from multiscale.macro.interface_newton import (
     GROWTH,
     face_stiffness,
     go_on_along_law,
-    soften,
+    soften_tangent,
     tangent_traction,
 )
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
@@ -223,7 +223,7 @@ class Newton:
             self.joints, self.jumps, self.jump, self.at, self.resistance, self.states, strict=True
         ):
             own = joint.law.respond(at, state)
-            response = soften(own, k)
+            response = soften_tangent(own, k)
             softened |= response is not own
             balanced -= place.T @ (joint.weight * response.traction).ravel()
             force -= place.T @ (joint.weight * tangent_traction(response, at, jump)).ravel()

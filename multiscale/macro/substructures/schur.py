@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 __all__ = ["solve_schur"]
 
+OVERFLOW = 1e150
+"""Residual whose square, in the linear solver, is no number any more."""
+
 
 def solve_schur(
     problem: CutProblem,
@@ -127,6 +130,9 @@ def _solve_step(
     while run.goes_on(imbalance.residual, imbalance.rounding):
         if method.lending.exhausted:
             run.stop(Status.STALLED)
+            break
+        if imbalance.residual > OVERFLOW:  # bodies that slide away
+            run.stop(Status.NOT_FINITE)
             break
         try:
             krylov += method.advance(imbalance, tolerance, search=run.since_best > ROUNDS)

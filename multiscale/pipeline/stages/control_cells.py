@@ -11,7 +11,7 @@ from multiscale.micro import Path, solve_cell
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells
-from multiscale.pipeline.settings import Case
+from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
@@ -39,6 +39,8 @@ error of their mean is an eighth of the scatter of single cells. More are there 
 
 BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 KEYS = {"pressures", "unload", "seed"}
+OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
+"""Keys on which these cells depend, and those of them on which they do not."""
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -66,7 +68,7 @@ def _press(case: Case, count: int, folder: FilePath, executor: Executor | None) 
     """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
     step = 1 if case.measured else BATCH
     whole = -(-count // step)
-    way = case.checksum(include={**BODIES, "micro": KEYS})
+    way = case.checksum(include={**BODIES, "micro": KEYS}, exclude=OTHERS)
     arguments = [(case, *ends) for ends in pairwise(step * k for k in range(whole + 1))]
     control = run_realisations(
         _press_batch,
