@@ -235,7 +235,7 @@ class MicroSettings(Settings):
     control_realisations: Positive | None = Field(
         None,
         description="Number of these flat cells. If not given, as many as are best for the time, "
-        "by the times and the correlation of both kinds of cells, but for about the time that the "
+        "by the correlation of both kinds of cells, but for about the time that the "
         "cells take, and 256, at most.",
     )
     spots: bool = Field(

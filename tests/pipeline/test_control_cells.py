@@ -125,23 +125,21 @@ def test_dearer_cells_have_a_control_unless_it_is_turned_off(tmp_path):
     assert needs.built["control cells"].startswith("40 flat ones on the surfaces of the 5 cells")
 
 
-def test_their_number_follows_from_times_and_correlation():
+def test_their_number_follows_from_the_correlation():
     """Where they follow well the time of the cells bounds it, where less the best split does."""
 
-    def counted(noise, cost):
+    def counted(noise, pairs=12):
         random = np.random.default_rng(5)
-        scatter = 1.0 + 0.1 * random.standard_normal((12, 1))
+        scatter = 1.0 + 0.1 * random.standard_normal((pairs, 1))
         gap = DECAY * np.log(SCALE / PRESSURE)
         cheap = response_of(gap * scatter)
-        dear = response_of(gap * (scatter + noise * random.standard_normal((12, 1))))
-        dear["wall_time"] = cost * dear["wall_time"]
+        dear = response_of(gap * (scatter + noise * random.standard_normal((pairs, 1))))
         return _best_count(dear, cheap)
 
-    count, told = counted(1e-4, 10.0)
-    assert count == 128  # 120
-    assert "a cost of 1/10 of a cell" in told
-    assert counted(1e-4, 80.0)[0] == 256  # and no more
-    assert 16 <= counted(0.1, 10.0)[0] <= 64  # a correlation of .7, and a ratio of 3.2
-    count, told = counted(10.0, 10.0)
+    count, told = counted(1e-4)
+    assert count == 256  # and no more
+    assert "a cost of 1/50 of a cell" in told
+    assert 32 <= counted(0.1)[0] <= 128  # a correlation of .7, and a ratio of 7
+    count, told = counted(10.0)
     assert count == 12
     assert "by chance alone" in told
