@@ -12,6 +12,7 @@ from multiscale.io import make_folder, write_bytes
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
@@ -30,6 +31,15 @@ DOTS_PER_INCH = 150
 LAYOUT_PASSES, SETTLED = 5, 1e-3
 """Most layout passes, as axes of fixed aspect change in size with the room for their labels, and
 motion of all axes, over the size of the figure, below which there are no more."""
+
+TICKS = {
+    0.5: (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0),
+    1.0: (1.0, 2.0, 3.0, 5.0),
+    2.5: (1.0, 2.0, 5.0),
+}
+"""Labelled parts of a decade on logarithmic axes, by the number of decades below which they are."""
+
+DECADES, MOST_TICKS = max(TICKS), 30
 
 WIDE_ASPECT = 1.5
 """Width over height of axes above which a colour bar stands below them."""
@@ -114,8 +124,27 @@ def plot_energy_parts(
     return ax
 
 
+def _label_logarithms(axis: "Axis") -> None:
+    """Write numbers as an engineer does at the ticks of a logarithmic axis: 1, 2, 5, 10."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    if not decades < DECADES:
+        return
+    each = next(subs for width, subs in TICKS.items() if decades < width)
+    axis.set_major_locator(LogLocator(subs=each, numticks=MOST_TICKS))
+    axis.set_minor_formatter(NullFormatter())
+    if low >= 1e-3 and high <= 2e4:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
 def save_figure(figure: "Figure", file: Path) -> Path:
     """Write a figure as a complete PNG file, or no file."""
+    for ax in figure.axes:
+        for axis in (ax.xaxis, ax.yaxis):
+            if axis.get_scale() == "log":
+                _label_logarithms(axis)
     layout = figure.get_layout_engine()
     if layout is not None:
         figure.set_dpi(DOTS_PER_INCH)  # on which the sizes of letters depend

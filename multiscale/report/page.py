@@ -116,7 +116,8 @@ def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...
         if isinstance(value, dict):
             yield from _keys(value, f"{prefix}{key}.")
         elif isinstance(value, list):
-            yield f"{prefix}{key}", ", ".join(readable(item) for item in value)
+            if value:  # or it stands for nothing
+                yield f"{prefix}{key}", ", ".join(readable(item) for item in value)
         elif isinstance(value, bool):
             yield f"{prefix}{key}", str(value).lower()  # as the file says it
         else:

@@ -58,6 +58,11 @@ NO_COARSER = (
     "mesh, of elements twice as large"
 )
 
+COARSER_ALONE = (
+    "the coarser meshes are not used: the error of the meshes is a part of an error budget, and no "
+    "interface has a law with a budget; take the law of a run"
+)
+
 NO_BUDGET = (
     "intervals do not count the error of the law of interface {number}, which is not known: take "
     "the law of a run"
@@ -125,7 +130,7 @@ def _with_budget(
 ) -> "xr.Dataset":
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     if not any(law is not None and "error_half_width" in law for law in laws):
-        return result
+        return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
     shared, found = case.interface or JointLaw(), []
     for number, law in enumerate(laws):
         if law is None or "error_half_width" not in law:
