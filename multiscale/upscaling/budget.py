@@ -137,7 +137,8 @@ def error_budget(
     - *increments*: of cells that flow, what halved increments of one realisation tell, of first
       order; nothing where no body flows;
     - *small slopes*: of flat cells, what the expansion of their compliance in the slopes changes in
-      one realisation; nothing where the mesh follows the surface;
+      one realisation; of conforming cells, which follow one body that stands for two, by what flat
+      cells of one and of two bodies differ, both expanded; nothing in cells of one body;
     - *surface*: what the cells lack of the height and the slope of measured maps, see
       :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
     - *scale separation*: the pressure is not even over a wave, with
