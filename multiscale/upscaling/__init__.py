@@ -13,11 +13,6 @@ from multiscale.upscaling.conductance import (
     with_conductance,
 )
 from multiscale.upscaling.damage_branch import with_damage
-from multiscale.upscaling.ensemble_statistics import (
-    ensemble_average,
-    required_realisations,
-    size_trend,
-)
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
@@ -44,7 +39,6 @@ from multiscale.upscaling.scales import (
     cell_share,
     compare_scales,
     effective_cells,
-    pressure_length,
     pressure_length_of_points,
 )
 from multiscale.upscaling.shear_branch import (
@@ -95,7 +89,6 @@ __all__ = [
     "conductances",
     "effective_cells",
     "elastic_dependence",
-    "ensemble_average",
     "error_budget",
     "estimate_grid_error",
     "fit_branches",
@@ -113,13 +106,10 @@ __all__ = [
     "normal_observations",
     "observe",
     "over_steps",
-    "pressure_length",
     "pressure_length_of_points",
     "read_observations",
     "require_law",
-    "required_realisations",
     "shear_errors",
-    "size_trend",
     "sliders_from_dataset",
     "sliding_friction_at",
     "state_shear",

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.upscaling.bootstrap import widening
 
-__all__ = ["FEWEST_PAIRS", "Control", "best_ratio", "variance_ratio"]
+__all__ = ["FEWEST_PAIRS", "Control", "best_ratio"]
 
 CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
 FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
@@ -150,8 +150,3 @@ def best_ratio(correlation: float, cost_ratio: float) -> float:
     """
     square = min(correlation**2, 1.0 - 1e-6)
     return float(np.sqrt(cost_ratio * square / (1.0 - square)))
-
-
-def variance_ratio(correlation: np.ndarray | float, n: int, n_cheap: int) -> np.ndarray:
-    """Variance with control over the variance of the mean of the dear values alone."""
-    return np.asarray(1.0 - np.square(correlation) * (1.0 - n / n_cheap))
