@@ -1,6 +1,6 @@
 """How wrong a law is: every term estimated and none assumed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -240,15 +240,11 @@ def mean_law_error(budget: "xr.Dataset") -> np.ndarray:
     ndarray, shape (quantities, steps)
         Relative to the value; NaN where the total is not known.
     """
-    half, total = budget["error_half_width"], budget["error_total"].to_numpy()
-    given = half.notnull().any(("quantity", "step")).drop_sel(error_term=FEW_CELLS)
-    rest, bias = (
-        budget[name].drop_sel(error_term=FEW_CELLS).to_numpy()
-        for name in ("error_half_width", "error_bias")
-    )
-    counted = given.to_numpy() | np.isin(given["error_term"].to_numpy(), ALWAYS)
-    error = total_error(bias.sum(axis=1), np.sqrt(np.sum(rest[:, counted] ** 2, axis=1)))
-    return np.asarray(np.where(np.isfinite(total), error, np.nan))
+    half, bias = (budget[name].to_numpy().copy() for name in ("error_half_width", "error_bias"))
+    few = budget["error_term"].to_numpy() == FEW_CELLS
+    half[:, few] = bias[:, few] = 0.0
+    error = add_up(half, bias, np.isfinite(half).any(axis=(0, 2)))
+    return np.where(np.isfinite(budget["error_total"]), error, np.nan)
 
 
 def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
@@ -276,12 +272,12 @@ def how_attribute(term: str) -> str:
     return "how_" + term.replace(" ", "_")
 
 
-def add_up(half: np.ndarray, bias: np.ndarray, given: Sequence[bool]) -> np.ndarray:
+def add_up(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Totals of half-widths and biases (quantity, term, step), with the terms that were given.
 
     NaN where one of these, or of :data:`ALWAYS`, is not known.
     """
-    counted = [term in ALWAYS or one for term, one in zip(ERROR_TERMS, given, strict=True)]
+    counted = np.isin(ERROR_TERMS, ALWAYS) | given
     return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))
 
 
@@ -306,7 +302,8 @@ def assemble_budget(
         for k, term in enumerate(ERROR_TERMS)
         if np.all(np.isnan(half[:, k])) and not terms[term].how.startswith("not in a law")
     ]
-    total = add_up(half, bias, [terms[term].half_width is not None for term in ERROR_TERMS])
+    given = np.array([terms[term].half_width is not None for term in ERROR_TERMS])
+    total = add_up(half, bias, given)
     values = {"error_half_width": half, "error_bias": bias, "error_total": total}
     if pressure is not None:
         values["nominal_pressure"] = pressure

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.budget_terms import NORMAL, Term, each_value, same_steps, students
+from multiscale.upscaling.budget_terms import (
+    NORMAL,
+    Term,
+    compared_values,
+    students,
+    values_of_cells,
+)
 from multiscale.upscaling.response_observations import normal_observations
 
 if TYPE_CHECKING:
@@ -68,12 +74,12 @@ def size_term(
     as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
     from it are free of that.
     """
-    observed = same_steps(response, sizes, apart=apart)
-    ratios = np.array(sorted(observed.by_ratio))
+    found = compared_values(response, sizes, apart=apart)
+    ratios = np.array(sorted(found))
     shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
     biases, rows, powers = [], [], []
-    answers = [one[1.0] for one in each_value({1.0: observed.own})]
-    for values, answer in zip(each_value(observed.by_ratio), answers, strict=True):
+    for quantity, answer in enumerate(values_of_cells(response) if apart else found[1.0]):
+        values = {ratio: one[quantity] for ratio, one in found.items()}
         mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
         n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
         error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])

@@ -368,7 +368,7 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     for term, rows in terms.items():
         follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
         half.loc[{"error_term": term}] = np.vstack([rows, follow])
-    given = half.notnull().any(("quantity", "step")).to_numpy().tolist()
+    given = half.notnull().any(("quantity", "step")).to_numpy()
     total = law["error_total"].copy(data=add_up(half.to_numpy(), bias.to_numpy(), given))
     unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
     return law.assign(error_half_width=half, error_total=total).assign_attrs(
