@@ -51,12 +51,9 @@ def bench(
 
     Parameters
     ----------
-    family : str
-        One of ``FAMILIES``.
-    quick : bool
-        Fewer scenes and grids, one run of each.
-    report : callable
-        Gets a line after each measurement.
+    family : str, one of ``FAMILIES``
+    quick : bool, fewer scenes and grids, one run of each
+    report : callable, gets a line after each measurement
 
     Returns
     -------

@@ -31,15 +31,12 @@ def box_stack(
 
     Parameters
     ----------
-    boxes : int
-        Number of boxes on top of each other.
-    rng : Generator
-        Source of sizes, shifts, masses and pushes.
+    boxes : int, number of boxes on top of each other
+    rng : Generator, source of sizes, shifts, masses and pushes
     mass_ratio : float
         Mass of the heaviest box over the mass of the lightest one; between them the logarithm is
         uniform.
-    friction : float
-        Friction coefficient, 1.
+    friction : float, friction coefficient, 1
     push : callable
         Lateral forces, N, shape (boxes, 2), of masses, kg. Some stacks stick, some slide, some tip
         over.

@@ -49,18 +49,12 @@ class JointScene:
 
     Attributes
     ----------
-    ratio : float
-        Stiffness of the law at the mean pressure relative to that of a block.
-    friction : float
-        Friction coefficient, 1.
-    tilt : float
-        Relative change of the pressure from the middle to the edge.
-    shear : float
-        Amplitude of the shear traction, Pa.
-    parts : int
-        Number of substructures of each block along either edge.
-    elements : tuple of int
-        Number of elements of each block along its edges.
+    ratio : float, stiffness of the law at the mean pressure relative to that of a block
+    friction : float, friction coefficient, 1
+    tilt : float, relative change of the pressure from the middle to the edge
+    shear : float, amplitude of the shear traction, Pa
+    parts : int, number of substructures of each block along either edge
+    elements : tuple of int, number of elements of each block along its edges
     """
 
     ratio: float

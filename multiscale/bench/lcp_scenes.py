@@ -15,24 +15,18 @@ def granular(
 
     Parameters
     ----------
-    grains : int
-        Number of grains, at least 8.
+    grains : int, number of grains, at least 8
     mass_ratio : float
         Mass of the heaviest grain over the mass of the lightest one; between them the logarithm is
         uniform.
-    contacts_per_grain : float
-        Mean number of contacts; more than 3 are redundant.
-    seed : int
-        Seed of the positions, masses and velocities.
+    contacts_per_grain : float, mean number of contacts; more than 3 are redundant
+    seed : int, seed of the positions, masses and velocities
 
     Returns
     -------
-    mass : csr_array, shape (3 * grains, 3 * grains)
-        Diagonal, kg.
-    directions : csr_array, shape (3 * grains, contacts)
-        Normals of the contacts, 1.
-    velocity : ndarray, shape (contacts,)
-        Relative velocity without impulses, m/s; opening positive.
+    mass : csr_array, shape (3 * grains, 3 * grains), diagonal, kg
+    directions : csr_array, shape (3 * grains, contacts), normals of the contacts, 1
+    velocity : ndarray, shape (contacts,), relative velocity without impulses, m/s; opening positive
     """
     rng = np.random.default_rng(seed)
     position = rng.random((grains, 3)) * grains ** (1 / 3)
@@ -74,10 +68,8 @@ def loaded_column(
 
     Parameters
     ----------
-    bodies : int
-        Number of bodies, at least 2.
-    mass_ratio : float
-        Mass of the body on top over the mass of any other one.
+    bodies : int, number of bodies, at least 2
+    mass_ratio : float, mass of the body on top over the mass of any other one
 
     Returns
     -------
@@ -103,19 +95,16 @@ def membrane(nodes: int, *, contrast: float = 1.0, seed: int = 0) -> tuple[csr_a
 
     Parameters
     ----------
-    nodes : int
-        Number of nodes along an edge.
+    nodes : int, number of nodes along an edge
     contrast : float
         Stiffness of half of the cells, chosen at random, over the stiffness of the others.
-    seed : int
-        Seed of this choice.
+    seed : int, seed of this choice
 
     Returns
     -------
     matrix : csr_array, shape (nodes**2, nodes**2)
         Stiffness, N/m, a Z-matrix; the unknowns are heights above the obstacle, m.
-    vector : ndarray, shape (nodes**2,)
-        Force that holds the membrane on the obstacle, N.
+    vector : ndarray, shape (nodes**2,), force that holds the membrane on the obstacle, N
     """
     n = nodes
     rng = np.random.default_rng(seed)
@@ -146,19 +135,15 @@ def tensegrity(
 
     Parameters
     ----------
-    nodes : int
-        Number of nodes along an edge.
-    contrast : float
-        Stiffness of the bars over the stiffness of the cables.
+    nodes : int, number of nodes along an edge
+    contrast : float, stiffness of the bars over the stiffness of the cables
     seed : int
         Seed of the positions, the loads, and the choice of the quarter of the links that are bars.
 
     Returns
     -------
-    matrix : ndarray, shape (cables, cables)
-        A, N/m; the unknowns are slacks, m.
-    vector : ndarray, shape (cables,)
-        Tension without slack, N.
+    matrix : ndarray, shape (cables, cables), A, N/m; the unknowns are slacks, m
+    vector : ndarray, shape (cables,), tension without slack, N
     """
     n = nodes
     rng = np.random.default_rng(seed)
@@ -190,10 +175,8 @@ def p_matrix(size: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
     Parameters
     ----------
-    size : int
-        Number of unknowns.
-    seed : int
-        Seed of the entries.
+    size : int, number of unknowns
+    seed : int, seed of the entries
 
     Returns
     -------

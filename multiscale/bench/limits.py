@@ -52,8 +52,7 @@ def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, flo
 
     Returns
     -------
-    reference : float
-        The limit that was extrapolated least; ``nan`` if there is none.
+    reference : float, the limit that was extrapolated least; ``nan`` if there is none
     uncertainty : float
         Largest distance of another limit from it, in the unit of the limits; ``nan`` with fewer
         than two, because nothing checks a single one.

@@ -31,8 +31,7 @@ def scene_surface(points: int) -> Surface:
 
     Parameters
     ----------
-    points : int
-        Number of points along an edge, at least 33.
+    points : int, number of points along an edge, at least 33
     """
     from multiscale.micro import self_affine
 

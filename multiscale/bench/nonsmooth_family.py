@@ -86,18 +86,12 @@ class Problem:
 
     Attributes
     ----------
-    scene : str
-        Name with the number of unknowns.
-    unknowns : int
-        Length of an answer.
-    tolerance : float
-        Residual asked for, relative to the data.
-    methods : tuple of str
-        Names of all methods, ``"auto"`` first.
-    solve : callable
-        Takes ``method`` and ``max_iterations`` by name.
-    verify : callable
-        An answer to its residual, from the data alone.
+    scene : str, name with the number of unknowns
+    unknowns : int, length of an answer
+    tolerance : float, residual asked for, relative to the data
+    methods : tuple of str, names of all methods, ``"auto"`` first
+    solve : callable, takes ``method`` and ``max_iterations`` by name
+    verify : callable, an answer to its residual, from the data alone
     """
 
     scene: str

@@ -32,16 +32,12 @@ class ContactAnswer:
 
     Attributes
     ----------
-    mean_gap : float
-        Nominal-area mean of obstacle minus deformed surface, m.
+    mean_gap : float, nominal-area mean of obstacle minus deformed surface, m
     contact_fraction : float
         Real over nominal contact area, 1, with its edges found in the same way for all.
-    iterations : int
-        Steps of conjugate gradients.
-    unknowns : int
-        Contact pressures or displacements that the code solves for.
-    converged : bool
-        By the code's own account.
+    iterations : int, steps of conjugate gradients
+    unknowns : int, contact pressures or displacements that the code solves for
+    converged : bool, by the code's own account
     """
 
     mean_gap: float
@@ -56,12 +52,9 @@ def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -
 
     Parameters
     ----------
-    surface : Surface
-        Heights of the elastic body under a rigid flat, on a square cell.
-    pressure : float
-        Mean pressure, Pa.
-    contact_modulus : float
-        Pa.
+    surface : Surface, heights of the elastic body under a rigid flat, on a square cell
+    pressure : float, mean pressure, Pa
+    contact_modulus : float, Pa
 
     Returns
     -------
@@ -205,10 +198,8 @@ class Code:
 
     Attributes
     ----------
-    solve : callable
-        Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`.
-    module : str
-        Name by which the code is installed and imported.
+    solve : callable, surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`
+    module : str, name by which the code is installed and imported
     small_slope : bool
         Whether it solves the half-space problem for small slopes, with the roughness as a gap.
     """

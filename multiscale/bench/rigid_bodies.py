@@ -22,14 +22,10 @@ class RigidBodies:
 
     Attributes
     ----------
-    mass : csr_array
-        :math:`M`, diagonal, kg and kg m².
-    transfer : csr_array
-        :math:`H` from impulses to bodies, 1 and m; normal first at every contact.
-    momentum : ndarray
-        :math:`f`, without contact impulses, N s and N m s.
-    friction : ndarray, shape (contacts,)
-        Friction coefficient, 1.
+    mass : csr_array, :math:`M`, diagonal, kg and kg m²
+    transfer : csr_array, :math:`H` from impulses to bodies, 1 and m; normal first at every contact
+    momentum : ndarray, :math:`f`, without contact impulses, N s and N m s
+    friction : ndarray, shape (contacts,), friction coefficient, 1
     """
 
     mass: csr_array
@@ -56,16 +52,12 @@ def rigid_bodies(
 
     Parameters
     ----------
-    masses : ndarray, shape (bodies,)
-        kg.
+    masses : ndarray, shape (bodies,), kg
     inertias, centres : ndarray, shape (bodies, 3)
         Principal moments about the axes of space, kg m², and centres of mass, m.
-    contacts : sequence of Touch
-        Where the bodies touch.
-    forces : ndarray, shape (bodies, 6)
-        Forces and moments, N and N m, for one :data:`STEP`.
-    friction : float or ndarray, shape (contacts,)
-        Friction coefficient, 1.
+    contacts : sequence of Touch, where the bodies touch
+    forces : ndarray, shape (bodies, 6), forces and moments, N and N m, for one :data:`STEP`
+    friction : float or ndarray, shape (contacts,), friction coefficient, 1
     """
     n = len(masses)
     rows, columns, values = list[int](), list[int](), list[float]()

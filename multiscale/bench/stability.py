@@ -35,12 +35,9 @@ class StabilityCase:
 
     Parameters
     ----------
-    family : str
-        Function of ``stability_cases`` that solves it.
-    parameters : tuple of (str, value)
-        Its arguments.
-    tolerance : float
-        Verified residual up to which it has converged.
+    family : str, function of ``stability_cases`` that solves it
+    parameters : tuple of (str, value), its arguments
+    tolerance : float, verified residual up to which it has converged
     """
 
     family: str
@@ -78,10 +75,8 @@ def check_stability(
     Parameters
     ----------
     cases : list of StabilityCase
-    jobs : int
-        Number of processes at a time.
-    report : callable
-        Gets a line after each case.
+    jobs : int, number of processes at a time
+    report : callable, gets a line after each case
     keep : callable
         Gets the dataset of all cases so far after each case, so that a killed run leaves it.
 
@@ -188,8 +183,7 @@ def tabulate_stability(
 
     Parameters
     ----------
-    stability : Dataset
-        Follows ``STABILITY``.
+    stability : Dataset, follows ``STABILITY``
 
     Returns
     -------

@@ -25,14 +25,11 @@ def joint_faults(
 
     Parameters
     ----------
-    whole : Assembled
-        The bodies.
-    law : Sliders
-        Law of all joints.
+    whole : Assembled, the bodies
+    law : Sliders, law of all joints
     steps : iterable of (ndarray, ndarray, ndarray)
         Load factors of a step, jumps :math:`y` (m) and tractions :math:`t` (Pa), shape (points, 3).
-    stiffness : float
-        Ratio k of the size of the tractions to the size of the jumps, Pa/m.
+    stiffness : float, ratio k of the size of the tractions to the size of the jumps, Pa/m
 
     Returns
     -------
@@ -81,10 +78,8 @@ def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
 
     Parameters
     ----------
-    position : ndarray, shape (frames, grains, 3)
-        Centres, m.
-    radius : ndarray, shape (grains,)
-        m.
+    position : ndarray, shape (frames, grains, 3), centres, m
+    radius : ndarray, shape (grains,), m
     """
     away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
@@ -96,10 +91,8 @@ def unbalanced_share(result: "xr.Dataset", friction: float) -> float:
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``GRANULATE``, with every step as a frame.
-    friction : float
-        Friction coefficient, 1.
+    result : Dataset, follows ``GRANULATE``, with every step as a frame
+    friction : float, friction coefficient, 1
     """
     mass, n = result["mass"].values, result.sizes["grain"]
     ends, force = result["contact_ends"].values, result["contact_force"].values

@@ -47,12 +47,9 @@ class GridMethod:
 
     Attributes
     ----------
-    method : str
-        Method of :func:`multiscale.macro.solve_static`.
-    largest : int
-        Modules along an edge of the largest grid that it gets.
-    pardiso : bool
-        Whether PARDISO may factorise.
+    method : str, method of :func:`multiscale.macro.solve_static`
+    largest : int, modules along an edge of the largest grid that it gets
+    pardiso : bool, whether PARDISO may factorise
     """
 
     method: str
@@ -73,12 +70,9 @@ class GridAnswer:
 
     Attributes
     ----------
-    tension : ndarray, shape (links,)
-        Tension, N.
-    displacement : ndarray, shape (nodes, 3)
-        Displacement, m.
-    slack : int
-        Number of slack cables.
+    tension : ndarray, shape (links,), tension, N
+    displacement : ndarray, shape (nodes, 3), displacement, m
+    slack : int, number of slack cables
     iterations : float
         Number of steps of Newton's method; NaN for other methods, which do not count them.
     """
@@ -116,10 +110,8 @@ def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
 
     Parameters
     ----------
-    system : LinkSystem
-        Structure that was solved.
-    load_factor : float
-        Factor of its load.
+    system : LinkSystem, structure that was solved
+    load_factor : float, factor of its load
     answer : GridAnswer
         Tensions and displacement; they are a solution if and only if the result is zero.
 
@@ -144,10 +136,8 @@ def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> 
 
     Parameters
     ----------
-    system : LinkSystem
-        Links, whose stiffness k is the weight.
-    tension, reference : ndarray, shape (links,)
-        Tensions, N.
+    system : LinkSystem, links, whose stiffness k is the weight
+    tension, reference : ndarray, shape (links,), tensions, N
 
     Returns
     -------

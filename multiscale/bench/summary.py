@@ -30,8 +30,7 @@ def join_families(families: Mapping[str, "xr.Dataset"]) -> "xr.Dataset":
 
     Parameters
     ----------
-    families : mapping of str to Dataset
-        Each follows ``WORK_PRECISION``.
+    families : mapping of str to Dataset, each follows ``WORK_PRECISION``
 
     Returns
     -------
@@ -65,8 +64,7 @@ def tabulate_cheapest(
 
     Parameters
     ----------
-    work_precision : Dataset
-        From :func:`join_families`.
+    work_precision : Dataset, from :func:`join_families`
 
     Returns
     -------

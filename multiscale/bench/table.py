@@ -30,14 +30,12 @@ def tabulate_runs(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[t
 
     Parameters
     ----------
-    work_precision : Dataset
-        Follows ``WORK_PRECISION``, with ``scene`` and ``method``.
+    work_precision : Dataset, follows ``WORK_PRECISION``, with ``scene`` and ``method``
 
     Returns
     -------
     head : tuple of str
-    rows : list of tuple of str
-        One for each run.
+    rows : list of tuple of str, one for each run
     """
     columns = {name: column for name, column in COLUMNS.items() if name in work_precision}
     head = ("scene", "code", *(heading for heading, _, _ in columns.values()))

@@ -62,14 +62,10 @@ class Settled:
 
     Attributes
     ----------
-    height : float
-        Twice the mean height of the centres, m.
-    contacts : int
-        Number of overlapping pairs.
-    steps : int
-        Number of time steps.
-    overlap : float
-        Largest overlap relative to the radius.
+    height : float, twice the mean height of the centres, m
+    contacts : int, number of overlapping pairs
+    steps : int, number of time steps
+    overlap : float, largest overlap relative to the radius
     """
 
     height: float
@@ -90,12 +86,9 @@ def settle(model: Model, duration: float, *, threads: int = 1) -> Settled:
 
     Parameters
     ----------
-    model : Model
-        Spheres of one size and density in a box that is open above.
-    duration : float
-        Duration of the fall, s.
-    threads : int
-        Number of threads.
+    model : Model, spheres of one size and density in a box that is open above
+    duration : float, duration of the fall, s
+    threads : int, number of threads
 
     Returns
     -------

@@ -10,8 +10,7 @@ def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    position : ndarray, shape (n, 3)
-        m.
+    position : ndarray, shape (n, 3), m
     component : ndarray of int, shape (n,)
         0, 1 and 2 for displacements along x, y and z; larger for unknowns that do not move.
 

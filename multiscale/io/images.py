@@ -19,10 +19,8 @@ class VoxelImage:
 
     Parameters
     ----------
-    void : ndarray of bool or of 0 and 1, shape (nx, ny, nz)
-        Whether a voxel is void.
-    size : tuple of float
-        Lengths of the box along x, y and z, m.
+    void : ndarray of bool or of 0 and 1, shape (nx, ny, nz), whether a voxel is void
+    size : tuple of float, lengths of the box along x, y and z, m
 
     Raises
     ------
@@ -76,8 +74,7 @@ class VoxelImage:
         ----------
         void
             As of the class.
-        voxel_size : float or sequence of float
-            Edge of cubic voxels, or edges along x, y and z, m.
+        voxel_size : float or sequence of float, edge of cubic voxels, or edges along x, y and z, m
 
         Raises
         ------
@@ -125,8 +122,7 @@ def read_images(
     path : path
         File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names with
         numbers as numbers, are slices along z.
-    void_value : float
-        Value of void voxels; the image must have at most one other value.
+    void_value : float, value of void voxels; the image must have at most one other value
     voxel_size : float or sequence of float, optional
         Edge of cubic voxels, or edges along x, y and z, m. Read from the file if not given.
 

@@ -12,8 +12,7 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
 
     Parameters
     ----------
-    temperature, reference : float
-        Temperature :math:`T` and reference temperature :math:`T_r`, K.
+    temperature, reference : float, temperature :math:`T` and reference temperature :math:`T_r`, K
     c1, c2 : float
         Constants :math:`c_1`, dimensionless, and :math:`c_2`, K; the defaults hold for many
         polymers with the glass transition as reference.

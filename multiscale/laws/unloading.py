@@ -17,13 +17,11 @@ class HystereticLaw(InterfaceLaw):
 
     Parameters
     ----------
-    loading : NormalLaw
-        Pressure :math:`p_\ell(g)` of the first loading; its initial gap is used.
+    loading : NormalLaw, pressure :math:`p_\ell(g)` of the first loading; its initial gap is used
     stiffness_ratio : float
         Ratio :math:`\beta \ge 1` of the stiffnesses at the start of unloading and of loading,
         dimensionless.
-    exponent : float
-        Exponent :math:`n \ge 1` of the unloading branch, dimensionless.
+    exponent : float, exponent :math:`n \ge 1` of the unloading branch, dimensionless
 
     Raises
     ------

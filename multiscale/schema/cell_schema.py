@@ -30,8 +30,7 @@ def branch_of(load: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    load : ndarray, shape (steps,)
-        Pressure, Pa, or approach, m, in order; nothing touches up to 0.
+    load : ndarray, shape (steps,), pressure, Pa, or approach, m, in order; nothing touches up to 0
 
     Returns
     -------

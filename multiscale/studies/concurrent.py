@@ -31,16 +31,14 @@ class CellLaw(NormalLaw):
 
     Parameters
     ----------
-    cell : FlatCell
-        Without hardness.
+    cell : FlatCell, without hardness
     spacing : float, optional
         Distance of the gaps at which cells are solved, m; between them the law is a cubic with
         the pressures and stiffnesses of both. A tenth of the root mean square height costs some
         thirty cells and changes pressures by up to 2 %, where nearly all is closed; a twentieth
         sixty cells and 0.5 %. Much coarser ones need not be convex. Without it a cell is solved at
         every gap that the structure asks for.
-    gap : float, default 0.0
-        Initial gap between the mean planes, m.
+    gap : float, default 0.0, initial gap between the mean planes, m
 
     Attributes
     ----------

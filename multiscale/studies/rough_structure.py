@@ -183,12 +183,9 @@ def solve_sequential(
     Parameters
     ----------
     structure : RoughStructure
-    seeds : sequence of int
-        Of the cells.
-    points_per_wave : int
-        Grid points of the cells per shortest wave.
-    waves : int
-        Longest waves along an edge of a cell.
+    seeds : sequence of int, of the cells
+    points_per_wave : int, grid points of the cells per shortest wave
+    waves : int, longest waves along an edge of a cell
     """
     begin = perf_counter()
     cells = [structure.cell(structure.surface(seed, points_per_wave, waves)) for seed in seeds]

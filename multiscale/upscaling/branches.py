@@ -35,16 +35,13 @@ def fit_branches(
     response : Dataset
         Follows ``MICRO_RESPONSE``; gives the loading, and the unloading if cells have flowed and
         were unloaded.
-    control : Dataset, optional
-        Many cheap cells, as of :func:`fit_law`.
+    control : Dataset, optional, many cheap cells, as of :func:`fit_law`
     shear : Dataset, optional
         Follows ``MICRO_RESPONSE``; gives the tangential branch, see :func:`with_shear`.
     sliding : Dataset, optional
         Follows ``SLIDING_RESPONSE``; gives friction over pressure, see :func:`with_sliding`.
-    apart : bool, optional
-        As of :func:`with_shear`.
-    n_samples : int
-        Of each branch.
+    apart : bool, optional, as of :func:`with_shear`
+    n_samples : int, of each branch
     **options
         As of :func:`~multiscale.upscaling.fit_law`.
 
@@ -74,12 +71,9 @@ def with_unloading(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``: the normal law of the loading branch.
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, loaded and unloaded.
-    control : Dataset, optional
-        Many cheap cells, as of :func:`unloading_observations`.
+    law : Dataset, follows ``INTERFACE_LAW``: the normal law of the loading branch
+    response : Dataset, follows ``MICRO_RESPONSE``, loaded and unloaded
+    control : Dataset, optional, many cheap cells, as of :func:`unloading_observations`
 
     Returns
     -------

@@ -82,18 +82,15 @@ def error_budget(
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    law : Dataset
-        Follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`.
+    response : Dataset, follows ``MICRO_RESPONSE``
+    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`
     resolutions : mapping of float to Dataset, optional
         From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
         the same realisations on a coarser grid.
     sizes : mapping of float to Dataset, optional
         From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
         response of cells with the same spectrum.
-    scales : ScaleSeparation, optional
-        From :func:`compare_scales`.
+    scales : ScaleSeparation, optional, from :func:`compare_scales`
     apart : bool, default False
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
@@ -103,8 +100,7 @@ def error_budget(
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
         same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
         the law under 1; may be empty.
-    control : Dataset, optional
-        As of :func:`fit_law`.
+    control : Dataset, optional, as of :func:`fit_law`
 
     Returns
     -------

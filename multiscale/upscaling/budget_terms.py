@@ -57,13 +57,11 @@ class Term:
 
     Attributes
     ----------
-    how : str
-        How it was estimated, or what would tell it.
+    how : str, how it was estimated, or what would tell it
     half_width : ndarray, shape (quantities, steps), or None
         Half-width of the 95 % interval, relative to the value; NaN where it is not known, None if
         nothing was given to estimate it from.
-    bias : ndarray, shape (quantities, steps), or 0
-        Part whose sign is known, relative to the value.
+    bias : ndarray, shape (quantities, steps), or 0, part whose sign is known, relative to the value
     """
 
     how: str

@@ -28,8 +28,7 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation.
+    response : Dataset, follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation
     rms_height : float
         Root mean square height of the surface at large, m: of a patch that holds many of its
         longest waves, of which only the heights have to be made. It is kept as the attribute

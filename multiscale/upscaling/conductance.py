@@ -35,13 +35,11 @@ def with_conductance(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
     conductivities : mapping of str to tuple of float
         Conductivities :math:`k_1, k_2` of both bodies, positive, by a name of
         :data:`CONDUCTANCES`: thermal, W m-1 K-1, or electrical, S m-1.
-    contact_modulus : float
-        :math:`E^*` of both bodies, Pa.
+    contact_modulus : float, :math:`E^*` of both bodies, Pa
     flows : bool
         Whether a body of the cells flows. The elastic stiffness is then the stiffness at the start
         of unloading; a law without that branch has a caution.
@@ -86,10 +84,8 @@ def conductances(law: "xr.Dataset", pressure: np.ndarray) -> dict[str, np.ndarra
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    pressure : ndarray, shape (steps,)
-        Nominal pressure of the interface, Pa.
+    law : Dataset, follows ``INTERFACE_LAW``
+    pressure : ndarray, shape (steps,), nominal pressure of the interface, Pa
 
     Returns
     -------
@@ -112,10 +108,8 @@ def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
 
     Parameters
     ----------
-    law : Dataset
-        With conductances.
-    answers : ndarray of bool, shape (answers, steps)
-        Which of the answers are conductances.
+    law : Dataset, with conductances
+    answers : ndarray of bool, shape (answers, steps), which of the answers are conductances
     """
     require_law(law, "conductance_branch")
     half = 0.0

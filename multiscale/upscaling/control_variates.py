@@ -133,10 +133,8 @@ def best_ratio(correlation: float, cost_ratio: float) -> float:
 
     Parameters
     ----------
-    correlation : float
-        :math:`\rho` of dear and cheap values.
-    cost_ratio : float
-        Time of a dear cell over the time of a cheap one, :math:`c`.
+    correlation : float, :math:`\rho` of dear and cheap values
+    cost_ratio : float, time of a dear cell over the time of a cheap one, :math:`c`
 
     Notes
     -----

@@ -22,8 +22,7 @@ def with_damage(law: "xr.Dataset", sections: "xr.Dataset") -> "xr.Dataset":
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
     sections : Dataset
         Follows ``DAMAGE_SECTIONS``, of :func:`multiscale.micro.damage.max_damage`: a volume of the
         material near the surface, whose axis z is the normal of the interface.

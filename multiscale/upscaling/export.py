@@ -40,8 +40,7 @@ class ChordTable:
 
     Attributes
     ----------
-    pressure, overclosure : ndarray, shape (points,)
-        Pa and m; zero first, rising.
+    pressure, overclosure : ndarray, shape (points,), Pa and m; zero first, rising
     first_contact : float
         Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
         smallest pressure reaches zero.
@@ -60,8 +59,7 @@ def pressure_overclosure(
     Parameters
     ----------
     law : NormalLaw
-    pressure_range : tuple of float
-        Smallest and largest pressure of the table, Pa.
+    pressure_range : tuple of float, smallest and largest pressure of the table, Pa
     tolerance : float
         Bound on the error of the pressure between the points, relative to the pressure.
 
@@ -105,14 +103,11 @@ def write_pressure_overclosure(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    path : path
-        An input file, to be included before the steps with ``*INCLUDE, INPUT=...``.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    path : path, an input file, to be included before the steps with ``*INCLUDE, INPUT=...``
     name, length_unit, pressure_unit : str
         Name of the surface interaction, and the units of the model.
-    tolerance : float
-        See :func:`pressure_overclosure`.
+    tolerance : float, see :func:`pressure_overclosure`
     friction_for : {"abaqus", "calculix"}, optional
         Write friction and stick stiffness too, which the two codes read in different words. The
         law needs a tangential branch.
@@ -236,8 +231,7 @@ def write_law_table(
     ----------
     dataset, path, length_unit, pressure_unit
         As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
-    n_points : int
-        Number of pressures, even in the logarithm over the range of the data.
+    n_points : int, number of pressures, even in the logarithm over the range of the data
     """
     require_law(dataset, "pressure_min", "pressure_max")
     p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)

@@ -45,8 +45,7 @@ class Family:
     make : callable
         The law, from the parameters and the held values, as keywords. A normal law gets the
         pressures of the data as its ``pressure_range``.
-    start : callable
-        Estimates of the parameters, SI, inside their ranges, from observations.
+    start : callable, estimates of the parameters, SI, inside their ranges, from observations
     held : callable, optional
         Keywords of ``make`` that the data decide and the fit leaves alone, such as a reference
         pressure, with their units: from observations to a mapping of name to (value, unit).

@@ -85,12 +85,10 @@ def fit_law(
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
         have free form and are the default; the others are in ``FAMILIES``, or a user's own.
-    fixed : mapping of str to float, optional
-        Parameters of the family that keep a value, SI.
+    fixed : mapping of str to float, optional, parameters of the family that keep a value, SI
     weights : ndarray, shape (points,), optional
         Weight of each step of the response, or of each point, not negative; 1 if not given.
-    n_terms : int
-        Number of knots of the normal law of free form, at least 6.
+    n_terms : int, number of knots of the normal law of free form, at least 6
     n_samples : int
         Number of bootstrap samples. With fewer than three realisations the scatter is not known,
         and the dimension ``sample`` has size 0; if the points are independent measurements, the
@@ -220,8 +218,7 @@ def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) ->
 
     Parameters
     ----------
-    observations : Observations
-        Observed gaps.
+    observations : Observations, observed gaps
     law : Dataset, optional
         Follows ``INTERFACE_LAW``: the laws are of its family, with the same parameters fixed; of
         free form if not given.

@@ -18,14 +18,10 @@ class Quantity:
 
     Attributes
     ----------
-    unit : str
-        UDUNITS spelling.
-    conditions : mapping of str to str
-        Names and units of what the values depend on, pressure first.
-    predict : callable
-        The value that a law gives, from the law and the conditions.
-    variable : str
-        Name of the mean values in a dataset of the law.
+    unit : str, UDUNITS spelling
+    conditions : mapping of str to str, names and units of what the values depend on, pressure first
+    predict : callable, the value that a law gives, from the law and the conditions
+    variable : str, name of the mean values in a dataset of the law
     """
 
     unit: str
@@ -65,17 +61,13 @@ class Observations:
 
     Parameters
     ----------
-    quantity : str
-        A key of ``QUANTITIES``.
-    conditions : tuple of ndarray, shape (points,)
-        In the order of the quantity, SI.
-    values, counted : ndarray, shape (realisations, points)
-        SI, and which values exist.
+    quantity : str, a key of ``QUANTITIES``
+    conditions : tuple of ndarray, shape (points,), in the order of the quantity, SI
+    values, counted : ndarray, shape (realisations, points), SI, and which values exist
     scale : ndarray, shape (points,)
         What an error of the mean value is measured by, SI: the value itself, or for a gap the
         distance over which the pressure changes by its own size.
-    attributes : mapping
-        What the data say of the surface, carried into the law.
+    attributes : mapping, what the data say of the surface, carried into the law
     order : ndarray of int, shape (points,)
         Place of each point in what the observations were made from.
     independent : bool

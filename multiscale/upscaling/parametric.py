@@ -39,8 +39,7 @@ def fit_family(
         independent, the residuals are resampled instead.
     weights, fixed
         See :func:`~.regression.regression_of`.
-    n_samples, seed : int
-        Number and seed of the resampled residuals.
+    n_samples, seed : int, number and seed of the resampled residuals
     """
     regression = regression_of(family, observations, fixed, weights)
     mean = observations.means()[0][0]

@@ -39,14 +39,10 @@ def law_from_dataset(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    sample : int, optional
-        Which bootstrap sample; the mean law if not given.
-    gap : float, default 0.0
-        Initial gap between the mean planes, m.
-    family : Family, optional
-        The user's own family, if the law is not of a built-in one.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    sample : int, optional, which bootstrap sample; the mean law if not given
+    gap : float, default 0.0, initial gap between the mean planes, m
+    family : Family, optional, the user's own family, if the law is not of a built-in one
 
     Raises
     ------
@@ -142,19 +138,14 @@ def law_band(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    evaluate : callable
-        From a law to an array, for instance ``lambda law: law.gap_at(pressures)``.
-    confidence : float
-        Between 0 and 1.
-    family : Family, optional
-        See :func:`law_from_dataset`.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    evaluate : callable, from a law to an array, for instance ``lambda law: law.gap_at(pressures)``
+    confidence : float, between 0 and 1
+    family : Family, optional, see :func:`law_from_dataset`
 
     Returns
     -------
-    low, high : ndarray
-        Ends of the interval, shaped as the answer.
+    low, high : ndarray, ends of the interval, shaped as the answer
 
     Raises
     ------

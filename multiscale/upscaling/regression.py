@@ -30,13 +30,10 @@ class Regression:
     conditions : tuple of ndarray, shape (points,)
     scale, weights : ndarray, shape (points,)
         Scales :math:`s_j` of the observations, and weights :math:`w_j \ge 0`, dimensionless.
-    held : mapping of str to float
-        Values that the data decide or the user fixed, SI.
+    held : mapping of str to float, values that the data decide or the user fixed, SI
     free : tuple of str
-    start : mapping of str to float
-        Where the fit of the mean starts, SI.
-    datum : bool
-        Whether the zero of the gap is open.
+    start : mapping of str to float, where the fit of the mean starts, SI
+    datum : bool, whether the zero of the gap is open
 
     Notes
     -----
@@ -176,10 +173,8 @@ def regression_of(
     ----------
     family : Family
     observations : Observations
-    fixed : mapping of str to float
-        Parameters that keep a value, SI.
-    weights : ndarray, shape (points,)
-        Dimensionless.
+    fixed : mapping of str to float, parameters that keep a value, SI
+    weights : ndarray, shape (points,), dimensionless
 
     Raises
     ------

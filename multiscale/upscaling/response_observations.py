@@ -35,8 +35,7 @@ def normal_observations(
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``; one loading branch.
+    response : Dataset, follows ``MICRO_RESPONSE``; one loading branch
     control : Dataset, optional
         Follows ``MICRO_RESPONSE``: many cheap cells at the same pressures. Those with the numbers
         of the realisations of the response have their surfaces. See :class:`Control`.

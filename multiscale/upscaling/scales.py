@@ -27,8 +27,7 @@ class ScaleSeparation:
         :math:`\varepsilon = \lambda_l / \ell`, longest wavelength over macro length.
     cell_ratio : float
         Size of the cell over the extent of the structure, which averages over its cells.
-    cautions : tuple of str
-        A sentence for each scale that is not separate; empty if all are.
+    cautions : tuple of str, a sentence for each scale that is not separate; empty if all are
     """
 
     wavelength_ratio: float
@@ -60,8 +59,7 @@ def compare_scales(
     macro_length : float
         Length over which the pressure of the structure varies, m; see
         :func:`pressure_length_of_points`.
-    extent : float, optional
-        Edge of the loaded interface, m; the macro length if not given.
+    extent : float, optional, edge of the loaded interface, m; the macro length if not given
 
     Raises
     ------
@@ -90,10 +88,8 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
     ----------
     weight : ndarray, shape (..., points)
         How much the answer depends on the law at a point, per area: pressure, or energy; any unit.
-    area : ndarray, shape (points,)
-        What a point stands for, m².
-    cell_size : float
-        Edge of a cell, m.
+    area : ndarray, shape (points,), what a point stands for, m²
+    cell_size : float, edge of a cell, m
 
     Returns
     -------
@@ -127,10 +123,8 @@ def pressure_length_of_points(
 
     Parameters
     ----------
-    position : ndarray, shape (points, 2)
-        In the plane, m; five points at least.
-    pressure, area : ndarray, shape (points,)
-        Pa, and what a point stands for, m².
+    position : ndarray, shape (points, 2), in the plane, m; five points at least
+    pressure, area : ndarray, shape (points,), Pa, and what a point stands for, m²
 
     Returns
     -------

@@ -38,8 +38,7 @@ def assume_shear(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
     friction : float, optional
         Friction coefficient, dimensionless; the law keeps its own if not given.
     stiffness_ratio : float, optional
@@ -129,10 +128,8 @@ def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    sliding : Dataset
-        Follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`.
+    law : Dataset, follows ``INTERFACE_LAW``
+    sliding : Dataset, follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`
 
     Raises
     ------
@@ -175,10 +172,8 @@ def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``; of :func:`with_sliding`.
-    pressure : float
-        Of the interface, Pa.
+    law : Dataset, follows ``INTERFACE_LAW``; of :func:`with_sliding`
+    pressure : float, of the interface, Pa
 
     Returns
     -------
@@ -209,8 +204,7 @@ def sliders_from_dataset(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``; of :func:`with_shear` or :func:`assume_shear`.
+    dataset : Dataset, follows ``INTERFACE_LAW``; of :func:`with_shear` or :func:`assume_shear`
     sample : int, optional
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
     normal : NormalLaw or HystereticLaw, optional
@@ -219,8 +213,7 @@ def sliders_from_dataset(
         Direction whose stiffness is taken, x or y; the mean of both if not given.
     pressures : tuple of float, optional
         Between which the bed is fine, Pa; those of the data if not given.
-    slabs : int
-        See :class:`~multiscale.laws.Sliders`.
+    slabs : int, see :class:`~multiscale.laws.Sliders`
 
     Raises
     ------

@@ -43,12 +43,9 @@ def tangential_terms(
 
     Parameters
     ----------
-    terms : mapping of str to Term
-        Half-widths (3, steps).
-    law : Dataset
-        Follows ``INTERFACE_LAW``, with a tangential branch that was measured.
-    p : ndarray, shape (steps,)
-        Pressures of the law, Pa.
+    terms : mapping of str to Term, half-widths (3, steps)
+    law : Dataset, follows ``INTERFACE_LAW``, with a tangential branch that was measured
+    p : ndarray, shape (steps,), pressures of the law, Pa
     coarser : mapping of float to Dataset
         From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
         and sheared on a coarser grid; with that of fewer realisations, on the grid of the law too,
@@ -96,8 +93,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
     ----------
     law : Dataset
         Follows ``INTERFACE_LAW``; carries a budget with the scales of a structure, if any.
-    p : ndarray, shape (steps,)
-        Pressures, Pa.
+    p : ndarray, shape (steps,), pressures, Pa
 
     Returns
     -------
@@ -139,8 +135,7 @@ def loss_term(law: "xr.Dataset") -> Term:
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
 
     Returns
     -------
@@ -211,8 +206,7 @@ def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
     laws : mapping of float to Dataset
         From the ratio of the spacings to the law of the same realisations on that grid, as of
         :func:`tangential_terms`; nothing is known if one was not cycled.

@@ -25,10 +25,8 @@ class LossRatio:
 
     Attributes
     ----------
-    pressure : ndarray, shape (cycles,)
-        Mean pressure, Pa.
-    amplitude : ndarray, shape (cycles,)
-        Of the traction of the mean cell, over full slip.
+    pressure : ndarray, shape (cycles,), mean pressure, Pa
+    amplitude : ndarray, shape (cycles,), of the traction of the mean cell, over full slip
     ratio : ndarray, shape (realisations, cycles, 2)
         With the bed in a cycle of the same slip, and in a cycle of the same traction.
     """
@@ -49,16 +47,11 @@ def measure_loss(
 
     Parameters
     ----------
-    shear : Dataset
-        Follows ``MICRO_RESPONSE``, of cells with friction.
-    pressure : ndarray, shape (steps,)
-        Mean pressure of its steps, Pa.
-    laws : list of NormalLaw
-        Normal law of each realisation.
-    stiffness_ratio : ndarray, shape (2,)
-        Of the bed along x and y.
-    friction : float
-        Friction coefficient of the bed.
+    shear : Dataset, follows ``MICRO_RESPONSE``, of cells with friction
+    pressure : ndarray, shape (steps,), mean pressure of its steps, Pa
+    laws : list of NormalLaw, normal law of each realisation
+    stiffness_ratio : ndarray, shape (2,), of the bed along x and y
+    friction : float, friction coefficient of the bed
 
     Returns
     -------
@@ -113,10 +106,8 @@ def closed_cycles(slip: np.ndarray, pressure: np.ndarray) -> list[tuple[int, lis
 
     Parameters
     ----------
-    slip : ndarray, shape (steps, 2)
-        m.
-    pressure : ndarray, shape (steps,)
-        Pa.
+    slip : ndarray, shape (steps, 2), m
+    pressure : ndarray, shape (steps,), Pa
 
     Returns
     -------

@@ -44,10 +44,8 @@ def with_shear(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``; fitted to the response.
-    response : Dataset
-        Follows ``MICRO_RESPONSE``: cells that are pressed.
+    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response
+    response : Dataset, follows ``MICRO_RESPONSE``: cells that are pressed
     shear : Dataset
         Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
         realisations, with the same numbers, that are pressed, sheared until they slip and
@@ -166,10 +164,8 @@ def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndar
     Parameters
     ----------
     bed : Sliders
-    opening : ndarray, shape (steps,)
-        Normal jump, m.
-    slip : ndarray, shape (steps, 2) or (steps, 2, paths)
-        Tangential jumps, m.
+    opening : ndarray, shape (steps,), normal jump, m
+    slip : ndarray, shape (steps, 2) or (steps, 2, paths), tangential jumps, m
 
     Returns
     -------

@@ -46,8 +46,7 @@ def fit_convex_decreasing(
 
     Parameters
     ----------
-    observations : Observations
-        Observed gaps or normal stiffnesses.
+    observations : Observations, observed gaps or normal stiffnesses
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample.
     weights, n_terms, ridge
@@ -116,11 +115,9 @@ def decay_share(
 
     Parameters
     ----------
-    error : ndarray, shape (fits,)
-        Errors of the fits of :func:`left_out`; NaN where there is none.
+    error : ndarray, shape (fits,), errors of the fits of :func:`left_out`; NaN where there is none
     n : int
-    least : float
-        Smallest share of the error without noise.
+    least : float, smallest share of the error without noise
     noise : ndarray, shape (fits,), optional
         Variance of the error over the realisations, which the sampling error counts.
 

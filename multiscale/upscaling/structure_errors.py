@@ -86,12 +86,9 @@ def structure_budget(
     name : str or sequence of str
         Name of the answer, for instance ``"joint_stiffness"``. Several answers have an axis of
         their own before the axis of the steps, here and in the arrays below.
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
-    solve : callable
-        From a normal law to the answer, shape (steps,), any unit: a macro solver.
-    answer : ndarray, shape (steps,), optional
-        Answer with the mean law, if it is known.
+    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`
+    solve : callable, from a normal law to the answer, shape (steps,), any unit: a macro solver
+    answer : ndarray, shape (steps,), optional, answer with the mean law, if it is known
     pressure : ndarray, shape (steps,), optional
         Pressure of the interface at each step, Pa, at which the errors of the law count; their
         root mean square over its data if not given.
@@ -240,10 +237,8 @@ def changed_laws(law: "xr.Dataset", pressure: np.ndarray | None = None) -> dict[
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
-    pressure : ndarray, shape (steps,), optional
-        As of :func:`structure_budget`.
+    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
+    pressure : ndarray, shape (steps,), optional, as of :func:`structure_budget`
 
     Returns
     -------
@@ -281,8 +276,7 @@ def add_budgets(budgets: Sequence["xr.Dataset"], names: Sequence[str]) -> "xr.Da
     budgets : sequence of Dataset
         Each follows ``ERROR_BUDGET``. A term that one of them does not know adds nothing of it,
         unless it always counts; the macro discretisation is as the first one tells it.
-    names : sequence of str
-        What each is of, in words.
+    names : sequence of str, what each is of, in words
 
     Returns
     -------

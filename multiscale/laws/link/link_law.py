@@ -36,8 +36,7 @@ class LinkLaw(ABC):
 
     Parameters
     ----------
-    rigidity : float
-        Axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length.
+    rigidity : float, axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length
 
     Attributes
     ----------
