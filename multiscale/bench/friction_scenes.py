@@ -31,11 +31,9 @@ def box_stack(
 
     Parameters
     ----------
-    boxes : int, number of boxes on top of each other
+    boxes : int
     rng : Generator, source of sizes, shifts, masses and pushes
-    mass_ratio : float
-        Mass of the heaviest box over the mass of the lightest one; between them the logarithm is
-        uniform.
+    mass_ratio : float, mass of the heaviest box over the lightest one, the logarithm uniform
     friction : float, friction coefficient, 1
     push : callable
         Lateral forces, N, shape (boxes, 2), of masses, kg. Some stacks stick, some slide, some tip
@@ -70,11 +68,8 @@ def _cuboid(masses: np.ndarray, sides: np.ndarray) -> np.ndarray:
     return np.asarray(masses[:, None] / 12.0 * (squares.sum(axis=1)[:, None] - squares))
 
 
-def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5) -> RigidBodies:
-    """Make a regular packing of equal spheres above the ground, pushed in all directions.
-
-    Parameters as for :func:`box_stack`. The contacts are moderately redundant.
-    """
+def sphere_pile(spheres: int, rng: np.random.Generator) -> RigidBodies:
+    """Make a regular packing of equal spheres above the ground, pushed in all directions."""
     layers = int(np.ceil(spheres ** (1.0 / 3.0)))
     lattice = [
         [i + 0.5 * (k % 2), j + 0.5 * (k % 2), 0.5 + k * np.sqrt(0.5)]
@@ -95,7 +90,7 @@ def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5
     forces = _weights(masses)
     forces[:, :3] += 0.5 * GRAVITY * masses[:, None] * rng.normal(size=(spheres, 3))
     inertias = np.repeat(0.1 * masses[:, None], 3, axis=1)
-    return rigid_bodies(masses, inertias, centres, contacts, forces, friction)
+    return rigid_bodies(masses, inertias, centres, contacts, forces, 0.5)
 
 
 def wedged_block(friction: float) -> RigidBodies:
@@ -114,11 +109,8 @@ def wedged_block(friction: float) -> RigidBodies:
 PLANK = np.array([0.9, 0.3, 0.2])  # m
 
 
-def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3) -> RigidBodies:
-    """Make a tower of three planks a level, crosswise: many redundant contacts.
-
-    Parameters as for :func:`box_stack`.
-    """
+def block_tower(levels: int, rng: np.random.Generator) -> RigidBodies:
+    """Make a tower of three planks a level, crosswise: many redundant contacts."""
     n = 3 * levels
     level = np.arange(n) // 3
     turned = level % 2 == 1
@@ -140,4 +132,4 @@ def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3)
     masses = rng.uniform(0.9, 1.1, n)
     forces = _weights(masses)
     forces[:, :3] += 0.1 * GRAVITY * rng.normal(size=(n, 3)) * masses[:, None]
-    return rigid_bodies(masses, _cuboid(masses, sides), centres, contacts, forces, friction)
+    return rigid_bodies(masses, _cuboid(masses, sides), centres, contacts, forces, 0.3)

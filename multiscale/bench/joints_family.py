@@ -162,11 +162,8 @@ def _solve_whole(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Solve the structure in one piece, step by step.
 
-    Yields
-    ------
-    tuple of ndarray
-        Displacement of the substructures, m; traction of the joint, Pa, and weight of its square in
-        the norm of errors, m^3/N, both of shape (3, points).
+    Yields displacement of the substructures, m, traction of the joint, Pa, and weight of its square
+    in the norm of errors, m^3/N, both of shape (3, points).
     """
     found = solve_whole(problem, np.eye(len(TIMES)))
     if "failure" in found.attrs:

@@ -47,21 +47,9 @@ def measure(
     threads: int = THREADS,
     process: bool = True,
 ) -> Measurement[T]:
-    """Run a task several times.
+    """Run a task several times; arguments as of :class:`~.trials.Trial` and its family.
 
-    Parameters
-    ----------
-    task : callable, without arguments; for a process it and its result must be picklable
-    warm_up : callable
-        Runs before the task each time, untimed: a small task of the same kind, so that
-        neither imports nor compilation are counted.
-    repeats : int, number of runs
-    threads : int, number of threads that the task may use
-    process : bool, whether each run has a fresh process, whose memory is measured too
-
-    Returns
-    -------
-    Measurement
+    For a process, the task and its result must be picklable.
     """
     runs: list[tuple[T, float, float]] = []
     for _ in range(repeats):

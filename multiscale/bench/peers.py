@@ -53,12 +53,7 @@ def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -
     Parameters
     ----------
     surface : Surface, heights of the elastic body under a rigid flat, on a square cell
-    pressure : float, mean pressure, Pa
-    contact_modulus : float, Pa
-
-    Returns
-    -------
-    ContactAnswer
+    pressure, contact_modulus : float, mean pressure and contact modulus, Pa
 
     Notes
     -----
@@ -110,10 +105,7 @@ def _solve_cell(
 
 
 def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
-    """Solve with Tamaas: boundary elements, projected conjugate gradients on the pressure.
-
-    It takes and returns the same as :func:`press_flat_cell`.
-    """
+    """Solve with Tamaas: boundary elements; arguments and answer as of :func:`press_flat_cell`."""
     import tamaas
 
     class Counter(tamaas.Functional):  # type: ignore[misc]
@@ -149,10 +141,7 @@ def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float)
 def press_with_contact_mechanics(
     surface: Surface, pressure: float, contact_modulus: float
 ) -> ContactAnswer:
-    """Solve with ContactMechanics: boundary elements, projected conjugate gradients.
-
-    It takes and returns the same as :func:`press_flat_cell`.
-    """
+    """Solve with ContactMechanics; arguments and answer as of :func:`press_flat_cell`."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace, make_system
     from SurfaceTopography import Topography
 
@@ -200,8 +189,7 @@ class Code:
     ----------
     solve : callable, surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`
     module : str, name by which the code is installed and imported
-    small_slope : bool
-        Whether it solves the half-space problem for small slopes, with the roughness as a gap.
+    small_slope : bool, whether it solves the half-space problem, with the roughness as a gap
     """
 
     solve: Callable[[Surface, float, float], ContactAnswer]

@@ -55,7 +55,7 @@ def rigid_bodies(
     masses : ndarray, shape (bodies,), kg
     inertias, centres : ndarray, shape (bodies, 3)
         Principal moments about the axes of space, kg m², and centres of mass, m.
-    contacts : sequence of Touch, where the bodies touch
+    contacts : sequence of Touch
     forces : ndarray, shape (bodies, 6), forces and moments, N and N m, for one :data:`STEP`
     friction : float or ndarray, shape (contacts,), friction coefficient, 1
     """

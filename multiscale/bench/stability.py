@@ -179,17 +179,7 @@ def _run(case: StabilityCase) -> _Outcome:
 def tabulate_stability(
     stability: "xr.Dataset",
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the numbers of outcomes and the largest residual of every family, and of all.
-
-    Parameters
-    ----------
-    stability : Dataset, follows ``STABILITY``
-
-    Returns
-    -------
-    head : tuple of str
-    rows : list of tuple of str
-    """
+    """Return head and rows: outcomes and largest residual of every family, and of all."""
     families = stability["family"].values
     groups = {str(family): families == family for family in dict.fromkeys(families)}
     groups["all"] = np.ones(families.size, dtype=bool)

@@ -74,13 +74,7 @@ def joint_faults(
 
 
 def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
-    """Largest overlap of two equal grains over their radius, in all frames.
-
-    Parameters
-    ----------
-    position : ndarray, shape (frames, grains, 3), centres, m
-    radius : ndarray, shape (grains,), m
-    """
+    """Largest overlap of equal grains (frames, grains, 3) over their radius, m, in all frames."""
     away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
     return float(2.0 - away.min() / radius[0])
@@ -89,10 +83,7 @@ def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
 def unbalanced_share(result: "xr.Dataset", friction: float) -> float:
     """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force.
 
-    Parameters
-    ----------
-    result : Dataset, follows ``GRANULATE``, with every step as a frame
-    friction : float, friction coefficient, 1
+    The result follows ``GRANULATE``, with every step as a frame.
     """
     mass, n = result["mass"].values, result.sizes["grain"]
     ends, force = result["contact_ends"].values, result["contact_force"].values

@@ -71,9 +71,8 @@ class CutScene:
 
     Attributes
     ----------
-    name : str, name in the table
-    structure : LinkSystem or CutProblem
-        Links that are still to be cut, or elastic bodies, assembled and cut.
+    name : str
+    structure : LinkSystem or CutProblem, still to be cut, or assembled and cut
     factor : ndarray, shape (1, cases), factors of the load cases
     parts : tuple of int, numbers of substructures of links along x and y
     repeats : int, number of runs of each method

@@ -28,14 +28,8 @@ SETTINGS: Mapping[str, str] = {
 def join_families(families: Mapping[str, "xr.Dataset"]) -> "xr.Dataset":
     """Join the runs of several families, without their histories.
 
-    Parameters
-    ----------
-    families : mapping of str to Dataset, each follows ``WORK_PRECISION``
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``, with ``family``; NaN where a family did not measure a variable.
+    The dataset follows ``WORK_PRECISION``, with ``family``; NaN where a family did not measure a
+    variable.
     """
     import xarray as xr
 
@@ -62,16 +56,8 @@ def tabulate_cheapest(
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the cheapest method and setting of every scene for each error that may be asked for.
 
-    Parameters
-    ----------
-    work_precision : Dataset, from :func:`join_families`
-
-    Returns
-    -------
-    head : tuple of str
-    rows : list of tuple of str
-        One row for each scene; "none" where no run reached the error, "unknown" where the reference
-        is less certain.
+    Of the dataset of :func:`join_families`, head and one row for each scene; "none" where no run
+    reached the error, "unknown" where the reference is less certain.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
     scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values)

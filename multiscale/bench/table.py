@@ -26,17 +26,7 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
 
 
 def tabulate_runs(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the runs as rows of text under a head, without columns that were not measured.
-
-    Parameters
-    ----------
-    work_precision : Dataset, follows ``WORK_PRECISION``, with ``scene`` and ``method``
-
-    Returns
-    -------
-    head : tuple of str
-    rows : list of tuple of str, one for each run
-    """
+    """Return head and rows of the runs of ``WORK_PRECISION``, without columns not measured."""
     columns = {name: column for name, column in COLUMNS.items() if name in work_precision}
     head = ("scene", "code", *(heading for heading, _, _ in columns.values()))
     rows: list[tuple[str, ...]] = []

@@ -95,12 +95,7 @@ class BenchFamily:
 
 
 def measure_family(family: BenchFamily, report: Callable[[str], None]) -> "xr.Dataset":
-    """Measure answers to questions, and judge them.
-
-    Parameters
-    ----------
-    family : BenchFamily, questions, answers and their judge
-    report : callable, gets a line after each measurement
+    """Measure answers to questions, and judge them; ``report`` gets a line after each measurement.
 
     Returns
     -------
@@ -187,8 +182,8 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
     Returns
     -------
     callable
-        Error: root mean square over the samples; time: mean over them.
-        NaN if the process died or did not converge.
+        Error: root mean square over the samples; time: mean over them. NaN if the process died or
+        did not converge.
     """
 
     def judge(scene: str, runs: Runs) -> Iterable[tuple[Trial, Columns]]:

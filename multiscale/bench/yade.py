@@ -63,8 +63,7 @@ class Settled:
     Attributes
     ----------
     height : float, twice the mean height of the centres, m
-    contacts : int, number of overlapping pairs
-    steps : int, number of time steps
+    contacts, steps : int, numbers of overlapping pairs and of time steps
     overlap : float, largest overlap relative to the radius
     """
 
@@ -87,12 +86,8 @@ def settle(model: Model, duration: float, *, threads: int = 1) -> Settled:
     Parameters
     ----------
     model : Model, spheres of one size and density in a box that is open above
-    duration : float, duration of the fall, s
-    threads : int, number of threads
-
-    Returns
-    -------
-    Settled
+    duration : float, s
+    threads : int
 
     Raises
     ------

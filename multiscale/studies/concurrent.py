@@ -38,7 +38,6 @@ class CellLaw(NormalLaw):
         thirty cells and changes pressures by up to 2 %, where nearly all is closed; a twentieth
         sixty cells and 0.5 %. Much coarser ones need not be convex. Without it a cell is solved at
         every gap that the structure asks for.
-    gap : float, default 0.0, initial gap between the mean planes, m
 
     Attributes
     ----------
@@ -89,7 +88,6 @@ class CellLaw(NormalLaw):
 
     cell: FlatCell
     spacing: float | None = None
-    gap: float = 0.0
     _held: "GapCell" = field(init=False, repr=False)
     _memory: "_Memory" = field(init=False, repr=False)
 
@@ -121,7 +119,7 @@ class CellLaw(NormalLaw):
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Evaluate the law and its derivative; every gap is looked up once."""
-        pressure, stiffness = self._answer(jump[0] + self.gap)
+        pressure, stiffness = self._answer(jump[0])
         traction = np.zeros(jump.shape)
         traction[0] = -pressure
         tangent = np.zeros((jump.shape[0], *jump.shape))

@@ -28,17 +28,10 @@ def draw_counts(
 def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:
     r"""Factor that gives a percentile interval of few data the width of Student's.
 
-    Parameters
-    ----------
-    freedom, confidence
-        Degrees of freedom :math:`\nu \ge 1`, and :math:`c` of the interval.
-    n : int, optional
-        Number :math:`N` of independent data whose variance the bootstrap takes with divisor N, if
-        that is not corrected elsewhere.
+    .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}    \tag{1}
 
-    Notes
-    -----
-    .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}.    \tag{1}
+    for :math:`\nu` degrees of freedom and the confidence c; the root only if n, the number N of
+    independent data whose variance the bootstrap takes with divisor N, is given.
     """
     from scipy.stats import norm, t
 

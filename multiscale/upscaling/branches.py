@@ -35,14 +35,12 @@ def fit_branches(
     response : Dataset
         Follows ``MICRO_RESPONSE``; gives the loading, and the unloading if cells have flowed and
         were unloaded.
-    control : Dataset, optional, many cheap cells, as of :func:`fit_law`
-    shear : Dataset, optional
-        Follows ``MICRO_RESPONSE``; gives the tangential branch, see :func:`with_shear`.
-    sliding : Dataset, optional
-        Follows ``SLIDING_RESPONSE``; gives friction over pressure, see :func:`with_sliding`.
+    shear, sliding : Dataset, optional
+        Give the tangential branch and friction over pressure, see :func:`with_shear` and
+        :func:`with_sliding`.
     apart : bool, optional, as of :func:`with_shear`
     n_samples : int, of each branch
-    **options
+    control, **options
         As of :func:`~multiscale.upscaling.fit_law`.
 
     Returns
@@ -72,23 +70,19 @@ def with_unloading(
     Parameters
     ----------
     law : Dataset, follows ``INTERFACE_LAW``: the normal law of the loading branch
-    response : Dataset, follows ``MICRO_RESPONSE``, loaded and unloaded
-    control : Dataset, optional, many cheap cells, as of :func:`unloading_observations`
+    response, control : Dataset, as of :func:`unloading_observations`
 
     Returns
     -------
     Dataset
-        Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the law of it.
+        Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the
+        :class:`~multiscale.laws.HystereticLaw` of it. Samples are of the spring back alone: the
+        loading law has its own.
 
     Raises
     ------
     CaseError
         If no step unloads.
-
-    Notes
-    -----
-    :class:`~multiscale.laws.HystereticLaw` describes the branches. Samples are of the spring back
-    alone: the loading law has its own.
     """
     loading = law_from_dataset(law)
     seen = unloading_observations(response, control)

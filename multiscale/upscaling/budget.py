@@ -203,16 +203,11 @@ def error_budget(
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
     r"""Bound that an error with a bias keeps with a probability of 95 %.
 
-    Parameters
-    ----------
-    bias, half_width : ndarray
-        Mean of the error and half-width of its 95 % interval about it, one shape and unit.
-
     Returns
     -------
     ndarray
-        :math:`w` with :math:`P(|b + s\, \mathcal{N}(0, 1)| \le w) = 0.95` for the half-width
-        :math:`1.96\, s`.
+        :math:`w` with :math:`P(|b + s\, \mathcal{N}(0, 1)| \le w) = 0.95` for the bias b and the
+        half-width :math:`1.96\, s` of the 95 % interval about it, of one shape and unit.
     """
     from scipy.special import chndtrix
 
@@ -225,16 +220,8 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
 def mean_law_error(budget: "xr.Dataset") -> np.ndarray:
     """Total of a budget without what one part has by its few cells: the error of the mean part.
 
-    Parameters
-    ----------
-    budget : Dataset
-        Follows ``ERROR_BUDGET``, or a law or macro result that carries one. Its own total is the
-        error of one part.
-
-    Returns
-    -------
-    ndarray, shape (quantities, steps)
-        Relative to the value; NaN where the total is not known.
+    It is relative to the value, shape (quantities, steps); NaN where the total, which is the error
+    of one part, is not known.
     """
     half, bias = (budget[name].to_numpy().copy() for name in ("error_half_width", "error_bias"))
     few = budget["error_term"].to_numpy() == FEW_CELLS

@@ -80,17 +80,9 @@ def with_conductance(
 
 
 def conductances(law: "xr.Dataset", pressure: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the conductances of a law, as far as it has them.
+    """Return the conductances of a law at pressures of the interface, Pa, as far as it has them.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    pressure : ndarray, shape (steps,), nominal pressure of the interface, Pa
-
-    Returns
-    -------
-    dict
-        By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
+    By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
     """
     normal = law_from_dataset(law)
     stiffness = normal.stiffness(normal.gap_at(pressure))
@@ -106,10 +98,7 @@ def conductance_ratios(law: "xr.Dataset") -> dict[str, float]:
 def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
     """Let answers that are conductances be as wrong as the start of unloading.
 
-    Parameters
-    ----------
-    law : Dataset, with conductances
-    answers : ndarray of bool, shape (answers, steps), which of the answers are conductances
+    ``answers``, shape (answers, steps), says which of the answers are conductances.
     """
     require_law(law, "conductance_branch")
     half = 0.0

@@ -74,8 +74,7 @@ class Control:
         Parameters
         ----------
         dear, cheap : ndarray, shape (R, points) and (M, points)
-            The first R rows of the second belong to the rows of the first; NaN where there is no
-            value.
+            The first R rows of the second belong to those of the first; NaN where no value is.
         """
         paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
         n = paired.sum(axis=0)
@@ -131,15 +130,9 @@ class Control:
 def best_ratio(correlation: float, cost_ratio: float) -> float:
     r"""Return how many cheap cells to solve for each dear one.
 
-    Parameters
-    ----------
-    correlation : float, :math:`\rho` of dear and cheap values
-    cost_ratio : float, time of a dear cell over the time of a cheap one, :math:`c`
-
-    Notes
-    -----
     The variance for a given time is smallest at
-    :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}`; see [2]_ of :class:`Control`, (3.6).
+    :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}` for the correlation :math:`\rho` and c times the
+    time of a cheap cell for a dear one; see [2]_ of :class:`Control`, (3.6).
 
     Examples
     --------

@@ -31,8 +31,7 @@ def with_damage(law: "xr.Dataset", sections: "xr.Dataset") -> "xr.Dataset":
     -------
     Dataset
         With ``interface_damage``, the mean of eq. (1) over the sections parallel to the interface,
-        since the interface may lie at any of them, and ``interface_damage_band``, between whose
-        ends lie 95 of 100 sections.
+        since it may lie at any of them, and the ends of 95 of 100 sections.
 
     Raises
     ------

@@ -60,13 +60,7 @@ def law_from_dataset(
 def fitted_law(
     dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
 ) -> Any:
-    """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`.
-
-    Raises
-    ------
-    CaseError
-        If the family is unknown, or the dataset lacks its parameters.
-    """
+    """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`."""
     return fitted_laws(dataset, [sample], family=family)[0]
 
 
@@ -109,13 +103,7 @@ def fitted_laws(
 
 
 def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
-    """Make the area law of a dataset; arguments as for :func:`law_from_dataset`.
-
-    Raises
-    ------
-    CaseError
-        If the dataset holds none, or not this sample.
-    """
+    """Make the area law of a dataset; see :func:`law_from_dataset`."""
     return areas_from_dataset(dataset, [sample])[0]
 
 
@@ -145,7 +133,7 @@ def law_band(
 
     Returns
     -------
-    low, high : ndarray, ends of the interval, shaped as the answer
+    low, high : ndarray, shaped as the answer
 
     Raises
     ------
@@ -189,13 +177,7 @@ def refuse_band(dataset: "xr.Dataset", confidence: float = 0.95) -> str:
 
 
 def require_law(dataset: "xr.Dataset", *names: str) -> None:
-    """Refuse a law that lacks variables or attributes, as one of an earlier version may.
-
-    Raises
-    ------
-    CaseError
-        With the names of all that are missing.
-    """
+    """Refuse a law that lacks variables or attributes, as one of an earlier version may."""
     missing = [name for name in names if name not in {**dataset.variables, **dataset.attrs}]
     if missing:
         place = dataset.encoding.get("source", "the law")

@@ -15,13 +15,7 @@ __all__ = ["friction_at", "frictions_at"]
 
 
 def friction_at(law: "xr.Dataset", temperature: float) -> BellFriction:
-    """Friction law at a temperature, K, from a fitted one.
-
-    Raises
-    ------
-    CaseError
-        If the dataset holds no bell, or not what shifts it.
-    """
+    """Friction law at a temperature, K, from a fitted bell; other laws are refused."""
     return frictions_at(law, temperature, [None])[0]
 
 

@@ -39,11 +39,9 @@ def assume_shear(
     Parameters
     ----------
     law : Dataset, follows ``INTERFACE_LAW``
-    friction : float, optional
-        Friction coefficient, dimensionless; the law keeps its own if not given.
-    stiffness_ratio : float, optional
-        Tangential over normal stiffness, for instance 2 (1 - nu) / (2 - nu) between alike bodies;
-        the law keeps its own if not given.
+    friction, stiffness_ratio : float, optional
+        Friction coefficient, and tangential over normal stiffness, for instance
+        2 (1 - nu) / (2 - nu) between alike bodies; the law keeps its own if not given.
     """
     said, known = _put_shear(law, "assumed", friction, stiffness_ratio)
     both = friction is not None and stiffness_ratio is not None
@@ -126,15 +124,8 @@ def _put_shear(
 def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
     """Add the friction coefficient of large sliding over the pressure to a law.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    sliding : Dataset, follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`
-
-    Raises
-    ------
-    CaseError
-        If no pressure has a steady coefficient.
+    ``sliding`` follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`; it is refused
+    if no pressure has a steady coefficient.
     """
     SLIDING_RESPONSE.check(sliding)
     steady = sliding["steady_friction"].to_numpy()
@@ -155,30 +146,17 @@ def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
 
 
 def sliding_friction_at(dataset: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
-    """Friction coefficient of large sliding at pressures, Pa; constant beyond the data.
-
-    Raises
-    ------
-    CaseError
-        If the law has none.
-    """
+    """Friction coefficient of large sliding at pressures, Pa; constant beyond the data."""
     require_law(dataset, "sliding_pressure", "sliding_friction")
     p, mu = (dataset[f"sliding_{name}"].to_numpy() for name in ("pressure", "friction"))
     return np.asarray(np.interp(np.log(pressure), np.log(p), mu))
 
 
 def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
-    """Return a law whose sliders have the friction of large sliding at a pressure.
+    """Return a law whose sliders have the friction of large sliding at a pressure, Pa.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``; of :func:`with_sliding`
-    pressure : float, of the interface, Pa
-
-    Returns
-    -------
-    Dataset
-        The friction was measured in one cell, so that its error is not known.
+    The law is of :func:`with_sliding`; its friction was measured in one cell, so that the error
+    of the friction is not known.
     """
     friction = float(sliding_friction_at(law, np.array(pressure)))
     how = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
@@ -209,10 +187,8 @@ def sliders_from_dataset(
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
     normal : NormalLaw or HystereticLaw, optional
         Instead of the normal law of the dataset, such as its law with unloading.
-    along : {0, 1}, optional
-        Direction whose stiffness is taken, x or y; the mean of both if not given.
-    pressures : tuple of float, optional
-        Between which the bed is fine, Pa; those of the data if not given.
+    along : {0, 1}, optional, direction whose stiffness is taken, x or y; the mean if not given
+    pressures : tuple of float, optional, where the bed is fine, Pa; the data if not given
     slabs : int, see :class:`~multiscale.laws.Sliders`
 
     Raises

@@ -131,19 +131,12 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
 
 
 def loss_term(law: "xr.Dataset") -> Term:
-    r"""How wrong the loss of the bed is in a closed cycle, as the cells tell it.
+    """How wrong the loss of the bed is in a closed cycle, as the cells tell it.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-
-    Returns
-    -------
-    Term
-        For one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the ratios
-        of the losses at equal slip and at equal traction, since a joint lies between the two. Its
-        half-width has the samples, half the distance of the two ratios, and half the range over
-        the pressures. NaN where no cells went through closed cycles.
+    The term is of one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the
+    ratios of the losses at equal slip and at equal traction, since a joint lies between the two.
+    Its half-width has the samples, half the distance of the two ratios, and half the range over
+    the pressures. NaN where no cells went through closed cycles.
     """
     if "shear_loss_ratio" not in law.variables:
         told = "of the loss not known: no cells went through closed cycles; shear them so"
@@ -204,12 +197,8 @@ def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:
 def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
     """Return a law with the error by the grid of what its cells lose in closed cycles.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW``
-    laws : mapping of float to Dataset
-        From the ratio of the spacings to the law of the same realisations on that grid, as of
-        :func:`tangential_terms`; nothing is known if one was not cycled.
+    ``laws``, by the ratio of the spacings, are of the same realisations, as of
+    :func:`tangential_terms`; nothing is known if one was not cycled.
     """
     name = "shear_loss_ratio"
     if len(laws) < 2 or not all(name in one.variables for one in laws.values()):

@@ -43,7 +43,7 @@ def measure_loss(
     stiffness_ratio: np.ndarray,
     friction: float,
 ) -> LossRatio | None:
-    r"""Compare the work of friction of cells over closed cycles with the loss of their beds.
+    """Compare the work of friction of cells over closed cycles with the loss of their beds.
 
     Parameters
     ----------
@@ -89,8 +89,6 @@ def bed_loss(
 ) -> float:
     r"""Loss of a bed of sliders in a closed cycle at a constant pressure, J/m2.
 
-    Notes
-    -----
     The first loading :math:`t(u) = \mu [p(g) - p(g + \kappa u / \mu)]` and Masing's rule give
 
     .. math:: W = 8 \int_0^a t\, \mathrm{d}u - 4\, a\, t(a).    \tag{1}
@@ -102,17 +100,9 @@ def bed_loss(
 
 
 def closed_cycles(slip: np.ndarray, pressure: np.ndarray) -> list[tuple[int, list[int]]]:
-    """Find the closed cycles of a path at held pressures.
+    """Find the closed cycles of a path, slips (steps, 2), m, at held pressures, Pa.
 
-    Parameters
-    ----------
-    slip : ndarray, shape (steps, 2), m
-    pressure : ndarray, shape (steps,), Pa
-
-    Returns
-    -------
-    list
-        Of each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
+    Of each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
     """
     ends = np.flatnonzero(np.diff(pressure)) + 1
     found = []

@@ -201,13 +201,7 @@ def with_intervals(
 
 
 def interval_errors(budget: "xr.Dataset") -> dict[str, np.ndarray]:
-    """Return half-widths of both kinds of intervals relative to the answers of a budget.
-
-    Returns
-    -------
-    dict
-        For ``"mean_law"`` and ``"one_part"``, shape (quantities, steps).
-    """
+    """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps)."""
     return {"mean_law": mean_law_error(budget), "one_part": budget["error_total"].to_numpy()}
 
 
@@ -235,16 +229,9 @@ def _rows(answer: np.ndarray, names: Sequence[str]) -> np.ndarray:
 def changed_laws(law: "xr.Dataset", pressure: np.ndarray | None = None) -> dict[str, NormalLaw]:
     """Return the normal laws with which a structure tells how its answers depend on a law.
 
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
-    pressure : ndarray, shape (steps,), optional, as of :func:`structure_budget`
-
-    Returns
-    -------
-    dict
-        The law of larger gaps, ``"mean_gap"``, the softer one, ``"stiffness"``, and for each term
-        with a bias, by its name, the law without the bias of its gaps.
+    ``law`` carries its budget; ``pressure`` is as of :func:`structure_budget`. They are the law of
+    larger gaps, ``"mean_gap"``, the softer one, ``"stiffness"``, and for each term with a bias, by
+    its name, the law without the bias of its gaps.
     """
     mean_law, data = law_from_dataset(law), law["fit_pressure"].to_numpy()
     p = data if pressure is None else np.asarray(pressure)
@@ -346,10 +333,7 @@ def _law_terms(
 def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     """Return a law, which carries its budget, with the scale separation of another structure.
 
-    Raises
-    ------
-    CaseError
-        If the budget lacks a term, as a budget of an earlier version may.
+    A budget that lacks a term, as a budget of an earlier version may, is refused.
     """
     require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
