@@ -1,7 +1,12 @@
 """From micro responses to interface laws with their uncertainty."""
 
 from multiscale.upscaling.admissibility import admissibility
-from multiscale.upscaling.branches import fit_branches, hysteretic_from_dataset, with_unloading
+from multiscale.upscaling.branches import (
+    fit_branches,
+    hysteretic_from_dataset,
+    with_damage,
+    with_unloading,
+)
 from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
@@ -12,7 +17,6 @@ from multiscale.upscaling.conductance import (
     elastic_dependence,
     with_conductance,
 )
-from multiscale.upscaling.damage_branch import with_damage
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
@@ -23,6 +27,7 @@ from multiscale.upscaling.reading import (
     areas_from_dataset,
     fitted_law,
     fitted_laws,
+    friction_at,
     law_band,
     law_from_dataset,
     require_law,
@@ -34,7 +39,6 @@ from multiscale.upscaling.response_observations import (
     normal_observations,
     unloading_observations,
 )
-from multiscale.upscaling.rubber_friction import friction_at
 from multiscale.upscaling.scales import (
     cell_share,
     compare_scales,

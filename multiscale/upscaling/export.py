@@ -31,6 +31,7 @@ SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
 MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+TABLE_POINTS = 41  # pressures of a CSV table, even in the logarithm over the data
 BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
 
@@ -221,7 +222,6 @@ def write_law_table(
     *,
     length_unit: str = "um",
     pressure_unit: str = "MPa",
-    n_points: int = 41,
 ) -> None:
     """Write a normal law, with its band and its area law if there are, as CSV.
 
@@ -231,10 +231,9 @@ def write_law_table(
     ----------
     dataset, path, length_unit, pressure_unit
         As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
-    n_points : int, number of pressures, even in the logarithm over the range of the data
     """
     require_law(dataset, "pressure_min", "pressure_max")
-    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)
+    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], TABLE_POINTS)
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")

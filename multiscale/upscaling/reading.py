@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import AreaLaw, ConvexDecreasing, NormalLaw
+from multiscale.laws import AreaLaw, BellFriction, ConvexDecreasing, NormalLaw, wlf_shift
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.bootstrap import most_confident, widening
 from multiscale.upscaling.family import FAMILIES, Family
@@ -20,6 +20,8 @@ __all__ = [
     "areas_from_dataset",
     "fitted_law",
     "fitted_laws",
+    "friction_at",
+    "frictions_at",
     "law_band",
     "law_from_dataset",
     "pick",
@@ -29,11 +31,7 @@ __all__ = [
 
 
 def law_from_dataset(
-    dataset: "xr.Dataset",
-    sample: int | None = None,
-    *,
-    gap: float = 0.0,
-    family: Family | None = None,
+    dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
 ) -> NormalLaw:
     """Make the normal law of a dataset.
 
@@ -41,7 +39,6 @@ def law_from_dataset(
     ----------
     dataset : Dataset, follows ``INTERFACE_LAW``
     sample : int, optional, which bootstrap sample; the mean law if not given
-    gap : float, default 0.0, initial gap between the mean planes, m
     family : Family, optional, the user's own family, if the law is not of a built-in one
 
     Raises
@@ -54,7 +51,7 @@ def law_from_dataset(
         raise CaseError(
             f"the dataset holds a law of {dataset.attrs.get('quantity')}, expected a normal law"
         )
-    return replace(law, gap=gap) if gap != 0.0 else law  # type: ignore[type-var]
+    return law
 
 
 def fitted_law(
@@ -100,6 +97,27 @@ def fitted_laws(
             f"{type(laws[0]).__name__} has no place for the pressures of its data: make it a "
             f"dataclass with the fields gap and pressure_range, as NormalLaw says"
         ) from None
+
+
+def friction_at(law: "xr.Dataset", temperature: float) -> BellFriction:
+    """Friction law at a temperature, K, from a fitted bell; other laws are refused."""
+    return frictions_at(law, temperature, [None])[0]
+
+
+def frictions_at(
+    law: "xr.Dataset", temperature: float, samples: Sequence[int | None]
+) -> list[BellFriction]:
+    """Make the mean law (None) and samples of it; see :func:`friction_at`."""
+    bells = fitted_laws(law, samples)
+    if not isinstance(bells[0], BellFriction):
+        raise CaseError(
+            f"the dataset holds a law of the family {law.attrs.get('family')!r}, expected a bell "
+            f"of friction; pass the law of a run of rubber on a road"
+        )
+    names = ("reference_temperature", "wlf_c1", "wlf_c2")
+    require_law(law, *names)
+    shift = wlf_shift(temperature, *(float(law.attrs[name]) for name in names))
+    return [replace(bell, peak_speed=bell.peak_speed / shift) for bell in bells]
 
 
 def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
