@@ -4,7 +4,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from multiscale.bench.table import tabulate_runs
+from multiscale.bench.summary import tabulate_runs
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import block_tower, box_stack, sphere_pile, wedged_block
+from multiscale.bench.friction_scenes import (
+    RigidBodies,
+    block_tower,
+    box_stack,
+    sphere_pile,
+    wedged_block,
+)
 from multiscale.bench.lcp_scenes import (
     condensed,
     granular,
@@ -17,7 +23,6 @@ from multiscale.bench.lcp_scenes import (
     p_matrix,
     tensegrity,
 )
-from multiscale.bench.rigid_bodies import RigidBodies
 from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
