@@ -1,7 +1,8 @@
 """Scenes with references, on which this package and others are measured side by side."""
 
+import tomllib
 from collections.abc import Callable
-from importlib import import_module
+from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
 from multiscale.bench.summary import tabulate_runs
@@ -10,6 +11,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench", "tabulate_runs"]
+
+STABILITY_FILE = resources.files("multiscale.bench").joinpath("stability.toml")
 
 FAMILIES = (
     "chain",
@@ -26,21 +29,7 @@ FAMILIES = (
 )
 """Families of scenes; the module of each has a function that plans what :func:`bench` measures."""
 
-STABILITY_FAMILIES = (
-    "structure",
-    "motion",
-    "cut_structure",
-    "joint",
-    "joint_path",
-    "bolts",
-    "friction",
-    "wedge",
-    "complementarity",
-    "rough_cell",
-    "large_strain",
-    "grains",
-    "voids",
-)
+STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 """Families of stiff and extreme cases, in the order of their table."""
 
 
@@ -57,8 +46,7 @@ def bench(
 
     Returns
     -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    Dataset, follows ``WORK_PRECISION``
     """
     from multiscale.bench.trials import measure_family
 

@@ -5,13 +5,13 @@ import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from importlib import resources
 from itertools import product
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from multiscale.bench import STABILITY_FILE
 from multiscale.bench.trials import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
@@ -54,9 +54,8 @@ class StabilityCase:
 
 def stability_cases() -> list[StabilityCase]:
     """Return the cases of the table, in its order."""
-    file = resources.files("multiscale.bench").joinpath("stability.toml")
     cases = []
-    for family, table in tomllib.loads(file.read_text()).items():
+    for family, table in tomllib.loads(STABILITY_FILE.read_text()).items():
         tolerance = table.pop("tolerance")
         for values in product(*table.values()):
             cases.append(StabilityCase(family, tuple(zip(table, values, strict=True)), tolerance))

@@ -33,8 +33,7 @@ def joint_faults(
 
     Returns
     -------
-    float
-        Largest fault of all steps and points, Pa.
+    float, largest fault of all steps and points, Pa
 
     Notes
     -----

@@ -16,8 +16,7 @@ def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    ndarray, shape (n, 6)
-        Translations: dimensionless; rotations: m.
+    ndarray, shape (n, 6), translations: dimensionless; rotations: m
     """
     motions = np.zeros((component.size, 6))
     axes, moves = np.eye(3), component < 3

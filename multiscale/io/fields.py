@@ -117,8 +117,7 @@ def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies
 
     Returns
     -------
-    Path
-        File of the collection; for steps and errors see :func:`write_link_fields`.
+    Path, file of the collection; for steps and errors see :func:`write_link_fields`
     """
     import meshio
 

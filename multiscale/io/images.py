@@ -97,8 +97,7 @@ def read_images(
 
     Returns
     -------
-    VoxelImage
-        The volume, with columns of the pages along x, rows along y and pages along z.
+    VoxelImage, the volume, with columns of the pages along x, rows along y and pages along z
 
     Raises
     ------

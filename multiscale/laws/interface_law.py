@@ -126,8 +126,7 @@ class InterfaceLaw(ABC):
 
         Returns
         -------
-        ndarray, shape (d, ...)
-            Jump, m.
+        ndarray, shape (d, ...), jump, m
 
         Raises
         ------

@@ -19,8 +19,7 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
 
     Returns
     -------
-    float
-        Ratio :math:`a_T` of the relaxation times at T and at the reference, dimensionless.
+    float, ratio :math:`a_T` of the relaxation times at T and at the reference, dimensionless
 
     Raises
     ------

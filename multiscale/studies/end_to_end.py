@@ -100,8 +100,7 @@ def end_to_end(
 
     Returns
     -------
-    Dataset
-        Follows ``END_TO_END``.
+    Dataset, follows ``END_TO_END``
 
     Notes
     -----

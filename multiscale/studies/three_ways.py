@@ -88,8 +88,7 @@ def three_ways(
 
     Returns
     -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    Dataset, follows ``WORK_PRECISION``
 
     Raises
     ------

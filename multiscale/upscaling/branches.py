@@ -50,8 +50,7 @@ def fit_branches(
 
     Returns
     -------
-    Dataset
-        Follows ``INTERFACE_LAW``.
+    Dataset, follows ``INTERFACE_LAW``
     """
     flows = "flowing_fraction" in response.variables
     loading = loading_branch(response) if flows else response

@@ -225,8 +225,7 @@ def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) ->
 
     Returns
     -------
-    list of NormalLaw or None
-        None where a fit does not settle.
+    list of NormalLaw or None, None where a fit does not settle
     """
     mean, counted = observations.means()[0][0], observations.counted
     gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)

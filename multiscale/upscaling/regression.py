@@ -102,8 +102,7 @@ class Regression:
 
         Returns
         -------
-        list
-            Parameters of each sample; nothing where the iteration does not settle.
+        list, parameters of each sample; nothing where the iteration does not settle
         """
         if not (self.free and len(means)):
             return [dict(start) for _ in means]

@@ -55,8 +55,7 @@ def measure_loss(
 
     Returns
     -------
-    LossRatio or None
-        None if the cells went through no closed cycle at a held pressure.
+    LossRatio or None, None if the cells went through no closed cycle at a held pressure
     """
     if "friction_work" not in shear.variables:
         return None

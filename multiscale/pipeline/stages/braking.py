@@ -53,8 +53,7 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
 
     Returns
     -------
-    Dataset
-        Follows ``MACRO_RESULT``, with temperature and speed along ``step``.
+    Dataset, follows ``MACRO_RESULT``, with temperature and speed along ``step``
     """
     pressure, elements = case.tread.pressure, case.tread.elements
     fewer = tuple(-(-count // 2) for count in elements)

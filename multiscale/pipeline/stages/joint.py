@@ -92,8 +92,7 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
 
     Returns
     -------
-    Dataset
-        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES` if the law has one.
+    Dataset, follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES` if the law has one
     """
     blocks = cast(Blocks, case.structure)
     lower, upper = (
