@@ -10,16 +10,15 @@ from multiscale.schema.cell_schema import (
     MICRO_RESPONSE,
     SHEAR_RESPONSE,
     SLIDING_RESPONSE,
+    SURFACE_STATISTICS,
     UNLOADING,
     branch_of,
 )
 from multiscale.schema.damage_schema import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
-from multiscale.schema.granulate_schema import GRANULATE
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
-from multiscale.schema.structure_schema import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT
 from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
-from multiscale.schema.surface_schema import SURFACE_STATISTICS
 from multiscale.schema.sweep_schema import SWEEP
 
 __all__ = [

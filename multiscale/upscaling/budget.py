@@ -20,11 +20,10 @@ from multiscale.upscaling.budget_terms import (
     separation_term,
     slope_term,
 )
-from multiscale.upscaling.cell_size import size_term
+from multiscale.upscaling.cell_size import size_term, surface_term
 from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
-from multiscale.upscaling.surface_error import surface_term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -135,7 +134,7 @@ def error_budget(
     - *small slopes*: of flat cells, what the expansion of their compliance in the slopes changes in
       one realisation; nothing where the mesh follows the surface;
     - *surface*: what the cells lack of the height and the slope of measured maps, see
-      :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
+      :func:`~.cell_size.surface_term`; nothing where surfaces were made from a spectrum;
     - *scale separation*: the pressure is not even over a wave, with
       :math:`\varepsilon = \lambda_l/\ell` :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
       quantity :math:`f`;
