@@ -85,14 +85,7 @@ def _solve_cell(
     from multiscale.micro import Cell, Path, solve_cell
 
     modulus = contact_modulus * (1.0 - POISSONS_RATIO**2)
-    cell = Cell(
-        surface,
-        surface.size[0],
-        layers,
-        modulus,
-        POISSONS_RATIO,
-        geometry=geometry,
-    )
+    cell = Cell(surface, surface.size[0], layers, modulus, POISSONS_RATIO, geometry=geometry)
     response = solve_cell(cell, Path(pressure=(pressure,)), tolerance=TOLERANCE)
     points = surface.heights.size
     return ContactAnswer(

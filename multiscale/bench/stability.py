@@ -175,9 +175,7 @@ def _run(case: StabilityCase) -> _Outcome:
     return _Outcome(0, residual, seconds, f"residual {residual:.1e} above {case.tolerance:g}")
 
 
-def tabulate_stability(
-    stability: "xr.Dataset",
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_stability(stability: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows: outcomes and largest residual of every family, and of all."""
     families = stability["family"].values
     groups = {str(family): families == family for family in dict.fromkeys(families)}

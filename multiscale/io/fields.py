@@ -14,12 +14,7 @@ from multiscale.schema import GRANULATE, MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "write_body_fields",
-    "write_grain_fields",
-    "write_link_fields",
-    "write_surface_fields",
-]
+__all__ = ["write_body_fields", "write_grain_fields", "write_link_fields", "write_surface_fields"]
 
 LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
 NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step

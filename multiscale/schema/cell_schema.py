@@ -70,8 +70,7 @@ MICRO_RESPONSE = Schema(
         "real_pressure": _cell("Pa", "mean pressure on the real contact area"),
         "recovered_traction": _vector("Pa", "averaged traction from the recovered Cauchy stress"),
         "traction_by_normal": _vector(
-            "Pa",
-            "part of the averaged traction that the local normal tractions make, eqs (2)-(3)",
+            "Pa", "part of the averaged traction that the local normal tractions make, eqs (2)-(3)"
         ),
         "spot_area": Variable(
             ("realisation", "step", "spot"), "m2", "real area of each contact spot"

@@ -58,8 +58,7 @@ MACRO_RESULT = Schema(
             "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
         "error_indicator": _step(
-            "1",
-            "heuristic indicator, no bound, of the error of joints relative to their forces",
+            "1", "heuristic indicator, no bound, of the error of joints relative to their forces"
         ),
         "tangent_eigenvalue": _step("N m-1", "smallest eigenvalue of the tangent"),
         "stability_eigenvalue": _step("N m-1", "smallest eigenvalue with the geometric stiffness"),

@@ -87,9 +87,7 @@ CASES = (
 
 
 def end_to_end(
-    cases: Sequence[EndToEndCase] = CASES,
-    *,
-    report: Callable[[str], None] = lambda line: None,
+    cases: Sequence[EndToEndCase] = CASES, *, report: Callable[[str], None] = lambda line: None
 ) -> "xr.Dataset":
     r"""Compare the sequential way with the direct one, and part the difference.
 

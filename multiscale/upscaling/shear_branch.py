@@ -24,10 +24,7 @@ __all__ = [
     "with_sliding",
 ]
 
-WORDS = {
-    "friction": "friction coefficient",
-    "stiffness_ratio": "tangential stiffness ratio",
-}
+WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stiffness ratio"}
 """Names of the tangential values in sentences."""
 
 
