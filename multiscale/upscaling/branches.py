@@ -6,9 +6,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
-from multiscale.schema import DAMAGE_SECTIONS, INTERFACE_LAW, with_cautions
+from multiscale.schema import DAMAGE_SECTIONS, with_cautions
 from multiscale.upscaling.family import unloading_family
-from multiscale.upscaling.fit import fit_law, say_branches, say_control
+from multiscale.upscaling.fit import fit_law, say_control, with_branch
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 from multiscale.upscaling.shear_branch import with_sliding
@@ -103,10 +103,9 @@ def with_unloading(
     if control is not None:
         told = f"{law.attrs['control']}; {say_control('spring back', seen)}"
         law = law.assign_attrs(control=told)
-    return INTERFACE_LAW.assign(law, values).assign_attrs(
+    return with_branch(law, "unloading", "measured", values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],
-        branches=say_branches({"unloading": "measured"}, str(law.attrs.get("branches", ""))),
     )
 
 
@@ -166,11 +165,8 @@ def with_damage(law: "xr.Dataset", sections: "xr.Dataset") -> "xr.Dataset":
     if not mean < 1.0:
         raise CaseError("nothing is left of the sections parallel to the interface")
     values = {"interface_damage": mean, "interface_damage_band": [low, high]}
-    known = INTERFACE_LAW.assign(law, values).assign_attrs(
-        branches=say_branches({"damage": "measured"}, str(law.attrs.get("branches", "")))
-    )
     return with_cautions(
-        known,
+        with_branch(law, "damage", "measured", values),
         f"the interface carries what a damage of {mean:.3g} leaves, the mean of {lost.size} "
         f"sections parallel to it, of which 95 % lie from {low:.3g} to {high:.3g}; the error "
         f"budget does not have this range",

@@ -33,10 +33,10 @@ __all__ = [
     "FREE_FORM",
     "fit_law",
     "laws_of_each",
-    "say_branches",
     "say_control",
     "stiffness_of_each",
     "told_branches",
+    "with_branch",
 ]
 
 BRANCHES = {
@@ -192,7 +192,7 @@ def fit_law(
         if control is not None:
             told = say_control("mean gap", observations), say_control("contact fraction", area)
             attributes |= {"control": "; ".join(told), "n_control": control.sizes["realisation"]}
-        attributes["branches"] = say_branches(BRANCHES)
+        attributes["branches"] = _say_branches(BRANCHES)
     return _build(observations, chosen, values, attributes | found.attributes | {"seed": seed})
 
 
@@ -201,16 +201,22 @@ def say_control(name: str, seen: Observations) -> str:
     return f"{name}: {seen.control or 'none, since they follow each other by chance alone'}"
 
 
-def say_branches(told: Mapping[str, str], before: str = "") -> str:
-    """Say of each branch of a law whether it is measured, after what was said before."""
-    return "; ".join(
-        f"{branch}: {how}" for branch, how in {**told_branches(before), **told}.items()
-    )
+def with_branch(
+    law: "xr.Dataset", branch: str, how: str, values: Mapping[str, Any]
+) -> "xr.Dataset":
+    """Add a branch to a law: its values, and whether it is measured."""
+    told = _say_branches({**told_branches(law), branch: how})
+    return INTERFACE_LAW.assign(law, values).assign_attrs(branches=told)
 
 
-def told_branches(said: str) -> dict[str, str]:
-    """Return what was said of each branch by :func:`say_branches`."""
+def told_branches(law: "xr.Dataset") -> dict[str, str]:
+    """Return what a law says of each of its branches."""
+    said = str(law.attrs.get("branches", ""))
     return dict(part.split(": ", 1) for part in said.split("; ") if part)
+
+
+def _say_branches(told: Mapping[str, str]) -> str:
+    return "; ".join(map(": ".join, told.items()))
 
 
 def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> list[Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
 from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE, with_cautions
-from multiscale.upscaling.fit import say_branches, told_branches
+from multiscale.upscaling.fit import told_branches, with_branch
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 
 if TYPE_CHECKING:
@@ -106,15 +106,12 @@ def _put_shear(
         values |= {"shear_friction_sample": np.full(n, friction)} if n else {}
         said.append(f"the {WORDS['friction']} of {friction:.3g}")
         short.append(f"friction {friction:.3g}")
-    branches = str(law.attrs.get("branches", ""))
-    before = told_branches(branches).get("shear") if tangential_values(law) else None
+    before = told_branches(law).get("shear") if tangential_values(law) else None
     told = f"{how}, {' and '.join(short)}"
     if before is not None:
         told = f"{before}, but {' and '.join(short)} {how}"
     if values:
-        law = INTERFACE_LAW.assign(law, values).assign_attrs(
-            branches=say_branches({"shear": told}, branches)
-        )
+        law = with_branch(law, "shear", told, values)
     return " and ".join(said), law
 
 
@@ -137,9 +134,7 @@ def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
         "sliding_pressure": sliding["nominal_pressure"].to_numpy()[known][order],
         "sliding_friction": steady[known][order],
     }
-    return INTERFACE_LAW.assign(law, values).assign_attrs(
-        branches=say_branches({"sliding": "measured"}, str(law.attrs.get("branches", "")))
-    )
+    return with_branch(law, "sliding", "measured", values)
 
 
 def sliding_friction_at(dataset: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:

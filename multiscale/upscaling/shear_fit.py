@@ -14,9 +14,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, Sliders
-from multiscale.schema import INTERFACE_LAW, LOADING, MICRO_RESPONSE, with_cautions
+from multiscale.schema import LOADING, MICRO_RESPONSE, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
-from multiscale.upscaling.fit import laws_of_each, say_branches
+from multiscale.upscaling.fit import laws_of_each, with_branch
 from multiscale.upscaling.reading import require_law
 from multiscale.upscaling.response_observations import loading_branch, normal_observations
 from multiscale.upscaling.shear_cycles import closed_cycles, measure_loss
@@ -151,10 +151,7 @@ def with_shear(
             "shear_cycle_amplitude": lost.amplitude,
             "shear_cycle_loss_ratio": lost.ratio.mean(axis=0),
         }
-    known = INTERFACE_LAW.assign(law, values).assign_attrs(
-        branches=say_branches({"shear": "measured"}, str(law.attrs.get("branches", ""))),
-        n_sheared=n,
-    )
+    known = with_branch(law, "shear", "measured", values).assign_attrs(n_sheared=n)
     return with_cautions(known, *cautions)
 
 
