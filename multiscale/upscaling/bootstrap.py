@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["FEWEST_REALISATIONS", "draw_counts", "most_confident", "widening"]
+__all__ = ["FEWEST_REALISATIONS", "draw_counts", "half_range", "most_confident", "widening"]
 
 FEWEST_REALISATIONS = 3
 """Below, the interval of a mean is too wide to be of use and there are no samples."""
@@ -48,3 +48,8 @@ def most_confident(n_realisations: int) -> float:
     :math:`(1-c)/2 \ge N^{-N}`.
     """
     return 1.0 - 2.0 * float(n_realisations) ** -n_realisations
+
+
+def half_range(samples: np.ndarray) -> np.ndarray:
+    """Half-width of the 95 % interval between percentiles of samples, along their first axis."""
+    return np.asarray(0.5 * np.ptp(np.nanpercentile(samples, [2.5, 97.5], axis=0), axis=0))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, with_cautions
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.reading import law_from_dataset, require_law
 from multiscale.upscaling.structure_errors import Dependence
 
@@ -106,6 +107,5 @@ def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
         half = np.nan
         if law.sizes.get("unloading_sample"):
             drawn = law["unloading_stiffness_ratio_sample"].to_numpy()
-            half = 0.5 * np.ptp(np.nanpercentile(drawn, [2.5, 97.5]))
-            half /= float(law["unloading_stiffness_ratio"])
+            half = float(half_range(drawn) / law["unloading_stiffness_ratio"])
     return Dependence(answers.astype(float), {"sampling": half})

@@ -233,7 +233,7 @@ def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) ->
     -------
     list of NormalLaw or None, None where a fit does not settle
     """
-    mean, counted = observations.means()[0][0], observations.counted
+    mean, counted = observations.mean, observations.counted
     gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)
     family = FREE_FORM["gap"] if law is None else str(law.attrs["family"])
     if law is None or family == FREE_FORM["gap"]:
@@ -250,7 +250,7 @@ def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = Non
     NaN where a realisation has no value or its fit does not settle.
     """
     counted = observations.counted
-    gap = np.where(counted, observations.values, observations.means()[0][0])
+    gap = np.where(counted, observations.values, observations.mean)
     stiffness = np.full(gap.shape, np.nan)
     for k, one in enumerate(laws_of_each(observations, law)):
         if one is not None:
@@ -281,7 +281,7 @@ def _build(
 ) -> "xr.Dataset":
     """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
     quantity, told = QUANTITIES[observations.quantity], {**observations.attributes, **attributes}
-    mean, p = observations.means()[0][0], observations.pressure
+    mean, p = observations.mean, observations.pressure
     cautions, steps = [str(told.get("cautions", ""))], np.unique(p).size - 1
     if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
         cautions.append(

@@ -127,26 +127,21 @@ class Observations:
         n = self.n_realisations
         return widening(n - 1, n=n) if self.control is None else 1.0
 
-    def means(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Mean values of samples, and their weights.
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean values, shape (points,), SI."""
+        return np.nanmean(self.masked, axis=0) if self.control is None else self.control.mean
 
-        Parameters
-        ----------
-        counts : ndarray, shape (samples, realisations), optional
-            How often each realisation, and then each further cheap value of a control, counts;
-            once if not given.
+    def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean values of samples, and their weights, (samples, points).
 
-        Returns
-        -------
-        mean, weight : ndarray, shape (samples, points)
-            The weight is the share of the values that the sample has, 1 on average; the mean is 0
-            where it has none.
+        ``counts``, shape (samples, realisations), say how often each realisation, and then each
+        further cheap value of a control, counts. The weight is the share of the values that the
+        sample has, 1 on average; the mean is 0 where it has none.
         """
         if self.control is not None:
-            mean = self.control.mean[None]
-            return (mean, np.ones(mean.shape)) if counts is None else self.control.means(counts)
-        n = self.n_realisations
-        counts = np.ones((1, n)) if counts is None else counts[:, :n]
+            return self.control.means(counts)
+        counts = counts[:, : self.n_realisations]
         total = counts @ self.counted
         mean = counts @ np.where(self.counted, self.values, 0.0) / np.maximum(total, 1.0)
         return mean, total / self.counted.sum(axis=0)

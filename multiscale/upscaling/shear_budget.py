@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
@@ -114,7 +115,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
     for parameter, name in (("friction", "shear_friction"), ("stiffness_ratio", RATIO)):
         values = pick(law, name, [None, *range(n_samples)], of="shear")
         mean, *drawn = (float(np.nanmean(one)) for one in values)
-        half = 0.5 * float(np.ptp(np.percentile(drawn, [2.5, 97.5]))) / mean
+        half = float(half_range(np.array(drawn))) / mean
         scatter = half * np.sqrt(n) / t.ppf(0.975, max(n - 1, 1))
         few = NORMAL * scatter * float(law.attrs.get("cell_ratio", np.nan))
         found[parameter] = {"sampling": np.full(p.size, half), FEW_CELLS: np.full(p.size, few)}
@@ -145,7 +146,7 @@ def loss_term(law: "xr.Dataset") -> Term:
     ratio = law["shear_loss_ratio"].to_numpy()
     n_samples = int(law.sizes.get("shear_sample", 0))
     drawn = [one.mean() for one in pick(law, "shear_loss_ratio", range(n_samples), of="shear")]
-    sampling = 0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])) if n_samples else np.nan
+    sampling = half_range(np.array(drawn)) if n_samples else np.nan
     each = law["shear_cycle_loss_ratio"].mean("control").groupby(law["shear_cycle_pressure"])
     parts = [sampling, 0.5 * np.ptp(ratio), 0.5 * float(np.ptp(each.mean().to_numpy()))]
     amplitude = float(law["shear_cycle_amplitude"].mean())
@@ -171,8 +172,7 @@ def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
         m * (p - one.pressure(one.gap_at(p) + k * slip / m))
         for one, k, m in zip(fitted_laws(law, range(n)), ratio[1:], mu[1:], strict=True)
     ]
-    low, high = np.percentile(traction, [2.5, 97.5], axis=0)
-    return np.asarray(np.max(0.5 * (high - low), axis=0) / (mu[0] * p))
+    return np.asarray(np.max(half_range(np.array(traction)), axis=0) / (mu[0] * p))
 
 
 def _grid(

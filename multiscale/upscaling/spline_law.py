@@ -58,7 +58,7 @@ def fit_convex_decreasing(
         If the gap does not fall as the pressure rises.
     """
     p, n = observations.pressure, observations.pressure.size
-    mean = observations.means()[0]
+    mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     gap, sample_gap, largest = mean, sample_mean, float(np.nanmax(observations.masked))
     if observations.quantity == "normal_stiffness":
@@ -89,7 +89,7 @@ def fit_convex_decreasing(
 
 def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasing]:
     """Laws of single realisations, whose gaps (realisations, points), m, have no hole."""
-    p, mean = observations.pressure, observations.means()[0][0]
+    p, mean = observations.pressure, observations.mean
     _check_falls(p, mean)
     knot, level = place_knots(p, mean, N_TERMS, float(gap.max()))
     found = fit_spline(p, gap, 1.0 * observations.counted, knot, level, ridge=RIDGE)
@@ -195,7 +195,7 @@ def _check_falls(p: np.ndarray, gap: np.ndarray) -> None:
 
 def fit_area(observations: Observations, counts: np.ndarray) -> Values:
     """Area law of free form and its samples: mean fractions that never fall."""
-    p, mean = observations.pressure, observations.means()[0]
+    p, mean = observations.pressure, observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     factor = observations.widening
     sample_mean = mean + factor * np.where(sample_weight > 0.0, sample_mean - mean, 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
@@ -147,9 +148,10 @@ def structure_budget(
         samples = np.array([solved(one) for one in fitted_laws(law, range(n))])
     if len(samples):
         rows = np.reshape(samples, (len(samples), *value.shape))
-        low, high = np.nanpercentile(rows, [2.5, 97.5], axis=0)
-        told, half = f"{len(samples)} bootstrap samples of the law", 0.5 * (high - low)
-        terms["sampling"] = replace(terms["sampling"], how=told, half_width=half / np.abs(value))
+        told = f"{len(samples)} bootstrap samples of the law"
+        terms["sampling"] = replace(
+            terms["sampling"], how=told, half_width=half_range(rows) / np.abs(value)
+        )
     if exact:
         terms["macro discretisation"] = Term(exact, np.zeros(value.shape))
     elif coarser:
