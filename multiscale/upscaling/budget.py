@@ -119,27 +119,12 @@ def error_budget(
 
     Notes
     -----
-    - *sampling*: Student's interval of the mean, with a control the one of residuals and cheap
-      cells together; of the stiffness, the one of the compliances of single realisations. Two
-      realisations give an interval, one gives none;
-    - *fit*: from the root mean square, over the steps, of the error at a step that the fit has not
-      seen, by its decay with the spacing, and for the stiffness at the ends from how it bends
-      there;
-    - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
-      by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
-      their likelihood, and the interval about it;
-    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
-    - *increments*: of cells that flow, what halved increments of one realisation tell, of first
-      order; nothing where no body flows;
-    - *small slopes*: of flat cells, what the expansion of their compliance in the slopes changes in
-      one realisation; nothing where the mesh follows the surface;
-    - *surface*: what the cells lack of the height and the slope of measured maps, see
-      :func:`~.cell_size.surface_term`; nothing where surfaces were made from a spectrum;
-    - *scale separation*: the pressure is not even over a wave, with
-      :math:`\varepsilon = \lambda_l/\ell` :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
-      quantity :math:`f`;
-    - *few cells*: the interface of one structure, of the edge :math:`\ell`, holds only
-      :math:`(\ell/L)^2` cells, :math:`1.96\, \mathrm{CoV}\, L / \ell`; see :func:`mean_law_error`.
+    How a term is estimated stands with its function: :func:`~.budget_terms.sampling_term`,
+    :func:`~.budget_terms.fit_term`, :func:`~.cell_size.size_term`,
+    :func:`~.budget_terms.grid_term` (micro discretisation),
+    :func:`~.budget_terms.increment_term`, :func:`~.budget_terms.slope_term`,
+    :func:`~.cell_size.surface_term`, :func:`~.budget_terms.separation_term` and, for few cells,
+    :func:`~.budget_terms.scatter_term`; see :func:`mean_law_error`.
 
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
     deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the

@@ -268,7 +268,7 @@ def grid_term(
 
 
 def increment_term(response: "xr.Dataset") -> Term:
-    """Half-widths from the increments of a body that flows, and how they were told."""
+    """Half-widths from the increments of a body that flows, by halved ones of one realisation."""
     gap = normal_observations(response)
     if "flowing_fraction" not in response.variables:
         nothing = np.zeros((3, gap.pressure.size))
@@ -280,7 +280,7 @@ def increment_term(response: "xr.Dataset") -> Term:
 
 
 def slope_term(response: "xr.Dataset") -> Term:
-    """Half-widths from slopes that the cells take as small, and how they were told."""
+    """Half-widths from slopes that the cells take as small, which their expansion in them tells."""
     if "mean_gap_slope_error" not in response.variables:
         return Term("not known: solve one flat cell with slope_order 1 and 2, or conforming cells")
     return _term_of_errors(response, "slope", str(response.attrs["small_slopes"]))
@@ -317,16 +317,20 @@ def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 
 
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    """Half-widths from the few cells that the interface of one structure holds.
+    r"""Half-widths from the few cells of the edge L that one interface of :math:`\ell` holds.
 
-    The scatter is the coefficient of variation of single cells, (3, steps); a scatter that is
-    not finite, as the one of one realisation, counts as none.
+    They are :math:`1.96\, \mathrm{CoV}\, L/\ell` with the coefficients of variation of cells,
+    (3, steps); a scatter that is not finite, as the one of one realisation, counts as none.
     """
     return np.asarray(NORMAL * np.nan_to_num(scatter, posinf=0.0) * scales.cell_ratio)
 
 
 def separation_term(law: "xr.Dataset", p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    """Half-widths from pressure that is not even over the longest wave."""
+    r"""Half-widths from pressure that is not even over the longest wave.
+
+    They are :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of each quantity :math:`f`, with
+    :math:`\varepsilon = \lambda_l/\ell`.
+    """
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,
