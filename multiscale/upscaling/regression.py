@@ -10,7 +10,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.upscaling.family import Family, Parameter
-from multiscale.upscaling.observations import QUANTITIES, Observations, Quantity
+from multiscale.upscaling.observations import QUANTITIES, Observations
 
 __all__ = ["Regression", "regression_of"]
 
@@ -30,14 +30,12 @@ class Regression:
     Attributes
     ----------
     family : Family
-    quantity : Quantity
-    conditions : tuple of ndarray, shape (points,)
+    observations : Observations, whose conditions count
     scale, weights : ndarray, shape (points,)
         Scales :math:`s_j` of the observations, and weights :math:`w_j \ge 0`, dimensionless.
     held : mapping of str to float, values that the data decide or the user fixed, SI
     free : tuple of str
     start : mapping of str to float, where the fit of the mean starts, SI
-    datum : bool, whether the zero of the gap is open
 
     Notes
     -----
@@ -53,14 +51,12 @@ class Regression:
     """
 
     family: Family
-    quantity: Quantity
-    conditions: tuple[np.ndarray, ...]
+    observations: Observations
     scale: np.ndarray
     weights: np.ndarray
     held: Mapping[str, float]
     free: tuple[str, ...]
     start: Mapping[str, float]
-    datum: bool
 
     def solve(
         self, mean: np.ndarray, weight: np.ndarray, start: Mapping[str, float] | None = None
@@ -130,24 +126,28 @@ class Regression:
 
     def predict(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Values at the conditions, SI."""
-        return np.asarray(self.quantity.predict(self.law(parameters), *self.conditions))
+        seen = self.observations
+        value = QUANTITIES[seen.quantity].predict(self.law(parameters), *seen.conditions)
+        return np.asarray(value)
 
     def _residual(
         self, x: np.ndarray, origin: Mapping[str, float], mean: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
         """Terms of (1) before they are squared; one row for each row of x and mean."""
         parameters = self._parameters(x, origin)
+        open_datum = self.observations.quantity == "normal_stiffness"
         try:
             error = share * (self.predict(parameters) - mean) / self.scale
         except CaseError:  # outside what the law accepts
-            return np.full((*mean.shape[:-1], mean.shape[-1] + self.datum), REFUSED)
+            return np.full((*mean.shape[:-1], mean.shape[-1] + open_datum), REFUSED)
         if not np.all(np.isfinite(error)):
             error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
-        if not self.datum:
+        if not open_datum:
             return np.asarray(error)
-        law, last = self.law(parameters), int(np.argmax(self.conditions[0]))
-        decay = self.conditions[0][last] / mean[..., last : last + 1]
-        gap = law.gap_at(self.conditions[0][last : last + 1])  # type: ignore[attr-defined]
+        law, p = self.law(parameters), self.observations.pressure
+        last = int(np.argmax(p))
+        decay = p[last] / mean[..., last : last + 1]
+        gap = law.gap_at(p[last : last + 1])  # type: ignore[attr-defined]
         return np.concatenate([error, gap / decay], axis=-1)
 
     def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, np.ndarray]:
@@ -205,14 +205,12 @@ def regression_of(
         )
     return Regression(
         family,
-        QUANTITIES[observations.quantity],
-        observations.conditions,
+        observations,
         observations.scale,
         weights,
         {name: value for name, (value, _) in family.held(observations).items()},
         free,
         {**family.start(observations), **fixed},
-        observations.quantity == "normal_stiffness",
     )
 
 
