@@ -93,8 +93,7 @@ def run_micro(
 
     Returns
     -------
-    Dataset
-        Follows ``MICRO_RESPONSE``.
+    Dataset, follows ``MICRO_RESPONSE``
     """
     (cells, measured), identity = measured_cells(case), case.identity()
     response = run_ensemble(
