@@ -14,9 +14,9 @@ from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
+from multiscale.macro.substructures.condensed_problem import condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.whole_solver import PreparedBodies, prepare_bodies
-from multiscale.macro.substructures.whole_structure import assemble
+from multiscale.macro.substructures.whole_structure import Assembled, assemble
 
 __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_block"]
 
@@ -66,7 +66,7 @@ class CondensedTread:
     Attributes
     ----------
     block : TreadBlock
-    bodies : PreparedBodies
+    whole : Assembled
         Condensed onto the face and the displacement of the carcass along z, which is the last
         unknown. Side 1 of the jump is the ground; the load case is a nominal pressure of 1 Pa.
     lifted : ndarray, shape (kept,)
@@ -76,14 +76,14 @@ class CondensedTread:
     """
 
     block: TreadBlock
-    bodies: PreparedBodies
+    whole: Assembled
     lifted: np.ndarray
     position: np.ndarray
 
     @property
     def weight(self) -> np.ndarray:
         """Area of the points, m², shape (points,)."""
-        return self.bodies.whole.weight
+        return self.whole.weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +134,11 @@ def sliding_block(block: TreadBlock, law: InterfaceLaw) -> Assembly:
 def condense_tread(block: TreadBlock) -> CondensedTread:
     """Condense a block onto its face, for laws that :func:`slide_tread` is given one by one."""
     problem = cut_assembly(sliding_block(block, RigidContact()))  # no law enters the matrices
-    whole = assemble(problem)
-    kept = np.union1d(whole.jump.indices, problem.n - 1)
-    lifted = problem.unknowns(np.tile([0.0, 0.0, 1.0], (len(problem.position), 1)))[kept]
-    return CondensedTread(
-        block, prepare_bodies(whole, kept), lifted, problem.joints[0].position.T[:2]
-    )
+    small = condense_problem(problem, [problem.n - 1], largest=problem.n).small
+    (part,), (joint,) = small.substructures, small.joints
+    lifted = np.zeros(small.n)
+    lifted[part.unknown] = part.component == 2
+    return CondensedTread(block, assemble(small), lifted, joint.position.T[:2])
 
 
 def slide_tread(
@@ -176,7 +175,7 @@ def slide_tread(
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
     closed = float(law.normal.gap_at(np.array(pressure))) - law.normal.gap
-    solution = tread.bodies.solve(
+    solution = tread.whole.solve(
         law, np.array([pressure]), start=closed * tread.lifted, tolerance=tolerance
     )
     jump = solution.jump

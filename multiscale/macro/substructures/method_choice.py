@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod, Method
+from multiscale.macro.substructures.condensed_problem import DENSE
 from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
-from multiscale.macro.substructures.whole_solver import DENSE
 
 __all__ = ["JointSize", "MethodChoice", "MethodCost", "choose_method"]
 
