@@ -12,8 +12,10 @@ from multiscale.macro import AssembledNewton, Assembly, Body, Bolt, Interface, s
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     JointLoading,
+    LoadPath,
     condense_assembly,
     condensed_problem,
+    follow_cut_loads,
     follow_joint,
     load_joint,
     measure_joint,
@@ -100,3 +102,16 @@ def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
     assert newton[1] < 0.8 * newton[0]
     again = follow_joint(joint, loading, method=method, near=base)
     assert sum(int(run.iterations.sum()) for run in again.cycles) == 0
+
+
+def test_a_body_without_interfaces_follows_its_loads_as_a_bar_does():
+    held = {"left": (0.0, None, None), "front": (None, 0.0, None), "bottom": (None, None, 0.0)}
+    pulled = {"right": (1.0, 0.0, 0.0)}
+    bar = Body(box_mesh((0.1, EDGE, EDGE), (3, 1, 1)), Elastic(E, 0.3), held, pulled)
+    path = LoadPath(("pull",), (EDGE**2,), ((1e6,), (2e6,)))
+    method = AssembledNewton()
+    small = condense_assembly(Assembly((bar,)), method).small
+    found = follow_cut_loads(small, path, method=method)
+    np.testing.assert_allclose(found.load_stiffness[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
+    np.testing.assert_allclose(found.load_secant[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
+    np.testing.assert_array_equal(found.interface_compliance, 0.0)

@@ -25,7 +25,6 @@ from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.load_path import (
     LoadPath,
     follow_cut_loads,
-    follow_loads,
     require_held,
 )
 from multiscale.macro.substructures.method_choice import JointSize, choose_method
@@ -63,7 +62,6 @@ __all__ = [
     "cut_links",
     "follow_cut_loads",
     "follow_joint",
-    "follow_loads",
     "homogenise",
     "load_joint",
     "measure_joint",

@@ -1,98 +1,34 @@
 """Closed cycles of rising amplitudes of shear at every preload of a joint."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE
-from multiscale.macro.substructures.bolted_path import CutSolver, follow_bolts
-from multiscale.macro.substructures.closed_cycles import closed_cycle, cycle_work
+from multiscale.macro.substructures.closed_cycles import cycle_work
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
-from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.whole_structure import Assembled
 from multiscale.schema import MACRO_RESULT, with_cautions
 from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["follow_amplitudes", "with_amplitudes"]
+    from multiscale.macro.substructures.joint_loading import FollowedJoint
 
-
-def follow_amplitudes(
-    problem: CutProblem,
-    path: "xr.Dataset",
-    preloads: tuple[float, ...],
-    amplitudes: tuple[float, ...],
-    steps: int,
-    *,
-    method: CutSolver,
-    near: "Sequence[xr.Dataset]" = (),
-) -> "list[xr.Dataset]":
-    """Follow closed cycles of all amplitudes from every preload.
-
-    Parameters
-    ----------
-    problem, path, preloads, amplitudes
-        As of :func:`with_amplitudes`.
-    steps : int
-        Load steps from zero to each amplitude in a cycle.
-    method : CutSolver
-    near : sequence of Dataset
-        The same cycles under other laws, if they are known.
-
-    Returns
-    -------
-    list of Dataset
-        For each preload the path to it, then the cycles; none from the first that has failed.
-    """
-    shear, found = _shear(amplitudes, steps), []
-    for level, preload in enumerate(preloads):
-        if path["converged"].values[level] != 1:
-            break
-        factors = np.stack([np.full(shear.size, preload), shear], axis=1)
-        start, like = path.isel(step=slice(level + 1)), near[level] if level < len(near) else None
-        found.append(follow_bolts(problem, factors, method, start, like))
-    return found
-
-
-def _shear(amplitudes: tuple[float, ...], steps: int) -> np.ndarray:
-    """Shear of all steps: to each amplitude, then a closed cycle, Pa."""
-    return np.ravel(np.array(amplitudes)[:, None] * np.append(1.0, closed_cycle(steps)))
+__all__ = ["with_amplitudes"]
 
 
 def with_amplitudes(
-    result: "xr.Dataset",
-    problem: CutProblem,
-    path: "xr.Dataset",
-    preloads: tuple[float, ...],
-    amplitudes: tuple[float, ...],
-    runs: "Sequence[xr.Dataset]",
-    *,
-    whole: Assembled,
-    area: float,
-    extrapolate: bool = False,
+    result: "xr.Dataset", followed: "FollowedJoint", area: float, *, extrapolate: bool = False
 ) -> "xr.Dataset":
-    r"""Return the result of a joint with secant stiffness, slip and loss of cycles of shear.
+    r"""Return the result of a joint with secant stiffness, slip and loss of its cycles of shear.
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``.
-    problem : CutProblem
-    path : Dataset
-        Its solution, at the preloads first.
-    preloads, amplitudes : tuple of float
-        Pa; the amplitudes rise.
-    runs : sequence of Dataset
-        Of :func:`follow_amplitudes`.
-    whole : Assembled
-        The structure; its second load is 1 Pa of shear.
-    area : float
-        Area of the sheared face, m².
-    extrapolate : bool
-        As for :func:`load_joint`.
+    result : Dataset, follows ``MACRO_RESULT``
+    followed : FollowedJoint, whose second load is 1 Pa of shear
+    area : float, area of the sheared face, m²
+    extrapolate : bool, as of :func:`load_joint`
 
     Returns
     -------
@@ -102,21 +38,21 @@ def with_amplitudes(
 
     Notes
     -----
-    From each preload the shear rises in one step to an amplitude, makes a closed cycle there and
-    rises to the next amplitude. Every cycle is solved: pressing makes points slip, and the shear of
+    Every cycle is solved: pressing makes points slip, and the shear of
     a lap joint changes its pressure, so that Masing's rule from the first loading does not hold.
     The secant stiffness is the shear over the displacement between both ends of a cycle. Where the
     loss arises comes from the dissipation of the steps, whose sum is of first order in the step and
     is scaled to the work of the cycle.
     """
-    shape = (len(preloads), len(amplitudes))
+    preloads, problem = followed.loading.preloads, followed.path.problem
+    top, cautions = np.array(followed.loading.amplitudes), []
+    shape = (len(preloads), top.size)
     loss, secant, slip = (np.full(shape, np.nan) for _ in range(3))
-    density = np.full((*shape, path.sizes["point"]), np.nan)
-    top, cautions = np.array(amplitudes), []
-    for level, (preload, run) in enumerate(zip(preloads, runs, strict=False)):
+    density = np.full((*shape, result.sizes["point"]), np.nan)
+    for level, (preload, run) in enumerate(zip(preloads, followed.cycles, strict=False)):
         first = level + 1
         u = problem.unknowns(run["displacement"].values[first:])
-        along = (u @ whole.load[:, 1] / area).reshape(top.size, -1)
+        along = (u @ followed.path.whole.load[:, 1] / area).reshape(top.size, -1)
         state = contact_state(problem.joints, run)
         far = joint_shares(problem.joints, run)[0][2].max(axis=1)
         inside = extrapolate | (far[first:] <= FAR_SHARE).reshape(top.size, -1).all(axis=1)
@@ -128,7 +64,7 @@ def with_amplitudes(
         secant[level] = np.where(kept, 2.0 * top / apart, np.nan)
         reached = state["slipping_load"][first:].reshape(along.shape)[:, -1]
         slip[level] = np.where(kept, reached, np.nan)
-        scale = loss[level] / (lost @ path["point_area"].values)  # of first order in the step
+        scale = loss[level] / (lost @ result["point_area"].values)  # of first order in the step
         density[level] = scale[:, None] * lost
         if not kept.all():
             why = run.attrs.get(

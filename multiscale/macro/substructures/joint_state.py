@@ -4,14 +4,11 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.data_range import load_shares
 from multiscale.macro.substructures.problem import CutInterface
-from multiscale.macro.substructures.stack import Factors
-from multiscale.macro.substructures.whole_structure import Assembled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,8 +20,6 @@ __all__ = [
     "advance_state",
     "contact_state",
     "joint_shares",
-    "load_stiffness",
-    "measure_stiffness",
     "states_after",
     "without_slip",
 ]
@@ -85,120 +80,6 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         "slipping_load": np.sum(reached * pressure * area, axis=1) / (pressure @ area),
         "dissipation": dissipated,
     }
-
-
-def measure_stiffness(
-    joints: Sequence[CutInterface],
-    whole: Assembled,
-    locked: Assembled,
-    result: "xr.Dataset",
-    area: np.ndarray,
-    steps: Sequence[int],
-) -> dict[str, np.ndarray]:
-    r"""Stiffness of the structure, of its joints and of its bodies, no point slipping.
-
-    Parameters
-    ----------
-    joints : sequence of Interface
-    whole : Assembled
-        The structure; its loads are 1 Pa on the faces.
-    locked : Assembled
-        The structure with the shanks of its bolts, which counts in shear; the same without bolts.
-    result : Dataset
-        Of :func:`solve_latin`.
-    area : ndarray, shape (cases,)
-        Areas of these faces, m².
-    steps : sequence of int
-        Where it is wanted; NaN elsewhere, and where a step failed.
-
-    Returns
-    -------
-    dict
-        Variables of ``MACRO_RESULT``, Pa/m, over all steps.
-
-    Notes
-    -----
-    With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights
-    :math:`w` and the jump :math:`B u`, the compliance under the forces :math:`f` of 1 Pa on a face
-    of area A adds up joints and bodies in series, by the work that each of them stores,
-
-    .. math::
-        \frac1{k_{\mathrm{all}}} = \frac{f \cdot u}{A}
-            = \frac{B u \cdot w k B u}{A} + \frac{u \cdot K u}{A}, \qquad
-        (K + B^T w k B)\, u = f.    \tag{1}
-    """
-    names = ("joint_stiffness", "tangential_stiffness", "interface_stiffness", "solid_stiffness")
-    found = np.full((len(names), result.sizes["step"]), np.nan)
-    factorise = Factors()
-    for step in steps:
-        if result["converged"].values[step] != 1:
-            continue
-        tangent = _tangent(joints, whole, result["jump"].values[step].T)
-        u = factorise(csr_array(whole.stiffness + tangent))(whole.load)
-        if locked is not whole:
-            u[:, 1] = factorise(csr_array(locked.stiffness + tangent))(whole.load[:, 1])
-        pressed = u[:, 0]
-        work = [*np.sum(whole.load * u, axis=0), pressed @ (tangent @ pressed)]  # (1)
-        work.append(pressed @ (whole.stiffness @ pressed))
-        found[:, step] = area[[0, 1, 0, 0]] / np.array(work)
-    return dict(zip(names, found, strict=True))
-
-
-def load_stiffness(
-    joints: Sequence[CutInterface],
-    whole: Assembled,
-    locked: Assembled,
-    result: "xr.Dataset",
-    forces: np.ndarray,
-    steps: Sequence[int],
-) -> dict[str, np.ndarray]:
-    r"""Stiffness of a structure under each of its loads, no point slipping.
-
-    Parameters
-    ----------
-    joints, whole, result, steps
-        As of :func:`measure_stiffness`.
-    locked : Assembled
-        The structure with the shanks of its bolts, which counts for all loads but the tightening.
-    forces : ndarray, shape (cases,)
-        Resultant of each load at the factor one, N.
-
-    Returns
-    -------
-    dict
-        ``load_stiffness``, N/m, and ``interface_compliance``, the share of the interfaces in the
-        compliance, shapes (steps, cases).
-
-    Notes
-    -----
-    As (1) of :func:`measure_stiffness`, with the resultant F: :math:`F^2 / (f \cdot u)`.
-    """
-    found = np.full((2, result.sizes["step"], len(forces)), np.nan)
-    factorise = Factors()
-    tightening = int(locked is not whole)
-    for step in steps:
-        if result["converged"].values[step] != 1:
-            continue
-        tangent = _tangent(joints, whole, result["jump"].values[step].T)
-        u = factorise(csr_array(locked.stiffness + tangent))(whole.load)
-        if tightening:
-            u[:, 0] = factorise(csr_array(whole.stiffness + tangent))(whole.load[:, 0])
-        work = np.sum(whole.load * u, axis=0)
-        found[:, step] = forces**2 / work, np.sum(u * (tangent @ u), axis=0) / work
-    return {"load_stiffness": found[0], "interface_compliance": found[1]}
-
-
-def _tangent(joints: Sequence[CutInterface], whole: Assembled, jump: np.ndarray) -> csr_array:
-    """Stiffness of all joints about a jump, shape (3, points), no point slipping, N/m."""
-    at = np.cumsum([0, *(face.weight.size for face in joints)])
-    k = [
-        without_slip(face.law, jump[:, first:last])
-        for face, first, last in zip(joints, at[:-1], at[1:], strict=True)
-        if face.law is not None
-    ]
-    weight = np.tile(whole.weight, 3)
-    stiffness = diags_array(weight * np.concatenate(k, axis=1).ravel())
-    return csr_array(whole.jump.T @ stiffness @ whole.jump)
 
 
 def joint_shares(
