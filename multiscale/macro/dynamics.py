@@ -54,15 +54,13 @@ def simulate(
         Increasing times, s. The first belongs to the initial state.
     mass : ndarray, shape (nodes,), or float
         Mass of each node, kg; with beams in (nodes, 6), the last three in kg m2.
-    load_factor : callable
-        Factor :math:`\alpha(t)` of the loads of the system, dimensionless.
+    load_factor : callable, factor :math:`\alpha(t)` of the loads of the system, dimensionless
     support_motion : callable, optional
         Displacement of the nodes at a time, shape (nodes, c), m; used at fixed components.
     start : tuple of ndarray, shape (nodes, c), optional
         Displacement, m, and velocity, m/s, at the first time; at rest in the prestressed
         configuration if not given.
-    theta : float
-        From 1/2 (second order, no numerical damping) to 1 (fully implicit).
+    theta : float, from 1/2 (second order, no numerical damping) to 1 (fully implicit)
     restitution : float
         Coefficient of restitution of inextensible links that become taut, from 0 to 1.
 

@@ -86,10 +86,8 @@ def go_on_along_law(
     law : InterfaceLaw
     at, jump : ndarray, shape (d, points)
         Jump of the tangent, and jump of the bodies after a step with it, m.
-    stiffness : float
-        Stiffness of the bodies per area, :math:`k`, Pa/m.
-    state : ndarray, shape (law.n_state, points)
-        Committed state of the law.
+    stiffness : float, stiffness of the bodies per area, :math:`k`, Pa/m
+    state : ndarray, shape (law.n_state, points), committed state of the law
     """
     traction = tangent_traction(soften_tangent(law.respond(at, state), stiffness), at, jump)
     try:

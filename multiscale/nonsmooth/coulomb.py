@@ -108,14 +108,11 @@ def verify_friction(
 
     Parameters
     ----------
-    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
-        :math:`W`, 1/kg.
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts), :math:`W`, 1/kg
     velocity : ndarray, shape (d * contacts,)
         :math:`q`, the relative velocity without contact impulses, m/s.
-    friction : ndarray, shape (contacts,)
-        :math:`\mu`, dimensionless.
-    reaction : ndarray, shape (d * contacts,)
-        The answer :math:`r`, N s.
+    friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
+    reaction : ndarray, shape (d * contacts,), the answer :math:`r`, N s
     tolerance : float
         Bound on every number of the verdict; dimensionless.
     motion : tuple (mass, transfer, momentum, body_velocity), optional
@@ -124,8 +121,7 @@ def verify_friction(
 
     Returns
     -------
-    Verdict
-        ``accepted`` says whether the answer stands.
+    Verdict, ``accepted`` says whether the answer stands
 
     Notes
     -----

@@ -51,8 +51,7 @@ def solve_static(
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure with its load :math:`F^d`.
+    system : LinkSystem, the structure with its load :math:`F^d`
     load_factor : float or sequence of float
         :math:`\alpha`, dimensionless. Each step of a sequence starts from the last one.
     method : str
@@ -67,14 +66,12 @@ def solve_static(
     stability : bool
         Whether to compute the smallest eigenvalue of the tangent, without and with the geometric
         stiffness of the tensions.
-    max_iterations : int
-        Iteration limit of a method.
+    max_iterations : int, iteration limit of a method
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. The bound is raised to the rounding error;
         ``residual`` is the value reached.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
     -------

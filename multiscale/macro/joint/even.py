@@ -42,8 +42,7 @@ def press_joint(
 
     Returns
     -------
-    Dataset
-        As :func:`rough_joint` gives it.
+    Dataset, as :func:`rough_joint` gives it
 
     Raises
     ------

@@ -42,14 +42,10 @@ class PlaneJoint:
 
     Parameters
     ----------
-    width, height : float
-        L, and H of each block, m.
-    youngs_modulus, poissons_ratio : float
-        Moduli of both blocks, Pa and 1.
-    approach : float
-        :math:`\delta_0` of (1), m.
-    tilt : float
-        :math:`a` of (1), dimensionless.
+    width, height : float, L, and H of each block, m
+    youngs_modulus, poissons_ratio : float, moduli of both blocks, Pa and 1
+    approach : float, :math:`\delta_0` of (1), m
+    tilt : float, :math:`a` of (1), dimensionless
 
     Raises
     ------
@@ -85,14 +81,10 @@ class PlanePressure:
 
     Attributes
     ----------
-    position : ndarray, shape (points,)
-        x, m.
-    gap, pressure : ndarray, shape (points,)
-        m and Pa.
-    weight : ndarray, shape (points,)
-        m.
-    solution : Solution
-        Why the solver stopped.
+    position : ndarray, shape (points,), x, m
+    gap, pressure : ndarray, shape (points,), m and Pa
+    weight : ndarray, shape (points,), m
+    solution : Solution, why the solver stopped
     """
 
     position: np.ndarray
@@ -120,12 +112,10 @@ def press_plane_joint(
     Parameters
     ----------
     joint : PlaneJoint
-    law : NormalLaw
-        Law of the interface.
+    law : NormalLaw, law of the interface
     elements : int
         Along x; the layers grow from there away from the interface.
-    tolerance : float
-        See :func:`~multiscale.macro.monolithic.solve_interface`.
+    tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
 
     Raises
     ------
@@ -186,8 +176,7 @@ def resolve_plane_joint(
     profile : ndarray, shape (points,)
         Heights of a periodic profile at equidistant points from the left edge, positive into the
         lower block, m. Every point is a node.
-    tolerance : float
-        See :func:`~multiscale.macro.continuum.solve_contact`.
+    tolerance : float, see :func:`~multiscale.macro.continuum.solve_contact`
 
     Raises
     ------

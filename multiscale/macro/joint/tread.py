@@ -27,10 +27,8 @@ class TreadBlock:
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths along the motion (x), across it (y) and height (z), m.
-    youngs_modulus, poissons_ratio : float
-        Pa, and at least 0 and below 1/2.
+    size : tuple of float, lengths along the motion (x), across it (y) and height (z), m
+    youngs_modulus, poissons_ratio : float, Pa, and at least 0 and below 1/2
     elements : tuple of int
         Along x, y and z; 27 nodes each.
 
@@ -71,8 +69,7 @@ class CondensedTread:
         unknown. Side 1 of the jump is the ground; the load case is a nominal pressure of 1 Pa.
     lifted : ndarray, shape (kept,)
         These unknowns where all nodes are displaced along z alike, dimensionless.
-    position : ndarray, shape (2, points)
-        x and y, from the middle of the face, m.
+    position : ndarray, shape (2, points), x and y, from the middle of the face, m
     """
 
     block: TreadBlock
@@ -94,10 +91,8 @@ class Footprint:
     ----------
     traction, jump : ndarray, shape (3, points)
         Normal, along and across the motion; Pa and m.
-    weight : ndarray, shape (points,)
-        m².
-    solution : Solution
-        Why the solver stopped.
+    weight : ndarray, shape (points,), m²
+    solution : Solution, why the solver stopped
     """
 
     traction: np.ndarray
@@ -149,12 +144,9 @@ def slide_tread(
     Parameters
     ----------
     tread : CondensedTread
-    law : SteadySliding
-        Law of the ground, with a velocity along x and y.
-    pressure : float
-        Nominal, Pa.
-    tolerance : float
-        See :func:`~multiscale.macro.monolithic.solve_interface`.
+    law : SteadySliding, law of the ground, with a velocity along x and y
+    pressure : float, nominal, Pa
+    tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
 
     Raises
     ------

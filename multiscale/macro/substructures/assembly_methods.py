@@ -151,8 +151,7 @@ def solve_assembly(
         Factors of the load cases, one row for each step; each starts from the one before. Where
         there are bolts, the first factor is of their preloads, and a step that changes it tightens
         them: :func:`~.bolted_path.follow_bolts`.
-    method : Method
-        :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`.
+    method : Method, :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`
     after : Dataset, optional
         An earlier path by the same method and cut, maybe under other loads: the first step goes on
         from its last, and its steps come first in the result.

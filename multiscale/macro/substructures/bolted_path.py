@@ -60,12 +60,10 @@ def lock_bolts(
 
     Parameters
     ----------
-    problem : CutProblem
-        With bolts that are not locked.
+    problem : CutProblem, with bolts that are not locked
     tension, stretch : ndarray, shape (bolts,)
         Force of the bolts, N, and distance by which their washers have moved apart, m.
-    factor : float
-        Factor of the first load case, not zero.
+    factor : float, factor of the first load case, not zero
     """
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
     position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
@@ -101,8 +99,7 @@ def follow_bolts(
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         With bolts, the first column is the factor of their preloads.
     solver : CutSolver
-    after : Dataset, optional
-        The earlier path, which the first step goes on from with locked bolts.
+    after : Dataset, optional, the earlier path, which the first step goes on from with locked bolts
     near : Dataset, optional
         A path of the same steps under other laws; see :func:`solve_whole`.
 

@@ -22,13 +22,11 @@ def closed_cycle(steps: int) -> np.ndarray:
 
     Parameters
     ----------
-    steps : int
-        Load steps from zero to the amplitude.
+    steps : int, load steps from zero to the amplitude
 
     Returns
     -------
-    ndarray, shape (4 steps,)
-        The start, at the positive amplitude, is left out.
+    ndarray, shape (4 steps,), the start, at the positive amplitude, is left out
     """
     rise = np.arange(1, steps + 1) / steps
     return np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
@@ -39,8 +37,7 @@ def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.nd
 
     Parameters
     ----------
-    amplitude : float or ndarray, shape (...)
-        Amplitude of the shear, Pa.
+    amplitude : float or ndarray, shape (...), amplitude of the shear, Pa
     displacement : ndarray, shape (..., 4 steps + 1)
         Displacement along the shear at the positive amplitude and in the steps of
         :func:`closed_cycle`, m.

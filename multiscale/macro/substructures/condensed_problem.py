@@ -44,8 +44,7 @@ class CondensedProblem:
     whole, small : CutProblem
         The same joints and bolts; every unknown of the small one is a node of its own. Both are
         one object where nothing is condensed.
-    insides : sequence of CondensedStiffness
-        Of each substructure.
+    insides : sequence of CondensedStiffness, of each substructure
     modes : sequence of ndarray, shape (unknowns inside, modes)
         Displacement inside each substructure by the modes of its loads, which follow the kept
         unknowns, dimensionless.
@@ -106,8 +105,7 @@ def condense_problem(
 
     Parameters
     ----------
-    problem : CutProblem
-        Without links.
+    problem : CutProblem, without links
     kept : sequence of int
         Unknowns that are kept beside those that joints, bolts and neighbours touch.
     largest : int, optional

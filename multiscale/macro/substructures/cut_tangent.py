@@ -65,10 +65,8 @@ class Imbalance:
         With the tractions of the tangents of the joints at their own jumps, N.
     residual, rounding : float
         Largest of the whole structure and what rounding makes of it, relative to the load.
-    tangents : list of ndarray, shape (3, 3, points)
-        Tangent of the joints, times the weights, N/m.
-    tractions : list of ndarray, shape (3, points)
-        On the joints, Pa.
+    tangents : list of ndarray, shape (3, 3, points), tangent of the joints, times the weights, N/m
+    tractions : list of ndarray, shape (3, points), on the joints, Pa
     softened : bool
         Whether laws (of this process) are stiffer than their tangents, so that they must go on.
     """

@@ -50,8 +50,7 @@ class FollowedPath:
     whole, locked : Assembled
         Without and with the shanks of the bolts; one object if there are none.
     result : Dataset
-    work : ndarray, shape (steps, cases)
-        Of each load at the factor one on the displacement, J.
+    work : ndarray, shape (steps, cases), of each load at the factor one on the displacement, J
     """
 
     problem: CutProblem

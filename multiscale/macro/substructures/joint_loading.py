@@ -45,18 +45,14 @@ class JointLoading:
 
     Parameters
     ----------
-    preloads : tuple of float
-        Pressures on the pressed face, Pa.
-    shear : float
-        Amplitude of the tangential traction on the sheared face, Pa.
+    preloads : tuple of float, pressures on the pressed face, Pa
+    shear : float, amplitude of the tangential traction on the sheared face, Pa
     cycles : int
         Closed cycles from the positive amplitude to the negative one and back; 0 for none.
-    steps : int
-        Load steps from zero to the amplitude: 4 of these make a cycle.
+    steps : int, load steps from zero to the amplitude: 4 of these make a cycle
     amplitudes : tuple of float
         Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
-    amplitude_steps : int
-        Load steps from zero to each of these amplitudes in its cycle.
+    amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
 
     Raises
     ------
@@ -108,8 +104,7 @@ def load_joint(
         on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
         1 Pa under their washers, take the place of the first; they are locked in the cycles.
     loading : JointLoading
-    method : Method
-        See :func:`solve_assembly`.
+    method : Method, see :func:`solve_assembly`
     extrapolate : bool
         Whether steps far outside the data of a law keep what it extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
@@ -153,8 +148,7 @@ class FollowedJoint:
     Attributes
     ----------
     loading : JointLoading
-    path : FollowedPath
-        At the preloads, then in cycles.
+    path : FollowedPath, at the preloads, then in cycles
     cycles : list of Dataset
         Of all amplitudes from each preload, its path first: from each preload the shear rises in
         one step to an amplitude, makes a closed cycle there and rises to the next. None from the

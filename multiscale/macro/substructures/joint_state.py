@@ -42,9 +42,8 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
 
     Parameters
     ----------
-    joints : sequence of Interface
-    result : Dataset
-        Of :func:`solve_latin`.
+    joints : sequence of CutInterface
+    result : Dataset, of :func:`solve_latin`
 
     Returns
     -------
@@ -89,16 +88,13 @@ def joint_shares(
 
     Parameters
     ----------
-    joints : sequence of Interface
-    result : Dataset
-        Of :func:`solve_latin`.
+    joints : sequence of CutInterface
+    result : Dataset, of :func:`solve_latin`
 
     Returns
     -------
-    shares : ndarray, shape (3, steps, joints)
-        See :func:`~multiscale.macro.data_range.load_shares`.
-    data : ndarray, shape (joints, 2)
-        Pa.
+    shares : ndarray, shape (3, steps, joints), see :func:`~multiscale.macro.data_range.load_shares`
+    data : ndarray, shape (joints, 2), Pa
     """
     pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
     area = np.concatenate([face.weight for face in joints])

@@ -65,12 +65,9 @@ class LatinIterate:
 
     Attributes
     ----------
-    u : ndarray, shape (n,)
-        Displacement of the substructures of this process, m.
-    tension : ndarray, shape (rows,)
-        Forces of their links, N.
-    force, push : ndarray, shape (m,)
-        On all sides of all interfaces, and :math:`k_0 T u` there, N.
+    u : ndarray, shape (n,), displacement of the substructures of this process, m
+    tension : ndarray, shape (rows,), forces of their links, N
+    force, push : ndarray, shape (m,), on all sides of all interfaces, and :math:`k_0 T u` there, N
     """
 
     u: np.ndarray

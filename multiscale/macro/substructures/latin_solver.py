@@ -60,8 +60,7 @@ def solve_latin(
 
     Parameters
     ----------
-    problem : Problem
-        The structure, cut.
+    problem : CutProblem, the structure, cut
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         Factors of the load cases, one row for each step; each starts from the one before.
     after : Dataset, optional
@@ -80,12 +79,10 @@ def solve_latin(
         1e-7, because the tensions of slack links are only zero to rounding. With joints there
         is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
         unavoidable where bodies move far on soft joints is allowed for.
-    max_iterations : int
-        Iteration limit of a step.
+    max_iterations : int, iteration limit of a step
     team : ProcessGroup, optional
         Processes that share the substructures; all call this function, and all get the result.
-    callback : callable, optional
-        Called as ``callback(iteration, residual, iterate)``.
+    callback : callable, optional, called as ``callback(iteration, residual, iterate)``
 
     Returns
     -------

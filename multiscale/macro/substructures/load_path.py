@@ -36,22 +36,16 @@ class LoadPath:
 
     Parameters
     ----------
-    names : tuple of str
-        Names of the load cases of an assembly, in the order of the assembly.
-    forces : tuple of float
-        Resultant of each load at the factor one, N.
+    names : tuple of str, names of the load cases of an assembly, in the order of the assembly
+    forces : tuple of float, resultant of each load at the factor one, N
     steps : tuple of tuple of float, shape (steps, loads)
         Factors of all loads at the end of each step.
-    substeps : int
-        Equal parts of every step.
+    substeps : int, equal parts of every step
     cycled : str
         Load whose factor then goes to and fro about its last; none if empty.
-    amplitude : float
-        By how much that factor rises, then falls.
-    cycles : int
-        Closed cycles after the first rise.
-    cycle_steps : int
-        Load steps of that rise: 4 of these make a cycle.
+    amplitude : float, by how much that factor rises, then falls
+    cycles : int, closed cycles after the first rise
+    cycle_steps : int, load steps of that rise: 4 of these make a cycle
 
     Raises
     ------

@@ -45,8 +45,7 @@ class JointSize:
 
     Attributes
     ----------
-    unknowns, joint_points, bodies, steps : int
-        Of all bodies, all joints, and the whole path.
+    unknowns, joint_points, bodies, steps : int, of all bodies, all joints, and the whole path
     compliant : bool
         Whether the laws tell the traction of a jump; rigid contact does not.
     """
@@ -100,8 +99,7 @@ def choose_method(
     Parameters
     ----------
     size : JointSize
-    asked : LatinMethod, optional
-        What the user asks for, which is taken.
+    asked : LatinMethod, optional, what the user asks for, which is taken
     memory : float, optional
         Byte that the solve may take; four fifths of this machine if not given.
 

@@ -49,8 +49,7 @@ def solve_schur(
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. What rounding makes unavoidable is
         allowed for; ``residual`` says what was reached.
-    max_iterations : int
-        Limit of Newton steps for one load.
+    max_iterations : int, limit of Newton steps for one load
     callback : callable, optional
         Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
         the order of the substructures (of this process), ``state.displacement()`` of all

@@ -32,14 +32,11 @@ class Assembled:
 
     Attributes
     ----------
-    stiffness : csr_array, shape (n, n)
-        Stiffness of all linear parts, N/m.
-    load : ndarray, shape (n, cases)
-        N.
+    stiffness : csr_array, shape (n, n), stiffness of all linear parts, N/m
+    load : ndarray, shape (n, cases), N
     jump : csr_array, shape (3 points, n)
         Normal jump at all points of all joints, then each tangential one.
-    weight : ndarray, shape (points,)
-        Area of these points, m².
+    weight : ndarray, shape (points,), area of these points, m²
     """
 
     stiffness: csr_array
@@ -85,8 +82,7 @@ def assemble(problem: CutProblem) -> Assembled:
 
     Parameters
     ----------
-    problem : Problem
-        Its links, if any, are left out.
+    problem : CutProblem, its links, if any, are left out
 
     Examples
     --------
