@@ -10,6 +10,7 @@ from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import LinkEquations, equations
+from multiscale.macro.discrete.description import join_steps, step_values
 from multiscale.macro.discrete.finite_displacement import find_finite_state
 from multiscale.macro.discrete.link_stability import (
     material_entries,
@@ -21,7 +22,6 @@ from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
 from multiscale.macro.discrete.small_displacement import STATIC_METHODS, find_state
-from multiscale.macro.discrete.static_results import join_steps, step_values
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits
 

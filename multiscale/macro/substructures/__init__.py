@@ -3,10 +3,10 @@
 from multiscale.macro.substructures.assembly_methods import (
     AssembledNewton,
     LatinMethod,
-    Method,
     NewtonSchur,
     solve_assembly,
 )
+from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
 from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut_motion import simulate_latin

@@ -195,31 +195,19 @@ def _number(
     single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
     expansion = csr_array(hstack([single, *ties]))
     expansion.eliminate_zeros()
-    load = np.concatenate(
-        [
-            np.reshape([load_vector(body, time) for time in times], (len(times), -1)).T
-            if times
-            else np.zeros((body.basis.doflocs.size, 0))
-            for body in bodies
-        ]
-    )
-    load = expansion.T @ load
+    loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
+    load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
     load[own.size :] += np.concatenate([np.zeros((0, len(times))), *forces])
-    position = np.concatenate([body.basis.doflocs.T for body in bodies])
+    position, sizes = (
+        np.concatenate([body.basis.doflocs.T for body in bodies]),
+        list(map(len, places)),
+    )
     return _Structure(
         [expansion[a:b] for a, b in pairwise(first)],
         np.concatenate([position[own // 3], *places]),
-        np.concatenate(
-            [
-                own % 3,
-                *(
-                    np.full(len(at), one.axis)
-                    for at, one in zip(places, platens.values(), strict=True)
-                ),
-            ]
-        ),
+        np.append(own % 3, np.repeat([one.axis for one in platens.values()], sizes)).astype(int),
         load,
-        own.size + np.cumsum([0, *(len(at) for at in places)])[:-1],
+        own.size + np.cumsum([0, *sizes])[:-1],
     )
 
 

@@ -9,8 +9,7 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.substructures.assembly_methods import Method
-from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
+from multiscale.macro.substructures.bolted_path import Method, follow_bolts, lock_bolts
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.joint_state import without_slip

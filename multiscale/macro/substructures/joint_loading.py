@@ -9,8 +9,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
-from multiscale.macro.substructures.bolted_path import follow_bolts
+from multiscale.macro.substructures.assembly_methods import LatinMethod
+from multiscale.macro.substructures.bolted_path import Method, follow_bolts
 from multiscale.macro.substructures.closed_cycles import (
     closed_cycle,
     cycle_work,

@@ -230,13 +230,10 @@ def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
             return {"error_indicator": error.estimate.relative}
 
         return indicate
-    judge = ErrorBound(method.stack, admissible)
-
-    def bound(found: LatinIterate) -> dict[str, float]:
-        error = judge.evaluate(found.u, found.tension, found.force, method.team)
-        return {"error_bound": error.relative}
-
-    return bound
+    bound, team = ErrorBound(method.stack, admissible), method.team
+    return lambda found: {
+        "error_bound": bound.evaluate(found.u, found.tension, found.force, team).relative
+    }
 
 
 def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:

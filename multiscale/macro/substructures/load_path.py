@@ -10,7 +10,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.substructures.assembly_methods import Method
+from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
 from multiscale.macro.substructures.cut_bodies import cut_assembly

@@ -12,7 +12,8 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod, Method
+from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod
+from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.condensed_problem import DENSE
 from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
 
