@@ -28,10 +28,7 @@ def shifted_velocity(velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
 
 
 def natural_map(
-    velocity: np.ndarray,
-    reaction: np.ndarray,
-    friction: np.ndarray,
-    step: np.ndarray | float = 1.0,
+    velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
     r"""Residual of Coulomb's law; zero exactly where the law holds.
 

@@ -23,9 +23,6 @@ from multiscale.numerics.factorisation import Solve
 
 __all__ = ["split_interior_point"]
 
-REGULARISATION = 1e-12
-"""Added to the diagonal of W, relative to it, in the tangent matrix alone."""
-
 
 def split_interior_point(
     problem: ScaledFriction,
@@ -33,6 +30,7 @@ def split_interior_point(
     max_iterations: int = 60,
     centre: float = 1.0,
     bound: np.ndarray | None = None,
+    regularisation: float = 1e-12,
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
@@ -44,6 +42,8 @@ def split_interior_point(
     bound : ndarray, shape (contacts,), optional
         Tangential impulse that each contact can carry. If given, :math:`\mu r_N` is replaced by
         it (Tresca's law), the problem is convex, and the path always ends.
+    regularisation : float
+        Added to the diagonal of :math:`W`, relative to it, in the tangent matrix alone.
 
     Notes
     -----
@@ -74,7 +74,7 @@ def split_interior_point(
     point = _Point(centre * axis(contacts), axis(contacts), np.ones(contacts), bound)
     means: list[float] = []
     for _ in range(max_iterations):
-        newton = _newton(lorentz, point)
+        newton = _newton(lorentz, point, regularisation)
         means.append(point.mean)
         if newton is None or stalled(means):
             break
@@ -189,7 +189,7 @@ class _Newton:
         return change, length
 
 
-def _newton(lorentz: ScaledFriction, point: _Point) -> _Newton | None:
+def _newton(lorentz: ScaledFriction, point: _Point, regularisation: float) -> _Newton | None:
     """Linearise (1) and factorise the matrix of (2); None where that fails."""
     if not point.inside:
         return None
@@ -200,7 +200,7 @@ def _newton(lorentz: ScaledFriction, point: _Point) -> _Newton | None:
     added[:, 0, 0] = point.g / point.z[:, 0]
     if point.bound is not None:
         added[:, 1:, 0] = 0.0
-    added += REGULARISATION * np.eye(3)
+    added += regularisation * np.eye(3)
     if not np.all(np.isfinite(added)):
         return None
     solve = factorise_blocks(lorentz, added)

@@ -92,12 +92,7 @@ def silo(
 
 
 def column(
-    radii: np.ndarray,
-    width: float,
-    law: ContactLaw,
-    *,
-    density: float = 2600.0,
-    seed: int = 0,
+    radii: np.ndarray, width: float, law: ContactLaw, *, density: float = 2600.0, seed: int = 0
 ) -> Model:
     """Discs in the plane y = 0 that fall between a wall at x = 0 and a gate at x = width.
 

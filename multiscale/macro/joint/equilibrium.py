@@ -1,12 +1,4 @@
-r"""Equilibrium of a condensed joint under one load.
-
-The equations of :func:`~multiscale.macro.joint.joint_solver.rough_joint` are
-
-.. math::
-    j &= R w + C \lambda, \tag{1} \\
-    \lambda &= N^T (\omega\, p(N j)), \tag{2} \\
-    R^T \lambda &= \ell P. \tag{3}
-"""
+"""Equilibrium of a condensed joint under one load, (1)-(3) of :func:`.joint_solver.rough_joint`."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -159,10 +151,7 @@ def _solve_tangent(model: CondensedJoint, K: np.ndarray, rhs: np.ndarray) -> np.
     reaction = -model.motion.T @ K
     scale = 1.0 / (np.abs(reaction).max() or 1.0)  # so that all rows are in metres
     matrix = np.block(
-        [
-            [np.eye(n) + model.compliance @ K, -model.motion],
-            [scale * reaction, np.zeros((m, m))],
-        ]
+        [[np.eye(n) + model.compliance @ K, -model.motion], [scale * reaction, np.zeros((m, m))]]
     )
     if not np.all(np.isfinite(matrix)):
         return None

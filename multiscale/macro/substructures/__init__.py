@@ -22,11 +22,7 @@ from multiscale.macro.substructures.joint_loading import (
     measure_joint,
 )
 from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.load_path import (
-    LoadPath,
-    follow_cut_loads,
-    require_held,
-)
+from multiscale.macro.substructures.load_path import LoadPath, follow_cut_loads, require_held
 from multiscale.macro.substructures.method_choice import JointSize, choose_method
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure

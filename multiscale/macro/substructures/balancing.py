@@ -146,10 +146,7 @@ class Balancing:
 
 
 def prepare_balancing(
-    layout: Layout,
-    schur: np.ndarray,
-    added: np.ndarray,
-    factorise: Callable[[csr_array], Solve],
+    layout: Layout, schur: np.ndarray, added: np.ndarray, factorise: Callable[[csr_array], Solve]
 ) -> Balancing:
     """Invert (2) for every substructure and factorise the coarse matrix.
 

@@ -150,12 +150,10 @@ class Newton:
         links = self.stack.links
         self.elastic = links.stiffness * (links.operator @ self.u)
         if self.problem.joints:
-            sizes = [face.weight.size for face in self.problem.joints]
-            at = np.cumsum([0, *sizes])
             jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
-            self.jump = [jump[:, at[place] : at[place + 1]] for place in self.places]
+            self.jump = [jump[:, self.problem.points[place]] for place in self.places]
             self.at = self.jump
-            states = states_after(self.problem.joints, path)
+            states = states_after(self.problem, path)
             self.states = [states[place] for place in self.places]
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:

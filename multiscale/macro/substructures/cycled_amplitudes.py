@@ -53,8 +53,8 @@ def with_amplitudes(
         first = level + 1
         u = problem.unknowns(run["displacement"].values[first:])
         along = (u @ followed.path.whole.load[:, 1] / area).reshape(top.size, -1)
-        state = contact_state(problem.joints, run)
-        far = joint_shares(problem.joints, run)[0][2].max(axis=1)
+        state = contact_state(problem, run)
+        far = joint_shares(problem, run)[0][2].max(axis=1)
         inside = extrapolate | (far[first:] <= FAR_SHARE).reshape(top.size, -1).all(axis=1)
         kept = inside & np.isfinite(along).all(axis=1)
         half = along.shape[1] // 2

@@ -100,13 +100,9 @@ class FollowedPath:
         joints, B = self.problem.joints, self.whole.jump
         if not joints:
             return csr_array(self.whole.stiffness.shape)
-        at = np.cumsum([face.weight.size for face in joints])[:-1]
-        parts = np.split(self.result["jump"].values[step].T, at, axis=1)
-        k = [
-            without_slip(face.law, part)
-            for face, part in zip(joints, parts, strict=True)
-            if face.law is not None
-        ]
+        jump = self.result["jump"].values[step].T
+        parts = zip(joints, self.problem.points, strict=True)
+        k = [without_slip(face.law, jump[:, at]) for face, at in parts if face.law is not None]
         weight = np.tile(self.whole.weight, 3)
         return csr_array(B.T @ diags_array(weight * np.concatenate(k, axis=1).ravel()) @ B)
 

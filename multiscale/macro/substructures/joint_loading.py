@@ -161,11 +161,7 @@ class FollowedJoint:
 
 
 def follow_joint(
-    problem: CutProblem,
-    loading: JointLoading,
-    *,
-    method: Method,
-    near: FollowedJoint | None = None,
+    problem: CutProblem, loading: JointLoading, *, method: Method, near: FollowedJoint | None = None
 ) -> FollowedJoint:
     """Press and shear a cut structure.
 
@@ -204,7 +200,7 @@ def measure_joint(
         "shear": factors[:, 1],
         "approach": approach,
         "shear_displacement": along,
-        **contact_state(problem.joints, result),
+        **contact_state(problem, result),
     }
     whole, of_joints, of_bodies = path.tangent_work(range(len(loading.preloads)))
     values |= {
@@ -213,7 +209,7 @@ def measure_joint(
         "interface_stiffness": area[0] / of_joints[:, 0],
         "solid_stiffness": area[0] / of_bodies[:, 0],
     }
-    shares, data = joint_shares(problem.joints, result)
+    shares, data = joint_shares(problem, result)
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)
     if loading.cycles:

@@ -1,6 +1,6 @@
 """What the tractions of a joint say: open, sticking, slipping, stiff, beyond the data."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.data_range import load_shares
-from multiscale.macro.substructures.problem import CutInterface
+from multiscale.macro.substructures.problem import CutProblem
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,12 +37,12 @@ GAIN = 1e-12
 """Energy that rounding may win in a step, relative to the largest that a point has stored."""
 
 
-def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[str, Any]:
+def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
     """State of every point and its shares of the area.
 
     Parameters
     ----------
-    joints : sequence of CutInterface
+    problem : CutProblem
     result : Dataset, of :func:`solve_latin`
 
     Returns
@@ -58,20 +58,21 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
         If a step wins energy; see :func:`advance_state`.
     """
     pressure = -result["traction"].values[..., 0]
-    slipping, dissipated, reached = _slip_and_loss(joints, result)
+    slipping, dissipated, reached = _slip_and_loss(problem, result)
     state = np.where(slipping > MOST, SLIPS, STICKS)
     state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
     failed = np.isnan(pressure)
-    area = np.concatenate([face.weight for face in joints])
+    area = result["point_area"].values
     share = area / area.sum()
-    laws = [_normal(face.law) for face in joints]
+    laws = [_normal(face.law) for face in problem.joints]
+    sizes = [face.weight.size for face in problem.joints]
 
     def fraction(where: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
-        "gap": result["jump"].values[..., 0] + _at_points(joints, [law.gap for law in laws]),
-        "point_damage": _at_points(joints, [law.damage for law in laws]),
+        "gap": result["jump"].values[..., 0] + np.repeat([law.gap for law in laws], sizes),
+        "point_damage": np.repeat([law.damage for law in laws], sizes),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
@@ -81,14 +82,12 @@ def contact_state(joints: Sequence[CutInterface], result: "xr.Dataset") -> dict[
     }
 
 
-def joint_shares(
-    joints: Sequence[CutInterface], result: "xr.Dataset"
-) -> tuple[np.ndarray, np.ndarray]:
+def joint_shares(problem: CutProblem, result: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
     """Shares of the load of every joint, however cut, outside the data of its law, and these data.
 
     Parameters
     ----------
-    joints : sequence of CutInterface
+    problem : CutProblem
     result : Dataset, of :func:`solve_latin`
 
     Returns
@@ -97,8 +96,8 @@ def joint_shares(
     data : ndarray, shape (joints, 2), Pa
     """
     pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
-    area = np.concatenate([face.weight for face in joints])
-    ranges = {face.joint: _normal(face.law).pressure_range for face in joints}
+    area = result["point_area"].values
+    ranges = {face.joint: _normal(face.law).pressure_range for face in problem.joints}
     shares = [
         load_shares(pressure[:, number == joint], area[number == joint], one)
         for joint, one in ranges.items()
@@ -106,7 +105,7 @@ def joint_shares(
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
-def _slip_and_loss(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.ndarray:
+def _slip_and_loss(problem: CutProblem, result: "xr.Dataset") -> np.ndarray:
     """Return what slips in a step, what slip loses, J/m², and what the shear makes slip.
 
     The shape is (3, steps, points). What slips is a share of the pressure of a point, counted by
@@ -114,29 +113,28 @@ def _slip_and_loss(joints: Sequence[CutInterface], result: "xr.Dataset") -> np.n
     """
     jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
     found = np.full(jump.shape, np.nan)
-    for step, points, law, state, account in _replay(joints, result):
+    for step, points, law, state, account in _replay(problem, result):
         reached = law.slipping_load(jump[:, step, points], state)
         found[:, step, points] = account.slipping, account.dissipated, reached
     return found
 
 
-def states_after(joints: Sequence[CutInterface], path: "xr.Dataset | None") -> list[np.ndarray]:
+def states_after(problem: CutProblem, path: "xr.Dataset | None") -> list[np.ndarray]:
     """States of the laws of joints after a path, shapes (rows, points); zero without one."""
-    states = [np.zeros((face.law.n_state if face.law else 0, face.weight.size)) for face in joints]
-    if path is not None and joints:
+    if path is not None and problem.joints:
         last = path.sizes["step"] - 1
-        states = [state for step, _, _, state, _ in _replay(joints, path) if step == last]
-    return states
+        return [state for step, _, _, state, _ in _replay(problem, path) if step == last]
+    laws = [(face.law, face.weight.size) for face in problem.joints]
+    return [np.zeros((law.n_state if law else 0, points)) for law, points in laws]
 
 
 def _replay(
-    joints: Sequence[CutInterface], result: "xr.Dataset"
+    problem: CutProblem, result: "xr.Dataset"
 ) -> Iterator[tuple[int, slice, InterfaceLaw, np.ndarray, Sliding]]:
     """Step, points, law, state and account of each joint at each step: jumps tell the states."""
-    jump, first = np.moveaxis(result["jump"].values, 2, 0), 0  # (3, steps, points)
-    for face in joints:
-        law, points = face.law, slice(first, first + face.weight.size)
-        first = points.stop
+    jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
+    for face, points in zip(problem.joints, problem.points, strict=True):
+        law = face.law
         assert law is not None
         state = np.zeros((law.n_state, face.weight.size))
         for step in np.flatnonzero(result["converged"].values == 1):
@@ -174,8 +172,3 @@ def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
     """Law of the pressure of a joint."""
     assert law is not None  # a joint has one
     return law.normal_law
-
-
-def _at_points(joints: Sequence[CutInterface], values: Sequence[float]) -> np.ndarray:
-    """Give every point the value of its joint."""
-    return np.repeat(values, [face.weight.size for face in joints])

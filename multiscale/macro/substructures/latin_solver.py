@@ -10,12 +10,7 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
-from multiscale.macro.substructures.cut_results import (
-    assemble_result,
-    check_after,
-    link_fields,
-    load_factors,
-)
+from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
@@ -114,8 +109,7 @@ def solve_latin(
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
     _refuse_floating(problem)
-    factors = load_factors(problem, load_factor)
-    check_after(problem, after)
+    factors = load_factors(problem, load_factor, after)
     method = Latin(problem, coarse=coarse and problem.divided, updated=updated, team=team)
     if after is not None:
         method.resume(after)

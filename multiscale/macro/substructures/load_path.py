@@ -15,12 +15,7 @@ from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.followed_path import solve_path
-from multiscale.macro.substructures.joint_state import (
-    OPENED,
-    SLIPS,
-    contact_state,
-    joint_shares,
-)
+from multiscale.macro.substructures.joint_state import OPENED, SLIPS, contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
@@ -169,10 +164,10 @@ def follow_cut_loads(
         "interface_compliance": of_interfaces / whole,
     }
     if joints:
-        values |= contact_state(joints, result)
+        values |= contact_state(problem, result)
         result = MACRO_RESULT.assign(result, values)
         result = MACRO_RESULT.assign(result, _of_interfaces(result))
-        shares, data = joint_shares(joints, result)
+        shares, data = joint_shares(problem, result)
         said = [_say_factors(path.names, row) for row in factors]
         result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=said)
     else:

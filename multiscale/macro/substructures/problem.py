@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -12,14 +13,7 @@ from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.numerics.factorisation import factorise
 
-__all__ = [
-    "CutBolt",
-    "CutInterface",
-    "CutProblem",
-    "Links",
-    "Substructure",
-    "expand_numbers",
-]
+__all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +163,12 @@ class CutProblem:
     def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then those with a law."""
         return (*_perfect_interfaces(self.substructures), *self.joints)
+
+    @cached_property
+    def points(self) -> list[slice]:
+        """Points of every joint, among the points of all."""
+        ends = np.cumsum([0, *(joint.weight.size for joint in self.joints)])
+        return [slice(a, b) for a, b in pairwise(ends.tolist())]
 
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""

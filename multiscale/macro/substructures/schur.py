@@ -9,12 +9,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.interface_newton import ROUNDS
-from multiscale.macro.substructures.cut_results import (
-    assemble_result,
-    check_after,
-    link_fields,
-    load_factors,
-)
+from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
@@ -87,8 +82,7 @@ def solve_schur(
     .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
        doi:10.1137/0917003, on how accurately to solve.
     """
-    factors = load_factors(problem, load_factor)
-    check_after(problem, after)
+    factors = load_factors(problem, load_factor, after)
     method = Newton(problem, team)
     if after is not None:
         method.resume(after)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
-from multiscale.macro.substructures.cut_results import assemble_result, check_after, load_factors
+from multiscale.macro.substructures.cut_results import assemble_result, load_factors
 from multiscale.macro.substructures.joint_state import advance_state, states_after
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import assemble
@@ -66,16 +65,12 @@ def solve_whole(
             "a joint needs a law that tells the traction of a jump; solve_latin takes rigid "
             "contact as well"
         )
-    factors, bodies = load_factors(problem, load_factor), condense_problem(problem)
+    factors, bodies = load_factors(problem, load_factor, after), condense_problem(problem)
     whole = assemble(bodies.small)
-    law = _SideBySide(
-        tuple(joint.law for joint in problem.joints if joint.law),
-        tuple(joint.weight.size for joint in problem.joints),
-    )
-    check_after(problem, after)
-    state, before = law.join(states_after(problem.joints, after)), np.zeros(0)
+    law = _SideBySide(tuple(joint.law for joint in problem.joints if joint.law), problem.points)
+    state, before = law.join(states_after(problem, after)), np.zeros(0)
     u: np.ndarray | None = None
-    jump, first = np.zeros((3, sum(law.points))), 0
+    jump, first = np.zeros((3, law.n_points)), 0
     if after is not None and problem.joints:
         u = bodies.keep(problem.unknowns(after["displacement"].values[-1]))
         jump, before = after["jump"].values[-1].T, -after["traction"].values[-1, :, 0]
@@ -146,7 +141,7 @@ class _SideBySide(InterfaceLaw):
     """Laws of interfaces side by side, each at its points, with as many state rows as any has."""
 
     laws: Sequence[InterfaceLaw]
-    points: Sequence[int]
+    points: Sequence[slice]
 
     @property
     def n_state(self) -> int:  # type: ignore[override]
@@ -174,7 +169,7 @@ class _SideBySide(InterfaceLaw):
 
     def join(self, states: Sequence[np.ndarray]) -> np.ndarray:
         """States of the laws side by side."""
-        joined = np.zeros((self.n_state, sum(self.points)))
+        joined = np.zeros((self.n_state, self.n_points))
         for state, (law, at) in zip(states, self._places(), strict=True):
             joined[: law.n_state, at] = state
         return joined
@@ -193,7 +188,11 @@ class _SideBySide(InterfaceLaw):
             new[: law.n_state, at], _ = advance_state(law, jump[:, at], state[: law.n_state, at])
         return new
 
+    @property
+    def n_points(self) -> int:
+        """Number of points of all laws."""
+        return int(self.points[-1].stop) if self.points else 0
+
     def _places(self) -> list[tuple[InterfaceLaw, slice]]:
         """Every law and its points."""
-        ends = pairwise(np.cumsum([0, *self.points]))
-        return [(law, slice(a, b)) for law, (a, b) in zip(self.laws, ends, strict=True)]
+        return list(zip(self.laws, self.points, strict=True))
