@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.laws.link import Beam
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
@@ -53,12 +52,9 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
     }
     if system.n_components == 6:
         column["rotation"] = motion[:, 3:]
-        beam = [isinstance(law, Beam) for law in system.laws]
-        order = np.argsort(system.kind, kind="stable")  # the modes stand law after law
-        beams = order[np.array(beam)[system.kind[order]]]
         twist, even_y, odd_y, even_z, odd_z = state.tension[links:].reshape(-1, 5).T
         moment = np.full((links, 5), np.nan)
-        moment[beams] = np.stack(
+        moment[model.link[links::5]] = np.stack(
             [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
         )
         column["moment"] = valid * moment

@@ -39,12 +39,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     model = equations(system)
     if not np.isfinite(model.stiffness).all():
         raise CaseError("substructures need extensible links; give a finite rigidity")
-    beams = [
-        np.repeat(owner[system.kind == index], 5)
-        for index, law in enumerate(system.laws)
-        if type(law).__name__ == "Beam"
-    ]
-    rows = np.concatenate([owner, *beams])  # the modes of beams follow their links
+    rows = owner[model.link]
     operator = compatibility(system)
     _check_pieces(system, owner)
 
