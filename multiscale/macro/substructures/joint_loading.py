@@ -16,8 +16,8 @@ from multiscale.macro.substructures.closed_cycles import (
     cycle_work,
     find_cycles,
     to_and_fro,
+    with_amplitudes,
 )
-from multiscale.macro.substructures.cycled_amplitudes import with_amplitudes
 from multiscale.macro.substructures.followed_path import FollowedPath, condense_assembly, solve_path
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
@@ -129,7 +129,7 @@ def load_joint(
     vibrations too small for any point to slip, with u of (1) of
     :meth:`~.followed_path.FollowedPath.tangent_work`, and joints and bodies stand in series by the
     work that each of them stores. The energy of a cycle is the work of the shear on
-    its face, :func:`~.cycled_amplitudes.cycle_work`.
+    its face, :func:`~.closed_cycles.cycle_work`.
     """
     if len(assembly.areas) != 2:
         raise CaseError(
