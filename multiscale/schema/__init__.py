@@ -20,7 +20,7 @@ from multiscale.schema.granulate_schema import GRANULATE
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.stability_schema import STABILITY
 from multiscale.schema.stored_cells_schema import STORED_CELLS
-from multiscale.schema.structure_schema import HOMOGENISED, MACRO_RESULT
+from multiscale.schema.structure_schema import HOMOGENISED, MACRO_RESULT, SEAL
 from multiscale.schema.surface_schema import SURFACE_STATISTICS
 from multiscale.schema.sweep_schema import SWEEP
 from multiscale.schema.work_precision_schema import WORK_PRECISION
@@ -45,6 +45,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SEAL",
     "SHEAR_RESPONSE",
     "SLIDING_RESPONSE",
     "STABILITY",
@@ -75,6 +76,7 @@ SCHEMAS = {
         ERROR_BUDGET,
         LAW_COMPARISON,
         HOMOGENISED,
+        SEAL,
         GRANULATE,
         END_TO_END,
         STORED_CELLS,

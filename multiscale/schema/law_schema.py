@@ -7,6 +7,7 @@ from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 __all__ = ["ERROR_BUDGET", "INTERFACE_LAW", "LAW_COMPARISON"]
 
 _step = partial(Variable, ("step",))
+_flow = partial(Variable, ("direction", "step"))
 _number = partial(Variable, ())
 _down = partial(Variable, ("unloading_step",))
 _sheared = partial(Variable, ("shear_step", "tangent"))
@@ -87,6 +88,9 @@ INTERFACE_LAW = Schema(
         "electrical_conductance_ratio": _number(
             "S m-1 Pa-1", "electrical conductance over the stiffness of loading"
         ),
+        "hydraulic_aperture": _flow("m", "hydraulic aperture of the interface"),
+        "percolating_cells": _flow("1", "share of the cells that a path of the gap leads through"),
+        "percolating_share": _flow("1", "share of the area in paths of the gap that lead through"),
         "interface_damage": _number(
             "1", "mean damage of the sections parallel to the interface, eq (1)"
         ),
@@ -99,7 +103,7 @@ INTERFACE_LAW = Schema(
         **SCATTER,
     },
 ).with_samples(
-    sample=("coefficient", "area_fraction"),
+    sample=("coefficient", "area_fraction", "hydraulic_aperture"),
     shear_sample=("shear_stiffness_ratio", "shear_friction", "shear_loss_ratio"),
     unloading_sample=("unloading_stiffness_ratio", "unloading_exponent"),
 )

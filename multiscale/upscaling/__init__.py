@@ -18,9 +18,19 @@ from multiscale.upscaling.ensemble_statistics import (
     required_realisations,
     size_trend,
 )
-from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
+from multiscale.upscaling.export import (
+    write_aperture_table,
+    write_law_table,
+    write_pressure_overclosure,
+)
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.leakage import (
+    effective_permeability,
+    say_sealing,
+    sealing_pressures,
+    with_leakage,
+)
 from multiscale.upscaling.observation_tables import read_observations
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import (
@@ -94,6 +104,7 @@ __all__ = [
     "conductance_ratios",
     "conductances",
     "effective_cells",
+    "effective_permeability",
     "elastic_dependence",
     "ensemble_average",
     "error_budget",
@@ -118,6 +129,8 @@ __all__ = [
     "read_observations",
     "require_law",
     "required_realisations",
+    "say_sealing",
+    "sealing_pressures",
     "shear_errors",
     "size_trend",
     "sliders_from_dataset",
@@ -133,11 +146,13 @@ __all__ = [
     "with_conductance",
     "with_damage",
     "with_intervals",
+    "with_leakage",
     "with_scales",
     "with_shear",
     "with_sliding",
     "with_unloading",
     "without_size_bias",
+    "write_aperture_table",
     "write_law_table",
     "write_pressure_overclosure",
 ]

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 
     from multiscale.laws import NormalLaw
 
-__all__ = ["ChordTable", "pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
+__all__ = [
+    "ChordTable",
+    "pressure_overclosure",
+    "write_aperture_table",
+    "write_law_table",
+    "write_pressure_overclosure",
+]
 
 SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
@@ -255,6 +261,53 @@ def write_law_table(
         low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
         columns[f"gap low 95 % ({length_unit})"] = low / length
         columns[f"gap high 95 % ({length_unit})"] = high / length
+    _write_columns(columns, path)
+
+
+def write_aperture_table(
+    dataset: "xr.Dataset",
+    path: str | PathLike[str],
+    *,
+    length_unit: str = "um",
+    pressure_unit: str = "MPa",
+) -> None:
+    """Write the hydraulic apertures of an interface, for codes of flow in its gap, as CSV.
+
+    Each row has a pressure of the data, their mean gap, and the apertures along x, along y and of
+    both together with their 95 % intervals; a tight interface has zero.
+
+    Parameters
+    ----------
+    dataset, path, length_unit, pressure_unit
+        As of :func:`write_law_table`.
+
+    Raises
+    ------
+    CaseError
+        If the law has no apertures.
+    """
+    if "hydraulic_aperture" not in dataset:
+        raise CaseError(
+            "the law has no hydraulic aperture; set leakage = true in [micro] of its case"
+        )
+    length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
+    columns = {
+        f"pressure ({pressure_unit})": dataset["fit_pressure"].to_numpy() / pressure,
+        f"mean gap ({length_unit})": dataset["fit_mean_gap"].to_numpy() / length,
+    }
+    for name in map(str, dataset["direction"].to_numpy()):
+        one = dataset.sel(direction=name)
+        told = f"aperture {name}"
+        columns[f"{told} ({length_unit})"] = one["hydraulic_aperture"].to_numpy() / length
+        if one.sizes["sample"]:
+            drawn = one["hydraulic_aperture_sample"].to_numpy()
+            low, high = np.percentile(drawn, [2.5, 97.5], axis=0) / length
+            columns[f"{told} low 95 % ({length_unit})"] = low
+            columns[f"{told} high 95 % ({length_unit})"] = high
+    _write_columns(columns, path)
+
+
+def _write_columns(columns: dict[str, np.ndarray], path: str | PathLike[str]) -> None:
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode())
