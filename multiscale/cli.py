@@ -190,11 +190,7 @@ def export_command(
     """Write an interface law for other finite-element codes."""
     from multiscale.io import open_law, try_to_write
     from multiscale.units import to_si
-    from multiscale.upscaling import (
-        write_aperture_table,
-        write_law_table,
-        write_pressure_overclosure,
-    )
+    from multiscale.upscaling import write_law_table, write_pressure_overclosure
     from multiscale.upscaling.reading import refuse_band
 
     dataset = open_law(law)
@@ -202,8 +198,9 @@ def export_command(
     if out.suffix == ".csv":
         if friction or conductance:
             raise CaseError(f"--friction and --conductance are written to an .inp file, got {out}")
-        write = write_aperture_table if leakage else write_law_table
-        write(dataset, out, length_unit=length_unit, pressure_unit=pressure_unit)
+        write_law_table(
+            dataset, out, length_unit=length_unit, pressure_unit=pressure_unit, leakage=leakage
+        )
         refusal = refuse_band(dataset)
         _warn([f"the table has no band: {refusal}"] if refusal else [])
     elif leakage:

@@ -122,7 +122,7 @@ class Case(Settings):
     micro: MicroSettings = ABSENT
     law: LawSettings = ABSENT
     slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
-    seal: SealSettings | None = Field(None, description="A ring of the two bodies that leaks.")
+    seal: SealSettings = ABSENT
     accuracy: AccuracySettings | None = Field(
         None, description="Target of a planner, which then chooses the cells."
     )
@@ -139,12 +139,9 @@ class Case(Settings):
     @classmethod
     def _fit_law_of_cells(cls, given: Any) -> Any:
         """Ask for a law wherever there are cells, and for its apertures wherever a ring leaks."""
-        if "micro" not in given:
-            return given
-        micro = given["micro"]
-        if "seal" in given and isinstance(micro, dict):
-            micro = {"leakage": True} | micro
-        return {"law": {}} | given | {"micro": micro}
+        if "seal" in given and isinstance(given.get("micro"), dict):
+            given = given | {"micro": {"leakage": True} | given["micro"]}
+        return {"law": {}} | given if "micro" in given else given
 
     @field_validator("interface", "statics", "cycles", mode="before")
     @classmethod

@@ -48,7 +48,7 @@ from multiscale.plotting.law_figures import (
     plot_shear_law,
     plot_unloading,
 )
-from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leak_rate, plot_leakage
+from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
 from multiscale.plotting.link_figures import (
     draw_links,
     plot_deformed_links,
@@ -108,7 +108,6 @@ __all__ = [
     "plot_joint_life",
     "plot_joint_plan",
     "plot_joint_stiffness",
-    "plot_leak_rate",
     "plot_leakage",
     "plot_load_paths",
     "plot_measured_heights",

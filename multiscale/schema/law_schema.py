@@ -90,7 +90,9 @@ INTERFACE_LAW = Schema(
         ),
         "hydraulic_aperture": _flow("m", "hydraulic aperture of the interface"),
         "percolating_cells": _flow("1", "share of the cells that a path of the gap leads through"),
-        "percolating_share": _flow("1", "share of the area in paths of the gap that lead through"),
+        "hydraulic_aperture_mean_law": Variable(
+            ("limit", "direction", "step"), "m", "95 % interval of the hydraulic aperture"
+        ),
         "interface_damage": _number(
             "1", "mean damage of the sections parallel to the interface, eq (1)"
         ),
@@ -103,7 +105,7 @@ INTERFACE_LAW = Schema(
         **SCATTER,
     },
 ).with_samples(
-    sample=("coefficient", "area_fraction", "hydraulic_aperture"),
+    sample=("coefficient", "area_fraction"),
     shear_sample=("shear_stiffness_ratio", "shear_friction", "shear_loss_ratio"),
     unloading_sample=("unloading_stiffness_ratio", "unloading_exponent"),
 )

@@ -171,15 +171,11 @@ SEAL = Schema(
     variables={
         "nominal_pressure": _step("Pa", "mean pressure of a ring on its face"),
         "leak_rate": _step("m3 s-1", "volume of liquid that leaks across the ring in a time"),
+        "leak_rate_mean_law": Variable(("limit", "step"), "m3 s-1", "95 % interval of leak_rate"),
         "hydraulic_aperture": _step("m", "hydraulic aperture of the interface across the ring"),
         "percolating_cells": _step("1", "share of the cells that a path of the gap leads through"),
         "mean_gap": _step("m", "mean gap of the interface"),
         "contact_fraction": _step("1", "real over nominal contact area"),
-    },
-    optional={
-        "leak_rate_mean_law": Variable(
-            ("limit", "step"), "m3 s-1", "95 % interval of the leak rate over the realisations"
-        )
     },
 )
 

@@ -18,11 +18,7 @@ from multiscale.upscaling.ensemble_statistics import (
     required_realisations,
     size_trend,
 )
-from multiscale.upscaling.export import (
-    write_aperture_table,
-    write_law_table,
-    write_pressure_overclosure,
-)
+from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
 from multiscale.upscaling.leakage import (
@@ -152,7 +148,6 @@ __all__ = [
     "with_sliding",
     "with_unloading",
     "without_size_bias",
-    "write_aperture_table",
     "write_law_table",
     "write_pressure_overclosure",
 ]

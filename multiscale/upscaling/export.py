@@ -25,13 +25,7 @@ if TYPE_CHECKING:
 
     from multiscale.laws import NormalLaw
 
-__all__ = [
-    "ChordTable",
-    "pressure_overclosure",
-    "write_aperture_table",
-    "write_law_table",
-    "write_pressure_overclosure",
-]
+__all__ = ["ChordTable", "pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
 
 SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
@@ -233,6 +227,7 @@ def write_law_table(
     length_unit: str = "um",
     pressure_unit: str = "MPa",
     n_points: int = 41,
+    leakage: bool = False,
 ) -> None:
     """Write a normal law, with its band and its area law if there are, as CSV.
 
@@ -244,9 +239,21 @@ def write_law_table(
         As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
     n_points : int
         Number of pressures, even in the logarithm over the range of the data.
+    leakage : bool
+        Write the hydraulic apertures too, along x, y and both, with the ends of their 95 %
+        intervals, and all columns at the pressures of the data alone; zero is tight.
+
+    Raises
+    ------
+    CaseError
+        If apertures are asked of a law that has none.
     """
     require_law(dataset, "pressure_min", "pressure_max")
     p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)
+    if leakage:
+        if "hydraulic_aperture" not in dataset:
+            raise CaseError("the law has no hydraulic aperture; set leakage = true in [micro]")
+        p = dataset["fit_pressure"].to_numpy()
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
@@ -261,53 +268,14 @@ def write_law_table(
         low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
         columns[f"gap low 95 % ({length_unit})"] = low / length
         columns[f"gap high 95 % ({length_unit})"] = high / length
-    _write_columns(columns, path)
-
-
-def write_aperture_table(
-    dataset: "xr.Dataset",
-    path: str | PathLike[str],
-    *,
-    length_unit: str = "um",
-    pressure_unit: str = "MPa",
-) -> None:
-    """Write the hydraulic apertures of an interface, for codes of flow in its gap, as CSV.
-
-    Each row has a pressure of the data, their mean gap, and the apertures along x, along y and of
-    both together with their 95 % intervals; a tight interface has zero.
-
-    Parameters
-    ----------
-    dataset, path, length_unit, pressure_unit
-        As of :func:`write_law_table`.
-
-    Raises
-    ------
-    CaseError
-        If the law has no apertures.
-    """
-    if "hydraulic_aperture" not in dataset:
-        raise CaseError(
-            "the law has no hydraulic aperture; set leakage = true in [micro] of its case"
-        )
-    length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
-    columns = {
-        f"pressure ({pressure_unit})": dataset["fit_pressure"].to_numpy() / pressure,
-        f"mean gap ({length_unit})": dataset["fit_mean_gap"].to_numpy() / length,
-    }
-    for name in map(str, dataset["direction"].to_numpy()):
+    for name in map(str, dataset["direction"].to_numpy() if leakage else ()):
         one = dataset.sel(direction=name)
-        told = f"aperture {name}"
-        columns[f"{told} ({length_unit})"] = one["hydraulic_aperture"].to_numpy() / length
-        if one.sizes["sample"]:
-            drawn = one["hydraulic_aperture_sample"].to_numpy()
-            low, high = np.percentile(drawn, [2.5, 97.5], axis=0) / length
-            columns[f"{told} low 95 % ({length_unit})"] = low
-            columns[f"{told} high 95 % ({length_unit})"] = high
-    _write_columns(columns, path)
-
-
-def _write_columns(columns: dict[str, np.ndarray], path: str | PathLike[str]) -> None:
+        ends = [
+            one["hydraulic_aperture"].to_numpy(),
+            *one["hydraulic_aperture_mean_law"].to_numpy(),
+        ]
+        for told, aperture in zip(("", " low 95 %", " high 95 %"), ends, strict=True):
+            columns[f"aperture {name}{told} ({length_unit})"] = aperture / length
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode())

@@ -54,12 +54,10 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     opened = permeability > 0.0
     total = weight.sum(axis=1)
     share = np.sum(weight * opened, axis=1) / np.where(total > 0.0, total, np.nan)
-    if not opened.any():
-        return np.where(np.isnan(share), np.nan, 0.0)
-    found = permeability[opened]
+    found = permeability[opened] if opened.any() else np.ones(1)
     # with the least permeability in the open share f of the cells, k is (2 f - 1) times as large
-    ends = found.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0), found.max() * np.ones(share.shape)
-    low, high = (np.log(end) for end in ends)
+    low = np.log(found.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0))
+    high = np.full(share.shape, np.log(found.max()))
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         k = np.exp(middle)[:, None]
@@ -80,37 +78,33 @@ def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
 
     Notes
     -----
-    The interface is a patchwork of its cells, see :func:`effective_permeability`. Samples draw the
-    realisations of the samples of the law, and are spread as these in the logarithm, except where
-    nothing is let through.
+    The interface is a patchwork of its cells, see :func:`effective_permeability`. The intervals
+    are of samples of the realisations, spread as Student's in the logarithm; they are unknown where
+    the law has no samples.
     """
     loading = loading_branch(response)
     own = loading["nominal_pressure"].to_numpy()
     at = [int(np.argmin(np.abs(own - p))) for p in law["fit_pressure"].to_numpy()]
-    aperture, share = (
-        loading[name].to_numpy()[:, at] for name in ("hydraulic_aperture", "percolating_share")
-    )
-    n = aperture.shape[0]
+    aperture = loading["hydraulic_aperture"].to_numpy()[:, at]
+    n = len(aperture)
     counts = draw_counts(n, law.sizes.get("sample", 0), int(law.attrs["seed"]))
     weights = np.vstack([np.ones(n), counts])
-    rows: dict[str, list[np.ndarray]] = {"sample": [], "cells": [], "share": []}
+    mean, band, cells = [], [], []
     for axes in ([0], [1], [0, 1]):  # in the order of DIRECTIONS
-        h, s = (np.concatenate([one[..., k] for k in axes]) for one in (aperture, share))
+        h = np.concatenate([aperture[..., k] for k in axes])
         known = np.isfinite(h)
         weight = np.tile(weights, len(axes))[..., None] * known
         k = effective_permeability(np.where(known, h, 0.0) ** 3, weight)
-        rows["sample"].append(_spread(np.cbrt(k), n))
-        counted = np.where(known.any(axis=0), known.sum(axis=0), np.nan)
-        rows["cells"].append(np.sum(known & (h > 0.0), axis=0) / counted)
-        rows["share"].append(np.sum(np.where(known, s, 0.0), axis=0) / counted)
-    found = np.stack(rows["sample"], axis=1)
+        first, *drawn = _spread(np.cbrt(k), n)
+        mean.append(first)
+        band.append(np.percentile(drawn or [first + np.nan], [2.5, 97.5], axis=0))
+        cells.append(np.sum(h > 0.0, axis=0) / np.maximum(known.sum(axis=0), 1))
     law = INTERFACE_LAW.assign(
         law.assign_coords(direction=list(DIRECTIONS)),
         {
-            "hydraulic_aperture": found[0],
-            "percolating_cells": np.stack(rows["cells"]),
-            "percolating_share": np.stack(rows["share"]),
-            **({"hydraulic_aperture_sample": found[1:]} if len(counts) else {}),
+            "hydraulic_aperture": np.array(mean),
+            "hydraulic_aperture_mean_law": np.stack(band, axis=1),
+            "percolating_cells": np.array(cells),
         },
     )
     require_law(law, "cell_size", "longest_wave")

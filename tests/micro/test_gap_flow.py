@@ -2,7 +2,11 @@
 
 import numpy as np
 import pytest
+from skfem import ElementHex1, MeshHex
 
+from multiscale.errors import CaseError
+from multiscale.laws.bulk import Elastic
+from multiscale.micro import Cell, MeshCell, Path, self_affine, solve_cell
 from multiscale.micro.gap_flow import gap_flow, open_gap
 
 SPACING = (0.5e-6, 0.8e-6)  # m
@@ -75,3 +79,29 @@ def test_only_paths_to_both_ends_let_something_through():
 def test_what_presses_is_closed_whatever_its_gap():
     gap, pressure = np.array([[1.0, 1e-7, -1e-9, 0.5]]), np.array([[0.0, 0.0, 0.0, 2.0]])
     np.testing.assert_array_equal(open_gap(gap, pressure), [[1.0, 0.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("geometry", ["flat", "conforming"])
+def test_a_cell_tells_what_its_gap_lets_through(geometry):
+    waves = {"hurst_exponent": 0.8, "long_cutoff": 0.5, "short_cutoff": 0.25, "rms_slope": 0.05}
+    surface = self_affine((16, 24), (1.0, 1.5), 3, **waves)
+    cell = Cell(surface, 1.5, 4, 1.0, 0.3, geometry=geometry)
+    found = solve_cell(cell, Path(pressure=(1e-4, 1e-3, 3e-3)), keep_fields=True, keep_flow=True)
+    aperture = found["hydraulic_aperture"].to_numpy()[0]
+    gaps, pressures = (found[name].to_numpy()[0].swapaxes(1, 2) for name in ("gap", "pressure"))
+    for step, (gap, pressure) in enumerate(zip(gaps, pressures, strict=True)):
+        free = open_gap(gap, pressure)
+        for axis in (0, 1):
+            assert aperture[step, axis] == gap_flow(free, surface.spacing, axis).aperture
+    assert np.all(np.diff(aperture, axis=0) < 0.0)
+    assert np.all(aperture <= found["mean_gap"].to_numpy().T)
+    alone = solve_cell(cell, Path(pressure=(1e-4,)), keep_flow=True)
+    assert "gap" not in alone
+
+
+def test_a_mesh_without_a_surface_has_no_gap_to_flow_through():
+    mesh = MeshHex().with_boundaries({"base": lambda x: x[2] == 0.0, "top": lambda x: x[2] == 1.0})
+    with pytest.raises(CaseError, match="gap of a surface, and this general mesh has none"):
+        solve_cell(
+            MeshCell(mesh, ElementHex1(), Elastic(1.0, 0.3)), Path(pressure=(1e-3,)), keep_flow=True
+        )

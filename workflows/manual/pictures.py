@@ -43,7 +43,7 @@ SHOWN = {
     "road_texture": lambda run, ax: plotting.plot_area_law(
         run["micro_response"], run["interface_law"], ax=ax
     ),
-    "seal": lambda run, ax: plotting.plot_leak_rate(run["seal"], ax=ax),
+    "seal": lambda run, ax: plotting.plot_leakage(run["interface_law"], ax=ax),
     "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
     "tensegrity_grid": plotting.plot_sorted_tensions,
     "tensegrity_substructures": plotting.plot_deformed_links,
