@@ -79,6 +79,6 @@ def test_codes_of_flow_read_apertures_against_gap_and_pressure(leaking, tmp_path
     np.testing.assert_allclose(table["pressure_(MPa)"], 1e-6 * PRESSURE)
     y = leaking["hydraulic_aperture"].sel(direction="y")
     np.testing.assert_allclose(table["aperture_y_(um)"], 1e6 * y, rtol=1e-8)
+    bare = leaking.drop_vars("hydraulic_aperture")
     with pytest.raises(CaseError, match="no hydraulic aperture; set leakage = true"):
-        bare = leaking.drop_vars("hydraulic_aperture")
         write_law_table(bare, tmp_path / "gap.csv", leakage=True)

@@ -240,7 +240,8 @@ def _summary(found: Datasets) -> Summary:
     )
     answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
     planned = str(law.attrs.get("plan", "")).splitlines()
-    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law)])
+    tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
+    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law), *tight])
 
 
 def _compared(law: "xr.Dataset") -> "xr.Dataset":
