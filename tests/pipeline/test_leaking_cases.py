@@ -87,6 +87,18 @@ def test_what_cannot_seal_is_refused(tmp_path, changes, told):
         case_of(tmp_path, *changes)
 
 
+def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
+    lay = ('short_cutoff = "50 um"', 'short_cutoff = "50 um"\nanisotropy = { ratio = 4 }')
+    found = run(case_of(tmp_path, lay), tmp_path / "out")
+    x, y = (found["interface_law"]["hydraulic_aperture"].sel(direction=k)[1] for k in "xy")
+    assert x > 1.2 * y
+    assert "another aperture along x than along y" in found["seal"].attrs["cautions"]
+    across = ("[seal]", '[seal]\ndirection = "y"')
+    told = run(case_of(tmp_path, lay, across), tmp_path / "out")["seal"]
+    np.testing.assert_array_equal(told["hydraulic_aperture"][1], y)
+    assert "another aperture" not in told.attrs["cautions"]
+
+
 def test_a_ring_without_cells_is_refused(tmp_path):
     text = TEXT[: TEXT.index("[cell]")] + TEXT[TEXT.index("[seal]") :]
     (tmp_path / "case.toml").write_text(text)

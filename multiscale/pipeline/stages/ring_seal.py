@@ -73,6 +73,13 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
             f"the ring is {cells:.2g} cells wide, and {FEWEST_CELLS:g} or more leak as a patchwork "
             f"of cells does; single paths across a narrow ring may leak more"
         )
+    low, high = law["hydraulic_aperture_mean_law"].sel(direction=["x", "y"]).to_numpy()
+    apart = np.max(low, axis=0) > np.min(high, axis=0)  # the intervals along x and y
+    if seal.direction is None and apart.mean() > 0.5:
+        cautions.append(
+            "the interface lets through another aperture along x than along y, and both are taken "
+            "as alike; name the axis across the ring by direction in [seal]"
+        )
     return SEAL.build(
         values,
         title=case.title,
