@@ -87,6 +87,7 @@ def test_what_cannot_seal_is_refused(tmp_path, changes, told):
         case_of(tmp_path, *changes)
 
 
+@pytest.mark.slow
 def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
     lay = ('short_cutoff = "50 um"', 'short_cutoff = "50 um"\nanisotropy = { ratio = 4 }')
     found = run(case_of(tmp_path, lay), tmp_path / "out")
