@@ -17,7 +17,7 @@ from multiscale.schema.cell_schema import (
 from multiscale.schema.damage_schema import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
-from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT
+from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT, SEAL
 from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
 from multiscale.schema.sweep_schema import SWEEP
 
@@ -41,6 +41,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SEAL",
     "SHEAR_RESPONSE",
     "SLIDING_RESPONSE",
     "STABILITY",
@@ -71,6 +72,7 @@ SCHEMAS = {
         ERROR_BUDGET,
         LAW_COMPARISON,
         HOMOGENISED,
+        SEAL,
         GRANULATE,
         END_TO_END,
         STORED_CELLS,

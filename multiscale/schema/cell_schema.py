@@ -47,6 +47,7 @@ def branch_of(load: np.ndarray) -> np.ndarray:
 
 _cell = partial(Variable, ("realisation", "step"))
 _vector = partial(Variable, ("realisation", "step", "component"))
+_flow = partial(Variable, ("realisation", "step", "direction"))
 _step = partial(Variable, ("step",))
 _surface = partial(Variable, ("realisation",))
 _stage = partial(Variable, ("body", "stage"))
@@ -85,6 +86,8 @@ MICRO_RESPONSE = Schema(
             "Pa",
             "part of this share that the local normal tractions make",
         ),
+        "hydraulic_aperture": _flow("m", "hydraulic aperture of the gap along x and y"),
+        "percolating_share": _flow("1", "share of the cell in paths of the gap that lead through"),
         "slip_fraction": _cell("1", "share of the contact nodes that slip"),
         "friction_work": _cell("J m-2", "work of friction since the start, per area"),
         "flowing_fraction": _cell("1", "share of the Gauss points that flow"),

@@ -4,7 +4,7 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 
-__all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT"]
+__all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT", "SEAL"]
 
 _step = partial(Variable, ("step",))
 _face = partial(Variable, ("step", "interface"))
@@ -162,6 +162,20 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "cycle_loss",
     "cycle_slip",
     "secant_stiffness",
+)
+
+SEAL = Schema(
+    name="seal",
+    version=1,
+    variables={
+        "nominal_pressure": _step("Pa", "mean pressure of a ring on its face"),
+        "leak_rate": _step("m3 s-1", "volume of liquid that leaks across the ring in a time"),
+        "leak_rate_mean_law": Variable(("limit", "step"), "m3 s-1", "95 % interval of leak_rate"),
+        "hydraulic_aperture": _step("m", "hydraulic aperture of the interface across the ring"),
+        "percolating_cells": _step("1", "share of the cells that a path of the gap leads through"),
+        "mean_gap": _step("m", "mean gap of the interface"),
+        "contact_fraction": _step("1", "real over nominal contact area"),
+    },
 )
 
 HOMOGENISED = Schema(

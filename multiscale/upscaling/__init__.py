@@ -20,6 +20,12 @@ from multiscale.upscaling.conductance import (
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.leakage import (
+    effective_permeability,
+    say_sealing,
+    sealing_pressures,
+    with_leakage,
+)
 from multiscale.upscaling.observation_tables import read_observations
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import (
@@ -92,6 +98,7 @@ __all__ = [
     "conductance_ratios",
     "conductances",
     "effective_cells",
+    "effective_permeability",
     "elastic_dependence",
     "error_budget",
     "estimate_grid_error",
@@ -113,6 +120,8 @@ __all__ = [
     "pressure_length_of_points",
     "read_observations",
     "require_law",
+    "say_sealing",
+    "sealing_pressures",
     "shear_errors",
     "sliders_from_dataset",
     "sliding_friction_at",
@@ -127,6 +136,7 @@ __all__ = [
     "with_conductance",
     "with_damage",
     "with_intervals",
+    "with_leakage",
     "with_scales",
     "with_shear",
     "with_sliding",

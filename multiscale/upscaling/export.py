@@ -222,6 +222,7 @@ def write_law_table(
     *,
     length_unit: str = "um",
     pressure_unit: str = "MPa",
+    leakage: bool = False,
 ) -> None:
     """Write a normal law, with its band and its area law if there are, as CSV.
 
@@ -231,9 +232,21 @@ def write_law_table(
     ----------
     dataset, path, length_unit, pressure_unit
         As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
+    leakage : bool
+        Write the hydraulic apertures too, along x, y and both, with the ends of their 95 %
+        intervals, and all columns at the pressures of the data alone; zero is tight.
+
+    Raises
+    ------
+    CaseError
+        If apertures are asked of a law that has none.
     """
     require_law(dataset, "pressure_min", "pressure_max")
     p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], TABLE_POINTS)
+    if leakage:
+        if "hydraulic_aperture" not in dataset:
+            raise CaseError("the law has no hydraulic aperture; set leakage = true in [micro]")
+        p = dataset["fit_pressure"].to_numpy()
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
@@ -248,6 +261,14 @@ def write_law_table(
         low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
         columns[f"gap low 95 % ({length_unit})"] = low / length
         columns[f"gap high 95 % ({length_unit})"] = high / length
+    for name in map(str, dataset["direction"].to_numpy() if leakage else ()):
+        one = dataset.sel(direction=name)
+        ends = [
+            one["hydraulic_aperture"].to_numpy(),
+            *one["hydraulic_aperture_mean_law"].to_numpy(),
+        ]
+        for told, aperture in zip(("", " low 95 %", " high 95 %"), ends, strict=True):
+            columns[f"aperture {name}{told} ({length_unit})"] = aperture / length
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode())

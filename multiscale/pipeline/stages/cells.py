@@ -104,6 +104,7 @@ def run_micro(
         identity=identity,
         keep_fields=True,
         keep_spots=case.micro.spots,
+        keep_flow=case.micro.leakage,
         progress=progress,
     )
     if case.yield_stress is not None:
@@ -272,6 +273,9 @@ def _needs(case: Case) -> Needs:
         f"as fine, {REALISATIONS[-1]}",
     )
     choices = needs.choices
+    if case.micro.leakage:
+        told = "Reynolds' equation on the gap at every pressure, along x and along y"
+        choices = (*choices, Choice("leakage", told))
     if case.micro.shear is not None:
         apart = (CellPart.FRICTION, CellPart.SECOND_BODY)
         choices = tuple(
@@ -352,7 +356,7 @@ CELLS: Stage = Stage(
     tables=("micro",),
     reads={
         **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
-        "micro": {"realisations", "pressures", "seed", "unload", "spots"},
+        "micro": {"realisations", "pressures", "seed", "unload", "spots", "leakage"},
     },
     run=lambda case, found, job: run_micro(
         case, job.out / CELLS.file, executor=job.executor, progress=job.progress
