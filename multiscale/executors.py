@@ -101,12 +101,19 @@ def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
         with _dask_workers(dask) as executor:
             yield executor
         return
+    from multiprocessing import active_children
+
     jobs = jobs or cores()
     if jobs == 1:
         yield None
         return
     with process_pool(jobs) as executor:
-        yield executor
+        try:
+            yield executor
+        except KeyboardInterrupt:
+            for worker in active_children():  # whose jobs nobody waits for
+                worker.terminate()
+            raise
 
 
 def process_pool(jobs: int) -> "ProcessPoolExecutor":
@@ -115,9 +122,7 @@ def process_pool(jobs: int) -> "ProcessPoolExecutor":
     from multiprocessing import get_context
 
     # spawn: a forked process would inherit locks of the kernels' threads
-    return ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
-    )
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_follow_parent)
 
 
 @contextmanager
@@ -150,11 +155,13 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def _leave_with_parent() -> None:
-    """End this worker when its parent process ends, even if the parent is killed."""
+def _follow_parent() -> None:
+    """Leave Ctrl-C to the parent process, and end this worker when it ends, even if killed."""
+    import signal
     from multiprocessing import parent_process
     from threading import Thread
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
 
     def watch() -> None:

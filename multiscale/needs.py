@@ -3,7 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-__all__ = ["Choice", "Needs", "choose", "join_needs"]
+__all__ = ["Choice", "Needs", "choose", "join_needs", "say_time"]
+
+
+def say_time(seconds: float) -> str:
+    """Say a time in the unit in which it is read best."""
+    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * length:
+            return f"{seconds / length:.3g} {unit}"
+    return f"{seconds:.2g} s"
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from multiscale.pipeline.case_cells import (
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Section, Stage, format_table
+from multiscale.pipeline.stage import Datasets, Section, ShowProgress, Stage, format_table, unseen
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
@@ -76,7 +76,7 @@ def run_micro(
     file: Path,
     *,
     executor: Executor | None = None,
-    progress: Callable[[int], None] = lambda finished: None,
+    progress: ShowProgress = unseen,
     fields: bool = True,
 ) -> "xr.Dataset":
     """Solve all cells of a case and write their response; finished cells found are kept.
@@ -105,7 +105,7 @@ def run_micro(
         identity=identity,
         keep_fields=True,
         keep_spots=case.micro.spots,
-        progress=progress,
+        progress=lambda finished: progress(finished, len(cells), "realisations"),
     )
     if case.yield_stress is not None:
         halved = run_ensemble(

@@ -20,12 +20,14 @@ BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 
 
 def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    cells = make_cells(case.coarser())
     response = run_ensemble(
-        make_cells(case.coarser()),
+        cells,
         Path(pressure=case.micro.pressures),
         executor=job.executor,
         folder=job.out / FOLDER,
         identity=case.identity(),
+        progress=lambda finished: job.progress(finished, len(cells), "coarser cells"),
     )
     return response.assign_attrs(title=case.title)
 

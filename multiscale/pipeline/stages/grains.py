@@ -1,5 +1,6 @@
 """Stage: rigid grains in frictional contact."""
 
+from math import ceil
 from typing import TYPE_CHECKING
 
 from multiscale.io import write_grain_fields
@@ -18,10 +19,13 @@ if TYPE_CHECKING:
 
 __all__ = ["GRAINS"]
 
+PARTS = 20  # of a motion, after each of which the progress is shown
+
 
 def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
+    steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
     return simulate_grains(
         given.build(grains, motion),
         motion.duration,
@@ -29,7 +33,13 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Datas
         accuracy=motion.accuracy,
         solver=motion.solver,
         n_frames=motion.frames,
+        callback=lambda step, residual: _tell(job, step + 1, steps),
     )
+
+
+def _tell(job: Job, step: int, steps: int) -> None:
+    if step % max(1, steps // PARTS) == 0:
+        job.progress(step, max(step, steps), "time steps")
 
 
 def _needs(given: Granulate, case: Case) -> Needs:

@@ -92,13 +92,14 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
     """Slide rubber over all roads; finished roads that are found are kept."""
     out = job.out
     identity = case.identity()
+    roads = make_roads(case)
     response = run_realisations(
         slide_road,
-        [(case, road) for road in make_roads(case)],
+        [(case, road) for road in roads],
         executor=job.executor,
         folder=out / "micro",
         identity=identity,
-        progress=job.progress,
+        progress=lambda finished: job.progress(finished, len(roads), "roads"),
     )
     return response.assign_attrs(
         title=case.title,

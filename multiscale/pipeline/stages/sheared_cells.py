@@ -1,6 +1,5 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from multiscale.laws.bulk import Elastic
@@ -36,12 +35,10 @@ READS = {
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Shear the cells of a case; see :func:`run_shear`."""
-    return run_shear(case, job, lambda finished: job.progress(case.micro.realisations + finished))
+    return run_shear(case, job)
 
 
-def run_shear(
-    case: Case, job: Job, progress: Callable[[int], None] = lambda finished: None
-) -> "xr.Dataset":
+def run_shear(case: Case, job: Job) -> "xr.Dataset":
     """Press the cells over the pressures of the law, release them, and shear them.
 
     Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
@@ -64,7 +61,7 @@ def run_shear(
         executor=job.executor,
         folder=job.out / FOLDER / way[:12],
         identity=way,
-        progress=progress,
+        progress=lambda finished: job.progress(finished, len(cells), "sheared cells"),
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
     told: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
