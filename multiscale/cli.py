@@ -81,14 +81,19 @@ def run_command(
     dask: DaskOption = None,
     explain: ExplainOption = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Compute all stages anew, also those up to date.")
+        bool,
+        typer.Option(
+            "--force",
+            help="Compute all stages anew, also those up to date, and what is refused because it "
+            "takes more than a day, or than the memory.",
+        ),
     ] = False,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_sweep, requirements, run, run_sweep
+    from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
     from multiscale.pipeline.stages import stages_of
     from multiscale.report import show_run, write_reports
 
@@ -110,6 +115,8 @@ def run_command(
         typer.echo(needs.explain())
         return
     one = None if sweep.parameters else sweep.points[0]
+    if not (force or resume or dask):
+        refuse_excess(sweep.points, [out] if one else sweep.folders(out), jobs=jobs)
     make_folder(out)
     with (
         _resumable(out),

@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import contextmanager
+from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from multiscale.errors import CaseError, MultiscaleError
@@ -12,7 +13,9 @@ from multiscale.errors import CaseError, MultiscaleError
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-__all__ = ["call_on_one_thread", "cores", "process_pool", "run_jobs", "workers"]
+__all__ = ["call_on_one_thread", "cores", "process_pool", "run_jobs", "usable_memory", "workers"]
+
+USABLE = 0.8  # of the memory of a machine
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
@@ -153,6 +156,13 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def usable_memory() -> float:
+    """Return the byte of this machine that a solve may take; infinite where it is not told."""
+    if not hasattr(os, "sysconf"):  # Windows
+        return inf
+    return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
 def _follow_parent() -> None:

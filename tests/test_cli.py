@@ -34,17 +34,18 @@ def test_long_times_are_told_in_minutes_hours_and_days():
     assert times == ["89 s", "10 min", "2.5 h", "20.8 d"]
 
 
-def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
-    begin = perf_counter()
-    with (
-        pytest.raises(typer.Exit) as ended,
-        cli._resumable(Path("results")),
-        workers(2, None) as executor,
-    ):
+def interrupt():
+    with cli._resumable(Path("results")), workers(2, None) as executor:
         future = executor.submit(sleep, 600.0)
         while not future.running():
             sleep(0.01)
         raise KeyboardInterrupt
+
+
+def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
+    begin = perf_counter()
+    with pytest.raises(typer.Exit) as ended:
+        interrupt()
     assert ended.value.exit_code == 130
     assert perf_counter() - begin < 60.0  # not the job's
     assert "interrupted; finished parts are kept in results" in capsys.readouterr().err

@@ -34,7 +34,7 @@ from multiscale.upscaling.control_variates import FEWEST_PAIRS
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Plan", "plan", "resize"]
+__all__ = ["Plan", "pilot_cases", "plan", "resize"]
 
 logger = logging.getLogger(__name__)
 
@@ -175,6 +175,12 @@ def resize(case: Case, setting: Setting, *, pilot: bool = False) -> Case:
     seed = case.micro.seed + (PILOT_SEED * (1 + setting.size - SIZES.start) if pilot else 0)
     micro = case.micro.model_copy(update={"realisations": setting.realisations, "seed": seed})
     return case.model_copy(update={"cell": cell, "micro": micro})
+
+
+def pilot_cases(case: Case) -> list[Case]:
+    """Return the cases of the first pilot runs, which stored cells may save."""
+    runs = (*STUDY.items(), ((-1.0, 0.0), PAIRS))
+    return [resize(case, Setting(*kind, count), pilot=True) for kind, count in runs]
 
 
 def _check(case: Case) -> None:

@@ -276,8 +276,11 @@ def _needs(case: Case) -> Needs:
             else one
             for one in choices
         )
+    steps = len(case.micro.path) * case.micro.realisations
+    halved = 2 * len(case.micro.path) if case.yield_stress is not None else 0
     return replace(
         needs,
+        seconds=needs.seconds * (steps + halved),
         choices=(cells, *choices, *([planner] if case.accuracy is not None else [])),
         libraries=(*needs.libraries, *reader),
     )

@@ -137,7 +137,10 @@ def _needs(case: Case) -> Needs:
         f"{number} on the surfaces of the {case.micro.realisations} cells and on further ones, as "
         f"control variates: the sampling error of the law is theirs, and that of the differences"
     )
-    return Needs(choices=(Choice("control cells", told),))
+    most = stated or min(MOST, int(COST) * case.micro.realisations)
+    flat = CELLS.needs(case.control(most))
+    cells = Choice("control cells", told)
+    return Needs(choices=(cells,), memory=flat.memory, seconds=flat.seconds)
 
 
 def _count(found: Datasets) -> list[tuple[str, str]]:

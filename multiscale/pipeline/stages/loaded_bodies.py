@@ -23,6 +23,7 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import (
     PARAMETERS,
+    SOLVES,
     Change,
     JointsOfLaw,
     change_friction,
@@ -233,7 +234,8 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
         coarse=chosen.taken.method.coarse,
         slabs=SLABS if points else 0,
     )
-    needs = replace(needs, memory=chosen.taken.memory)
+    seconds = (1 + SOLVES) * chosen.taken.seconds
+    needs = replace(needs, memory=chosen.taken.memory, seconds=seconds)
     method = Choice("method", chosen.explain())
     path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(

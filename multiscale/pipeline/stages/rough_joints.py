@@ -26,6 +26,7 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import (
     PARAMETERS,
+    SOLVES,
     Change,
     JointsOfLaw,
     change_friction,
@@ -172,7 +173,8 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
         coarse=chosen.taken.method.coarse,
         slabs=bodies.slabs(case),
     )
-    needs = replace(needs, memory=chosen.taken.memory)
+    seconds = (1 + SOLVES) * chosen.taken.seconds
+    needs = replace(needs, memory=chosen.taken.memory, seconds=seconds)
     method = Choice("method", chosen.explain())
     own, path, pressed = len(case.statics.preloads), "alone", "the preloads"
     if case.cycles:
