@@ -52,6 +52,10 @@ QuietOption = Annotated[
     bool, typer.Option("-q", "--quiet", help="Print answers, cautions and errors, no progress.")
 ]
 
+AnywayOption = Annotated[
+    bool, typer.Option("--force", help="Solve also what takes more than a day, or the memory.")
+]
+
 
 def _print_version(asked: bool) -> None:
     if asked:
@@ -156,16 +160,19 @@ def micro_command(
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     dask: DaskOption = None,
+    force: AnywayOption = False,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Solve the cells of a case."""
-    from multiscale.pipeline import run_micro
+    from multiscale.pipeline import refuse_excess, run_micro
 
     _check_dataset(out)
     settings = _load_with("micro", case)
     if quick:
         settings = settings.quick()
+    if not (force or dask):
+        refuse_excess([settings.without_structure()], [out.parent], jobs=jobs)
     with (
         _resumable(out.parent / "micro"),
         workers(jobs, dask) as executor,
@@ -276,13 +283,14 @@ def macro_command(
         Path | None, typer.Option("--law", help="Interface law of rough joints.")
     ] = None,
     explain: ExplainOption = False,
+    force: AnywayOption = False,
 ) -> None:
     """Solve the structure of a case: bars and cables, bodies with rough joints, or grains.
 
     Started by ``mpiexec -n N``, N processes share the substructures of a structure that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import requirements, run_macro
+    from multiscale.pipeline import refuse_excess, requirements, run_macro
     from multiscale.pipeline.stages import stages_of
 
     settings, team = _load_with("structure", case).from_structure(law), world()
@@ -293,6 +301,8 @@ def macro_command(
             typer.echo(requirements(settings, processes=team.size).explain())
         return
     _check_dataset(out)
+    if not force:
+        refuse_excess([settings], [out.parent], jobs=team.size)
     result = run_macro(settings, out, team=team)
     if team.rank:  # the first process speaks for all
         return

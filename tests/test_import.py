@@ -1,6 +1,7 @@
 """Importing the package is cheap: heavy libraries come with what needs them."""
 
 import os
+from importlib import import_module
 
 import pytest
 
@@ -69,3 +70,9 @@ def test_the_package_offers_what_scripts_use_without_importing_it_first():
         assert callable(getattr(multiscale, name))
     with pytest.raises(AttributeError, match="module 'multiscale' has no attribute 'solve_cel'"):
         _ = multiscale.solve_cel
+
+
+@pytest.mark.parametrize("name", ["laws", "io", "micro", "pipeline", "surfaces"])
+def test_public_modules_list_what_they_offer_and_nothing_else(name):
+    module = import_module(f"multiscale.{name}")
+    assert dir(module) == sorted(module.__all__)

@@ -27,3 +27,5 @@ __all__ = [
     "run_micro",
     "run_sweep",
 ]
+
+__dir__ = __all__.copy

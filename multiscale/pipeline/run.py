@@ -54,6 +54,12 @@ class Results(Mapping[str, "xr.Dataset"]):
     def __len__(self) -> int:
         return len(self.found)
 
+    def _repr_html_(self) -> str:
+        shown = ((name, dataset._repr_html_()) for name, dataset in self.found.items())
+        return "".join(
+            f"<details><summary>{name}</summary>{html}</details>" for name, html in shown
+        )
+
     @property
     def micro_response(self) -> "xr.Dataset":
         """Response of the cells."""

@@ -263,6 +263,7 @@ COMMANDS = {
     "dataset without name": ("micro case.toml -o response", "ends in .nc", 1),
     "no structure": ("macro cells.toml", "has no [structure]", 1),
     "no cells": ("micro grid.toml", "has no [micro]", 1),
+    "a huge structure": ("macro plate.toml", "GB of memory", 1),
     "no response": ("fit none.nc", "none.nc", 1),
     "law as response": (
         "fit law.nc",
@@ -284,6 +285,8 @@ def test_a_command_that_cannot_be_meant_is_refused(command, tmp_path, name):
     (tmp_path / "case.toml").write_text(STEEL, encoding="utf-8")
     (tmp_path / "cells.toml").write_text(STEEL.partition("[structure]")[0], encoding="utf-8")
     (tmp_path / "grid.toml").write_text(GRID, encoding="utf-8")
+    huge = PLATE.replace("[16, 16, 1]", "[100000, 100000, 10]")
+    (tmp_path / "plate.toml").write_text(huge, encoding="utf-8")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "log.txt").touch()
     if "law.nc" in arguments:
