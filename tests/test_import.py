@@ -66,7 +66,7 @@ def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
 
 
 def test_the_package_offers_what_scripts_use_without_importing_it_first():
-    for name in set(dir(multiscale)) - {"__version__"}:
+    for name in set(dir(multiscale)) - {"__citation__", "__version__"}:
         assert callable(getattr(multiscale, name))
     with pytest.raises(AttributeError, match="module 'multiscale' has no attribute 'solve_cel'"):
         _ = multiscale.solve_cel
