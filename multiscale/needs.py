@@ -1,7 +1,7 @@
 """The needs of a scene, told in words: choices that are built or left out, and why."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isnan, nan
 
 __all__ = ["Choice", "Cost", "Needs", "choose", "join_needs", "say_time"]
@@ -99,10 +99,6 @@ class Needs:
     seconds: float = nan
     costs: tuple[Cost, ...] = ()
 
-    def of_stage(self, stage: str) -> "Needs":
-        """Return the needs with their cost under the name of a stage."""
-        return replace(self, costs=(Cost(stage, self.memory, self.seconds),))
-
     @property
     def built(self) -> dict[str, str]:
         """Reason of each part that is built."""
@@ -146,5 +142,4 @@ def join_needs(parts: Iterable[Needs]) -> Needs:
         fields=tuple(name for part in parts for name in part.fields),
         libraries=tuple(sorted({name for part in parts for name in part.libraries})),
         memory=max(part.memory for part in parts),
-        costs=tuple(cost for part in parts for cost in part.costs),
     )

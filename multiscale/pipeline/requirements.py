@@ -36,12 +36,13 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
     >>> needs.unknowns_per_contact, needs.omitted["tilt"]
     (1, "Poisson's ratio below 0.4, or no elements")
     """
-    needs = join_needs(stage.needs(case).of_stage(stage.name) for stage in stages_of(case.tables))
+    parts = {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
+    costs = [Cost(name, one.memory, one.seconds) for name, one in parts.items()]
     if isinstance(case, Case) and case.accuracy is not None:
         pilots = [CELLS.needs(one) for one in pilot_cases(case)]
         seconds = sum(one.seconds for one in pilots)
-        planner = Cost("pilot cells", max(one.memory for one in pilots), seconds)
-        needs = replace(needs, costs=(*needs.costs, planner))
+        costs.append(Cost("pilot cells", max(one.memory for one in pilots), seconds))
+    needs = replace(join_needs(parts.values()), costs=tuple(costs))
     if processes == 1:
         return needs
     return replace(needs, libraries=tuple(sorted({*needs.libraries, "mpi4py"})))
@@ -68,7 +69,7 @@ def refuse_excess(cases: Iterable[AnyCase], folders: Iterable[Path], *, jobs: in
         for stage in stages_of(case.tables):
             if is_up_to_date(stage, case, folder):
                 continue
-            (cost,) = stage.needs(case).of_stage(stage.name).costs
+            cost = stage.needs(case)
             if cost.memory > limit:
                 raise CaseError(
                     f"{case.title}: {stage.name} takes {1e-9 * cost.memory:.6g} GB of memory, and "

@@ -165,6 +165,10 @@ FILES = {
     "unknown structure": (GRID.replace("tensegrity_grid", "tensegrity"), "has no kind"),
     "structure without loads": (GRID.partition("[statics]")[0], "takes [statics]"),
     "step beyond duration": (GRAINS.replace('"2 ms"', '"2 s"'), "must not be longer than duration"),
+    "below the base": (
+        steel(('"flat"', '"conforming"\ndepth = "1 um"')),
+        "choose a larger depth",
+    ),
     "no law": (LAP, "law.nc: no such file"),
     "a map that is missing": (measured(), "map.txt: no such file"),
 }

@@ -1,5 +1,6 @@
 """Stage: rigid grains in frictional contact."""
 
+from dataclasses import replace
 from math import ceil
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["GRAINS"]
 
+GRAIN_TIME, RIGID = 1e-5, 5.0  # s of a grain in a step, times more sweeps of rigid contacts, about
 PARTS = 20  # of a motion, after each of which the progress is shown
 
 
@@ -44,7 +46,7 @@ def _tell(job: Job, step: int, steps: int) -> None:
 
 def _needs(given: Granulate, case: Case) -> Needs:
     grains, motion = case.grains, case.motion
-    return grain_needs(
+    needs = grain_needs(
         grains.number,
         motion.frames,
         grains.law,
@@ -52,6 +54,8 @@ def _needs(given: Granulate, case: Case) -> Needs:
         wall_friction=given.roughest_wall,
         strained=given.strained,
     )
+    each = GRAIN_TIME * (1.0 if grains.law.compliance > 0.0 else RIGID)
+    return replace(needs, seconds=each * grains.number * motion.duration / motion.step)
 
 
 def _compared(result: "xr.Dataset") -> "xr.Dataset":
