@@ -104,28 +104,29 @@ def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
         with _dask_workers(dask) as executor:
             yield executor
         return
-    from multiprocessing import active_children
-
     jobs = jobs or cores()
     if jobs == 1:
         yield None
         return
     with process_pool(jobs) as executor:
+        yield executor
+
+
+@contextmanager
+def process_pool(jobs: int) -> Iterator["ProcessPoolExecutor"]:
+    """Yield a pool of processes that end when this process is interrupted or killed."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import active_children, get_context
+
+    # spawn: a forked process would inherit locks of the kernels' threads
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_follow_parent) as executor:
         try:
             yield executor
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, GeneratorExit):
             for worker in active_children():  # whose jobs nobody waits for
                 worker.terminate()
             raise
-
-
-def process_pool(jobs: int) -> "ProcessPoolExecutor":
-    """Return a pool of processes that end when this process is killed."""
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
-    # spawn: a forked process would inherit locks of the kernels' threads
-    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_follow_parent)
 
 
 @contextmanager
