@@ -52,9 +52,8 @@ QuietOption = Annotated[
     bool, typer.Option("-q", "--quiet", help="Print answers, cautions and errors, no progress.")
 ]
 
-AnywayOption = Annotated[
-    bool, typer.Option("--force", help="Solve also what takes more than a day, or the memory.")
-]
+ANYWAY = "also what takes more than a day, or than the memory"
+AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
 
 
 def _print_version(asked: bool) -> None:
@@ -85,12 +84,7 @@ def run_command(
     dask: DaskOption = None,
     explain: ExplainOption = False,
     force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Compute all stages anew, also those up to date, and what is refused because it "
-            "takes more than a day, or than the memory.",
-        ),
+        bool, typer.Option("--force", help=f"Compute all stages anew, and {ANYWAY}.")
     ] = False,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,

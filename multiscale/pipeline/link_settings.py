@@ -217,7 +217,7 @@ def _check_self_stress(given: Any) -> Any:
 
 
 class LinkTable(LinkStructure):
-    """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`."""
+    """Two tables in SI units (CSV with any separator); see `multiscale.macro.system_from_table`."""
 
     kind: Literal["table"]
     nodes: Path = Field(description="Table of nodes.")
