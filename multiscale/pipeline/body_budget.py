@@ -47,9 +47,6 @@ __all__ = [
     "with_joint_budget",
 ]
 
-SOLVES = 3
-"""Times of a whole path that all solves for the intervals take together, about."""
-
 
 @dataclass(frozen=True, eq=False)
 class Change:

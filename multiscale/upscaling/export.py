@@ -31,6 +31,7 @@ SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
 MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+TABLE_POINTS = 41  # pressures of a CSV table, even in the logarithm over the data
 BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
 
@@ -40,8 +41,7 @@ class ChordTable:
 
     Attributes
     ----------
-    pressure, overclosure : ndarray, shape (points,)
-        Pa and m; zero first, rising.
+    pressure, overclosure : ndarray, shape (points,), Pa and m; zero first, rising
     first_contact : float
         Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
         smallest pressure reaches zero.
@@ -60,8 +60,7 @@ def pressure_overclosure(
     Parameters
     ----------
     law : NormalLaw
-    pressure_range : tuple of float
-        Smallest and largest pressure of the table, Pa.
+    pressure_range : tuple of float, smallest and largest pressure of the table, Pa
     tolerance : float
         Bound on the error of the pressure between the points, relative to the pressure.
 
@@ -105,14 +104,11 @@ def write_pressure_overclosure(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    path : path
-        An input file, to be included before the steps with ``*INCLUDE, INPUT=...``.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    path : path, an input file, to be included before the steps with ``*INCLUDE, INPUT=...``
     name, length_unit, pressure_unit : str
         Name of the surface interaction, and the units of the model.
-    tolerance : float
-        See :func:`pressure_overclosure`.
+    tolerance : float, see :func:`pressure_overclosure`
     friction_for : {"abaqus", "calculix"}, optional
         Write friction and stick stiffness too, which the two codes read in different words. The
         law needs a tangential branch.
@@ -226,7 +222,6 @@ def write_law_table(
     *,
     length_unit: str = "um",
     pressure_unit: str = "MPa",
-    n_points: int = 41,
 ) -> None:
     """Write a normal law, with its band and its area law if there are, as CSV.
 
@@ -236,11 +231,9 @@ def write_law_table(
     ----------
     dataset, path, length_unit, pressure_unit
         As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
-    n_points : int
-        Number of pressures, even in the logarithm over the range of the data.
     """
     require_law(dataset, "pressure_min", "pressure_max")
-    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)
+    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], TABLE_POINTS)
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")

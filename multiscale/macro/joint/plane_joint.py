@@ -17,7 +17,7 @@ from scipy.sparse import block_diag, csr_array, hstack, kron, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
-from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.fe.faces import face_operator
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.interface_law import NormalLaw
@@ -139,11 +139,8 @@ def press_plane_joint(
         displacement_basis(_block(joint, flat, upper=upper), ElementQuad1())
         for upper in (False, True)
     ]
-    K = csr_array(
-        block_diag(
-            [stiffness_matrix(one, joint.youngs_modulus, joint.poissons_ratio) for one in bases]
-        )
-    )
+    solid = Elastic(joint.youngs_modulus, joint.poissons_ratio)
+    K = csr_array(block_diag([elastic_matrix(one, solid) for one in bases]))
     n = [2 * one.N for one in bases]
     held = [np.asarray(one.get_dofs("back").all()) for one in bases]
     u = np.zeros(sum(n))

@@ -12,18 +12,18 @@ from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
-from multiscale.micro.cell import AnyCell, FlatCell
+from multiscale.micro.cell import FlatCell
 from multiscale.micro.cell_needs import CellPart, cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
     cell_of,
     coating_caution,
     composite_material,
-    flat_pair,
+    flat_composite,
+    flat_reference,
     longest_wave,
     measured_cells,
     surface_modulus,
-    two_surfaces,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -93,8 +93,7 @@ def run_micro(
 
     Returns
     -------
-    Dataset
-        Follows ``MICRO_RESPONSE``.
+    Dataset, follows ``MICRO_RESPONSE``
     """
     (cells, measured), identity = measured_cells(case), case.identity()
     response = run_ensemble(
@@ -115,10 +114,10 @@ def run_micro(
             identity=identity,
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
-    if isinstance(cells[0], FlatCell):
-        bare, folder = case.without_coatings(), file.parent / "micro-slope-order"
-        pair = flat_pair(bare, *two_surfaces(bare)[0])
-        response = with_slope_errors(response, pair, folder, identity)
+    if case.cell.mesh is None:
+        pair, folder = flat_reference(case), file.parent / "micro-slope-order"
+        one = None if isinstance(cells[0], FlatCell) else flat_composite(case)
+        response = with_slope_errors(response, pair, folder, identity, one)
     if fields:
         write_fields(case, file.parent, file.parent)
     response = _with_roughness(response, measured).assign_attrs(
@@ -182,29 +181,34 @@ def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, 
 
 
 def with_slope_errors(
-    response: "xr.Dataset", cell: AnyCell, folder: Path, identity: str
+    response: "xr.Dataset",
+    pair: FlatCell,
+    folder: Path,
+    identity: str,
+    one: FlatCell | None = None,
 ) -> "xr.Dataset":
-    """Return a response with what slopes taken as small make of it, by one of its realisations.
+    """Return a response with its errors from slopes, estimated on one of its realisations.
 
-    A flat cell is solved to both orders in the slope. The second order errs by about the difference
+    Flat cells are solved to both orders in the slope. The second order errs by about the difference
     times the root mean square slope, twice on a rigid flat and :data:`SLOPE_OF_PAIR` times between
-    two bodies, the first order by the difference and as much.
+    two bodies, the first order by the difference and as much. Conforming cells follow the composite
+    surface as *one* body; its difference from the *pair*, both to second order, is their error.
     """
-    if not isinstance(cell, FlatCell):
-        return response  # says already that there are none
     names = ("mean_gap", "contact_fraction")
     path = LoadPath(pressure=tuple(response["nominal_pressure"].to_numpy()))
     try:
-        orders = [replace(cell, slope_order=order) for order in (1, 2)]
+        solved = [replace(one or pair, slope_order=2 if one else 1), replace(pair, slope_order=2)]
     except CaseError as error:
         errors, told = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
     else:
-        found = run_ensemble(orders, path, folder=folder, identity=identity)
-        rest = (SLOPE_OF_PAIR if cell.second else 2.0) * float(response["rms_slope"].max())
-        share = 1.0 + rest if cell.slope_order == 1 else rest
+        found = run_ensemble(solved, path, folder=folder, identity=identity)
+        rest = (SLOPE_OF_PAIR if pair.second else 2.0) * float(response["rms_slope"].max())
+        share = rest if pair.slope_order == 2 else 1.0 + rest
         changes = {name: found[name].to_numpy() for name in names}
-        errors = {name: share * (one - two) / two for name, (one, two) in changes.items()}
+        errors = {name: share * (taken - best) / best for name, (taken, best) in changes.items()}
         told = "expanded in the slopes in one realisation, without coatings"
+        if one:
+            told = f"one body for two in conforming cells, {told}"
     values = {f"{name}_slope_error": error for name, error in errors.items()}
     return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
 

@@ -37,6 +37,7 @@ from multiscale.upscaling import (
     with_budget,
     with_conductance,
 )
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 if TYPE_CHECKING:
@@ -193,7 +194,7 @@ def _say_ratio(law: "xr.Dataset", axis: int) -> str:
         drawn = law["shear_stiffness_ratio_sample"].to_numpy()[:, axis]
     if not drawn.size or np.isnan(value):
         return f"{value:.3g}"
-    return f"{value:.3g} ± {0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])):.1g}"
+    return f"{value:.3g} ± {float(half_range(drawn)):.1g}"
 
 
 def _summary(found: Datasets) -> Summary:
