@@ -26,9 +26,9 @@ __all__ = [
     "coating_caution",
     "composite_coating",
     "composite_material",
+    "flat_bodies",
     "flat_composite",
     "flat_pair",
-    "flat_reference",
     "longest_wave",
     "make_cells",
     "make_surfaces",
@@ -195,7 +195,7 @@ def flat_pair(
     )
 
 
-def flat_reference(case: Case) -> FlatCell:
+def flat_bodies(case: Case) -> FlatCell:
     """Build the flat cell of both bodies below their coatings, in the first realisation.
 
     The bodies of conforming cells, whose depth has an error of its own, are half-spaces here.
@@ -206,7 +206,7 @@ def flat_reference(case: Case) -> FlatCell:
 
 
 def flat_composite(case: Case) -> FlatCell:
-    """Build the flat cell of the body that stands for both, as :func:`flat_reference`."""
+    """Build the flat cell of the body that stands for both, as :func:`flat_bodies`."""
     surface = composite(*two_surfaces(case)[0])
     return FlatCell(surface, max(case.cell.size), 2, Elastic(*composite_material(case)))
 

@@ -19,8 +19,8 @@ from multiscale.pipeline.case_cells import (
     cell_of,
     coating_caution,
     composite_material,
+    flat_bodies,
     flat_composite,
-    flat_reference,
     longest_wave,
     measured_cells,
     surface_modulus,
@@ -115,7 +115,7 @@ def run_micro(
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
     if case.cell.mesh is None:
-        pair, folder = flat_reference(case), file.parent / "micro-slope-order"
+        pair, folder = flat_bodies(case), file.parent / "micro-slope-order"
         one = None if isinstance(cells[0], FlatCell) else flat_composite(case)
         response = with_slope_errors(response, pair, folder, identity, one)
     if fields:
