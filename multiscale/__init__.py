@@ -8,6 +8,10 @@ import os
 import sys
 
 __version__ = "0.1.0"
+__citation__ = (
+    f"The multiscale developers, multiscale {__version__}: rough contact at the micro scale, "
+    f"condensed into laws for large non-smooth structures"
+)
 
 _NAMES = {
     "surfaces": ("Surface", "self_affine"),
@@ -44,4 +48,4 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     """List the names that scripts use."""
-    return sorted(["__version__", *_MODULE])
+    return sorted(["__citation__", "__version__", *_MODULE])

@@ -1,8 +1,9 @@
 """The command line: the Python interface with arguments and files added."""
 
+import logging
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
@@ -10,12 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from multiscale import __version__
 from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
+from multiscale.needs import say_time
 
 if TYPE_CHECKING:
     from multiscale.pipeline import Case
+    from multiscale.pipeline.stage import ShowProgress
 
 __all__ = ["main"]
 
@@ -24,7 +28,11 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as of shells."""
 
 CaseArgument = Annotated[str, typer.Argument(help="A case file, or the name of a shipped case.")]
 JobsOption = Annotated[
@@ -37,6 +45,31 @@ ExplainOption = Annotated[
     bool, typer.Option("--explain", help="Print what the case needs, and stop.")
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
+VerboseOption = Annotated[
+    bool, typer.Option("-v", "--verbose", help="Print the events of the log as they come.")
+]
+QuietOption = Annotated[
+    bool, typer.Option("-q", "--quiet", help="Print answers, cautions and errors, no progress.")
+]
+
+ANYWAY = "also what takes more than a day, or than the memory"
+AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"multiscale {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, help="Print the version, and stop."),
+    ] = False,
+) -> None:
+    """From measured roughness to the stiffness of a joint."""
 
 
 @app.command("run")
@@ -51,12 +84,14 @@ def run_command(
     dask: DaskOption = None,
     explain: ExplainOption = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Compute all stages anew, also those up to date.")
+        bool, typer.Option("--force", help=f"Compute all stages anew, and {ANYWAY}.")
     ] = False,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
     from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_sweep, requirements, run, run_sweep
+    from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
     from multiscale.pipeline.stages import stages_of
     from multiscale.report import show_run, write_reports
 
@@ -78,17 +113,25 @@ def run_command(
         typer.echo(needs.explain())
         return
     one = None if sweep.parameters else sweep.points[0]
-    total, what = (one.realisations, "realisations") if one else (len(sweep.points), "points")
+    if not (force or resume or dask):
+        refuse_excess(sweep.points, [out] if one else sweep.folders(out), jobs=jobs)
     make_folder(out)
     with (
+        _resumable(out),
         logging_to(out / "log.txt"),
         workers(jobs, dask) as executor,
-        _progress(total, what, total > 0 and (one is None or one.accuracy is None)) as progress,
+        _shown(verbose, quiet) as progress,
     ):
         if one:
             run(one, out, executor=executor, progress=progress, force=force)
         else:
-            joined = run_sweep(sweep, out, executor=executor, progress=progress, force=force)
+            joined = run_sweep(
+                sweep,
+                out,
+                executor=executor,
+                progress=lambda finished: progress(finished, len(sweep.points), "points"),
+                force=force,
+            )
             write_reports(out, joined, executor=executor)
     finished = show_run(out)
     _warn(finished.cautions)
@@ -111,17 +154,23 @@ def micro_command(
     quick: QuickOption = False,
     jobs: JobsOption = 0,
     dask: DaskOption = None,
+    force: AnywayOption = False,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
 ) -> None:
     """Solve the cells of a case."""
-    from multiscale.pipeline import run_micro
+    from multiscale.pipeline import refuse_excess, run_micro
 
     _check_dataset(out)
     settings = _load_with("micro", case)
     if quick:
         settings = settings.quick()
+    if not (force or dask):
+        refuse_excess([settings.without_structure()], [out.parent], jobs=jobs)
     with (
+        _resumable(out.parent / "micro"),
         workers(jobs, dask) as executor,
-        _progress(settings.micro.realisations, "realisations") as progress,
+        _shown(verbose, quiet) as progress,
     ):
         response = run_micro(settings, out, executor=executor, progress=progress)
     _warn(response.attrs["cautions"].splitlines())
@@ -235,13 +284,14 @@ def macro_command(
         Path | None, typer.Option("--law", help="Interface law of rough joints.")
     ] = None,
     explain: ExplainOption = False,
+    force: AnywayOption = False,
 ) -> None:
     """Solve the structure of a case: bars and cables, bodies with rough joints, or grains.
 
     Started by ``mpiexec -n N``, N processes share the substructures of a structure that is cut.
     """
     from multiscale.macro.substructures import world
-    from multiscale.pipeline import requirements, run_macro
+    from multiscale.pipeline import refuse_excess, requirements, run_macro
     from multiscale.pipeline.stages import stages_of
 
     settings, team = _load_with("structure", case).from_structure(law), world()
@@ -252,6 +302,8 @@ def macro_command(
             typer.echo(requirements(settings, processes=team.size).explain())
         return
     _check_dataset(out)
+    if not force:
+        refuse_excess([settings], [out.parent], jobs=team.size)
     result = run_macro(settings, out, team=team)
     if team.rank:  # the first process speaks for all
         return
@@ -265,6 +317,17 @@ def macro_command(
     typer.echo(f"dataset: {out}" + (f"; for ParaView: {fields}" if stage.write_fields else ""))
     if failure := stage.failure(result):
         raise ConvergenceError(f"{settings.title}: {failure}")
+
+
+@app.command("cases")
+def cases_command() -> None:
+    """List the shipped cases."""
+    from multiscale.pipeline.case import read_case, shipped_cases
+
+    cases = shipped_cases()
+    width = max(map(len, cases))
+    for name, path in cases.items():
+        typer.echo(f"{name:{width}}  {read_case(path)['title']}")
 
 
 @app.command("report")
@@ -389,31 +452,67 @@ def stability_command(
 
 
 @contextmanager
-def _progress(total: int, what: str, shown: bool = True) -> Iterator[Callable[[int], None]]:
-    """Show a bar on a terminal, a line for each step elsewhere; both with the time left."""
-    if not shown:
-        yield lambda finished: None
-        return
-    if not sys.stderr.isatty():
-        begin: list[tuple[int, float]] = []
+def _resumable(out: Path) -> Iterator[None]:
+    """Say after Ctrl-C how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(
+            f"multiscale: interrupted; finished parts are kept in {out}, and the same command "
+            f"goes on with the others",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED) from None
 
-        def tell(finished: int) -> None:
-            begin.append((finished, perf_counter()))
-            first, since = begin[0]
-            left = ""
-            if first < finished < total:
-                each = (perf_counter() - since) / (finished - first)
-                left = f", about {_duration(each * (total - finished))} left"
-            typer.echo(f"{finished} of {total} {what}{left}", err=True)
+
+@contextmanager
+def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
+    """Show progress on standard error: a bar on a terminal, lines elsewhere; or the log instead."""
+    if quiet and verbose:
+        raise typer.BadParameter("--quiet and --verbose exclude each other")
+    if verbose:
+        logging.basicConfig(format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
+        logging.getLogger("multiscale").setLevel(logging.INFO)
+    if quiet or verbose:
+        yield lambda finished, total, parts: None
+    elif sys.stderr.isatty():
+        with _bars() as progress:
+            yield progress
+    else:
+        yield _lines()
+
+
+def _lines() -> "ShowProgress":
+    """Print a line for each part, with the time left."""
+    begin: dict[str, tuple[int, float]] = {}
+
+    def tell(finished: int, total: int, parts: str) -> None:
+        first, since = begin.setdefault(parts, (finished, perf_counter()))
+        left = ""
+        if first < finished < total:
+            each = (perf_counter() - since) / (finished - first)
+            left = f", about {say_time(each * (total - finished))} left"
+        typer.echo(f"{finished} of {total} {parts}{left}", err=True)
+
+    return tell
+
+
+@contextmanager
+def _bars() -> Iterator["ShowProgress"]:
+    """Show a bar for each kind of parts, with the time left."""
+    from rich.console import Console
+    from rich.progress import Progress as Bars
+    from rich.progress import TaskID
+
+    tasks: dict[str, TaskID] = {}
+    with Bars(console=Console(stderr=True)) as bars:
+
+        def tell(finished: int, total: int, parts: str) -> None:
+            if parts not in tasks:
+                tasks[parts] = bars.add_task(parts, total=total)
+            bars.update(tasks[parts], completed=finished, total=total)
 
         yield tell
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda finished: bar.update(task, completed=finished)
 
 
 def _load_with(table: str, case: str) -> "Case":
@@ -449,12 +548,6 @@ def _choose(families: list[str] | None, known: Sequence[str]) -> Sequence[str]:
         if name not in known:
             raise CaseError(f"there is no family {name!r}; choose from {', '.join(known)}")
     return families or known
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def _print_table(title: str, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:

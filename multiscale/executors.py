@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import contextmanager
+from math import inf
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from multiscale.errors import CaseError, MultiscaleError
@@ -12,7 +13,9 @@ from multiscale.errors import CaseError, MultiscaleError
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-__all__ = ["call_on_one_thread", "cores", "process_pool", "run_jobs", "workers"]
+__all__ = ["call_on_one_thread", "cores", "process_pool", "run_jobs", "usable_memory", "workers"]
+
+USABLE = 0.8  # of the memory of a machine
 
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
@@ -109,15 +112,21 @@ def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
         yield executor
 
 
-def process_pool(jobs: int) -> "ProcessPoolExecutor":
-    """Return a pool of processes that end when this process is killed."""
+@contextmanager
+def process_pool(jobs: int) -> Iterator["ProcessPoolExecutor"]:
+    """Yield a pool of processes that end when this process is interrupted or killed."""
     from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
+    from multiprocessing import active_children, get_context
 
     # spawn: a forked process would inherit locks of the kernels' threads
-    return ProcessPoolExecutor(
-        jobs, mp_context=get_context("spawn"), initializer=_leave_with_parent
-    )
+    spawn = get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_follow_parent) as executor:
+        try:
+            yield executor
+        except (KeyboardInterrupt, GeneratorExit):
+            for worker in active_children():  # whose jobs nobody waits for
+                worker.terminate()
+            raise
 
 
 @contextmanager
@@ -150,11 +159,20 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def _leave_with_parent() -> None:
-    """End this worker when its parent process ends, even if the parent is killed."""
+def usable_memory() -> float:
+    """Return the byte of this machine that a solve may take; infinite where it is not told."""
+    if not hasattr(os, "sysconf"):  # Windows
+        return inf
+    return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _follow_parent() -> None:
+    """Leave Ctrl-C to the parent process, and end this worker when it ends, even if killed."""
+    import signal
     from multiprocessing import parent_process
     from threading import Thread
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
 
     def watch() -> None:

@@ -2,8 +2,17 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import isnan, nan
 
-__all__ = ["Choice", "Needs", "choose", "join_needs"]
+__all__ = ["Choice", "Cost", "Needs", "choose", "join_needs", "say_time"]
+
+
+def say_time(seconds: float) -> str:
+    """Say a time in the unit in which it is read best."""
+    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * length:
+            return f"{float(f'{seconds / length:.3g}'):.12g} {unit}"
+    return f"{seconds:.2g} s"
 
 
 @dataclass(frozen=True)
@@ -29,6 +38,30 @@ def choose(part: str, built: bool, why: str, why_not: str) -> Choice:
 
 
 @dataclass(frozen=True)
+class Cost:
+    """Cost of one stage.
+
+    Attributes
+    ----------
+    stage : str
+    memory : int
+        Estimated peak of its largest solve, byte.
+    seconds : float
+        Estimated time on one core, s; NaN where there is no estimate.
+    """
+
+    stage: str
+    memory: int
+    seconds: float
+
+    def __str__(self) -> str:
+        """Return the cost in words, as far as it is estimated."""
+        time = "" if isnan(self.seconds) else f"about {say_time(self.seconds)} on one core"
+        size = f"{self.memory / 1e6:.3g} MB" if self.memory else ""
+        return ", ".join(filter(None, (time, size))) or "not estimated"
+
+
+@dataclass(frozen=True)
 class Needs:
     """What one scene uses, and nothing else.
 
@@ -50,6 +83,10 @@ class Needs:
         Heavy libraries that are imported.
     memory : int
         Estimated peak memory of the largest solve, byte.
+    seconds : float
+        Estimated time on one core, s; NaN where there is no estimate, or the parts are joined.
+    costs : tuple of Cost
+        Costs of stages, of a case that has several.
     """
 
     unknowns_per_contact: int = 1
@@ -59,6 +96,8 @@ class Needs:
     fields: tuple[str, ...] = ()
     libraries: tuple[str, ...] = ()
     memory: int = 0
+    seconds: float = nan
+    costs: tuple[Cost, ...] = ()
 
     @property
     def built(self) -> dict[str, str]:
@@ -79,6 +118,7 @@ class Needs:
             ("fields kept", ", ".join(self.fields) or "none"),
             ("libraries", ", ".join(self.libraries)),
             ("memory", f"{self.memory / 1e6:.3g} MB for the largest solve"),
+            *((f"cost of {cost.stage}", str(cost)) for cost in self.costs),
             *((f"builds {part}", reason) for part, reason in self.built.items()),
             *((f"leaves out {part}", reason) for part, reason in self.omitted.items()),
         ]

@@ -1,7 +1,9 @@
 """Conversion of quantities with units to floats in SI units."""
 
 import re
+from collections.abc import Mapping
 from functools import cache
+from html import escape
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +12,7 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["ZERO_CELSIUS", "readable", "to_si"]
+__all__ = ["ZERO_CELSIUS", "html_table", "readable", "to_si"]
 
 ZERO_CELSIUS = 273.15
 """Melting point of ice, K."""
@@ -115,3 +117,12 @@ def readable(value: object) -> str:
     except Exception:  # a text that resembles a quantity
         return str(value)
     return f"{quantity.magnitude:.6g} {quantity.units:~P}"
+
+
+def html_table(title: str, rows: Mapping[str, object]) -> str:
+    """Return names and values as a table for notebooks; quantities as :func:`readable` ones."""
+    cells = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(readable(value))}</td></tr>"
+        for name, value in rows.items()
+    )
+    return f"<table><caption>{escape(title)}</caption>{cells}</table>"

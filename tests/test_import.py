@@ -1,6 +1,9 @@
 """Importing the package is cheap: heavy libraries come with what needs them."""
 
 import os
+import tomllib
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -65,7 +68,20 @@ def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
 
 
 def test_the_package_offers_what_scripts_use_without_importing_it_first():
-    for name in set(dir(multiscale)) - {"__version__"}:
+    for name in set(dir(multiscale)) - {"__citation__", "__version__"}:
         assert callable(getattr(multiscale, name))
     with pytest.raises(AttributeError, match="module 'multiscale' has no attribute 'solve_cel'"):
         _ = multiscale.solve_cel
+
+
+@pytest.mark.parametrize("name", ["laws", "io", "micro", "pipeline", "surfaces"])
+def test_public_modules_list_what_they_offer_and_nothing_else(name):
+    module = import_module(f"multiscale.{name}")
+    assert dir(module) == sorted(module.__all__)
+
+
+def test_the_distribution_has_the_version_of_the_package_and_its_types():
+    text = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["project"]["version"] == multiscale.__version__
+    assert Path(multiscale.__file__).with_name("py.typed").exists()
+    assert multiscale.__version__ in multiscale.__citation__

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from math import nan
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import median, median_low
@@ -97,6 +98,8 @@ def peak_memory() -> float:
     if status.exists():  # Linux, where getrusage also counts what the parent had
         line = next(line for line in read_text(status).splitlines() if line.startswith("VmHWM"))
         return 1024.0 * float(line.split()[1])
-    import resource
-
+    try:
+        import resource
+    except ImportError:  # Windows
+        return nan
     return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

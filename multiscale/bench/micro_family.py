@@ -80,7 +80,7 @@ def plan_micro(*, quick: bool) -> BenchFamily:
                 1 if quick else 3,
                 left_out=""
                 if find_spec(code.module)
-                else "because it is not installed; pip install 'multiscale[bench]'",
+                else "because it is not installed; pip install 'multiscale-contact[bench]'",
             )
             for pressure in (QUICK_RELATIVE_PRESSURES if quick else RELATIVE_PRESSURES)
             for name, code in CODES.items()

@@ -158,8 +158,10 @@ def _give_up(*_: object) -> None:
 def _run(case: StabilityCase) -> _Outcome:
     from multiscale.bench import stability_cases as families
 
-    signal.signal(signal.SIGALRM, _give_up)
-    signal.alarm(LONGEST)
+    alarm = getattr(signal, "alarm", lambda seconds: None)  # Windows has none, and no limit
+    if hasattr(signal, "SIGALRM"):
+        signal.signal(signal.SIGALRM, _give_up)
+    alarm(LONGEST)
     begin = perf_counter()
     try:
         residual = float(getattr(families, case.family)(**dict(case.parameters)))
@@ -168,7 +170,7 @@ def _run(case: StabilityCase) -> _Outcome:
     except Exception as error:  # whatever it is, it is the finding
         return _Outcome(0, np.nan, perf_counter() - begin, f"{type(error).__name__}: {error}")
     finally:
-        signal.alarm(0)
+        alarm(0)
     seconds = perf_counter() - begin
     if residual <= case.tolerance:
         return _Outcome(2, residual, seconds)

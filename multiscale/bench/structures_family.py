@@ -154,7 +154,7 @@ def plan_structures(*, quick: bool) -> BenchFamily:
     """
     no_pardiso = ""
     if find_spec("pypardiso") is None:
-        no_pardiso = "because pypardiso is not installed; pip install 'multiscale[pardiso]'"
+        no_pardiso = "because pypardiso is not installed; pip install 'multiscale-contact[pardiso]'"
     grids = {n: scene_grid(n) for n in (QUICK_MODULES if quick else MODULES)}
     trials = {
         Trial(

@@ -24,13 +24,15 @@ def gmsh_model(name: str) -> Iterator[Any]:
         import gmsh
     except (ImportError, OSError) as error:
         raise CaseError(
-            f"the mesh generator gmsh cannot be loaded ({error}); install gmsh and the system's "
-            f"libglu1-mesa, libxrender1, libxcursor1, libxft2 and libxinerama1"
+            f"the mesh generator gmsh cannot be loaded ({error}); install gmsh (by the system "
+            f"where it has no wheel) and libglu1-mesa, libxrender1, libxcursor1, libxft2 and "
+            f"libxinerama1"
         ) from error
     started = not gmsh.isInitialized()
     if started:
         main = threading.current_thread() is threading.main_thread()
-        before = signal.getsignal(signal.SIGPIPE) if main else None
+        pipes = main and hasattr(signal, "SIGPIPE")  # not on Windows
+        before = signal.getsignal(signal.SIGPIPE) if pipes else None
         gmsh.initialize(interruptible=False)
         if before is not None:
             signal.signal(signal.SIGPIPE, before)

@@ -57,3 +57,5 @@ __all__ = [
     "write_link_fields",
     "write_surface_fields",
 ]
+
+__dir__ = __all__.copy

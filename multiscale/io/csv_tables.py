@@ -10,6 +10,9 @@ from multiscale.io.files import read_text
 
 __all__ = ["read_table"]
 
+SEPARATORS = (";", "\t", ",")
+"""The first one that the line of names has separates all entries."""
+
 TYPE_NAMES = {int: "a whole number", float: "a number"}
 """Names of the types of a column in messages."""
 
@@ -20,7 +23,8 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
     Parameters
     ----------
     path : Path
-        File with comma-separated values.
+        File whose values are separated by commas, semicolons or tabs; numbers may have decimal
+        commas where commas do not separate.
     types : mapping of str to type
         ``str`` or ``int`` for the columns without floats.
 
@@ -34,7 +38,10 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
     CaseError
         If the file is missing, a line has too few or too many entries, or a number is invalid.
     """
-    lines = csv.reader(read_text(path).splitlines())
+    text = read_text(path).splitlines()
+    names = next((line for line in text if line.strip()), "")
+    separator = next((one for one in SEPARATORS if one in names), ",")
+    lines = csv.reader(text, delimiter=separator)
     rows = [(lines.line_num, [cell.strip() for cell in row]) for row in lines if row]
     if not rows:
         raise CaseError(f"{path}: empty; the first line names the columns")
@@ -47,8 +54,9 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
             raise CaseError(f"{path}, line {number}: {len(row)} entries for {len(head)} columns")
         for name, cell in zip(head, row, strict=True):
             kind = types.get(name, float)
+            plain = cell.replace(",", ".") if kind is float else cell
             try:
-                table[name].append(kind(cell))
+                table[name].append(kind(plain))
             except ValueError as error:
                 raise CaseError(
                     f"{path}, line {number}: {name} should be {TYPE_NAMES[kind]}, got {cell!r}"

@@ -138,7 +138,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file.
+    """Read a text file, without its byte order mark.
 
     Raises
     ------
@@ -146,6 +146,6 @@ def read_text(path: Path) -> str:
         If the file is missing, cannot be read or is not text.
     """
     try:
-        return read_bytes(path).decode("utf-8")
+        return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise CaseError(f"{path}: not a text file (byte {error.start} is not UTF-8)") from error

@@ -145,7 +145,7 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
     except ImportError as error:
         raise CaseError(
             f"{path}: reading images needs tifffile; install it with pip install "
-            f'"multiscale[images]"'
+            f'"multiscale-contact[images]"'
         ) from error
     try:
         if path.is_dir():

@@ -298,7 +298,7 @@ def _reading(path: Path) -> Iterator[Any]:
         except ImportError as error:
             raise CaseError(
                 f"{path}: reading topography files needs SurfaceTopography; install it with "
-                f'pip install "multiscale[surfaces]"'
+                f'pip install "multiscale-contact[surfaces]"'
             ) from error
         warnings.simplefilter("error", RuntimeWarning)  # arithmetic on a damaged header
         try:

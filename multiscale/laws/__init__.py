@@ -39,3 +39,5 @@ __all__ = [
     "StretchedLaw",
     "wlf_shift",
 ]
+
+__dir__ = __all__.copy

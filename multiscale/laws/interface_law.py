@@ -1,11 +1,16 @@
 """Base classes of interface laws, which map a jump to a traction."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.units import html_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "newton_from_the_left"]
 
@@ -78,6 +83,11 @@ class InterfaceLaw(ABC):
     @abstractmethod
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Return traction, tangent and new state for a jump of shape (d, ...), m."""
+
+    def _repr_html_(self) -> str:
+        rows = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        with np.printoptions(precision=4, threshold=6):
+            return html_table(type(self).__name__, rows)
 
     @property
     def normal_law(self) -> "InterfaceLaw":
@@ -171,6 +181,32 @@ class NormalLaw(InterfaceLaw):
     @abstractmethod
     def gap_at(self, pressure: np.ndarray) -> np.ndarray:
         """Return the local gap, m, at a pressure, Pa: the inverse of :meth:`pressure`."""
+
+    def plot(self, pressure: np.ndarray | None = None, *, ax: "Axes | None" = None) -> "Axes":
+        """Plot pressure against local gap.
+
+        Parameters
+        ----------
+        pressure : ndarray, optional
+            Pressures, Pa; those of the data if not given.
+        ax : Axes, optional
+            The current axes if not given.
+
+        Raises
+        ------
+        CaseError
+            If the law has no data and no pressures are given.
+        """
+        import matplotlib.pyplot as plt
+
+        if pressure is None:
+            if not 0.0 < self.pressure_range[0] < self.pressure_range[1] < np.inf:
+                raise CaseError("the law has no data whose pressures are plotted; give pressures")
+            pressure = np.geomspace(*self.pressure_range, 200)
+        ax = ax or plt.gca()
+        ax.plot(1e6 * self.gap_at(np.asarray(pressure)), 1e-6 * np.asarray(pressure))
+        ax.set(yscale="log", xlabel="gap (µm)", ylabel="pressure (MPa)")
+        return ax
 
     def elastic_curve(self, low: float, high: float) -> tuple["NormalLaw", float, float]:
         """Return the curve of elastic unloading, and the range of its pressures, Pa."""

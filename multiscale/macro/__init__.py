@@ -118,3 +118,5 @@ __all__ = [
     "tensegrity_grid",
     "truss",
 ]
+
+__dir__ = __all__.copy

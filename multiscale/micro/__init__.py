@@ -47,3 +47,5 @@ __all__ = [
     "solve_sliding",
     "wlf_shift",
 ]
+
+__dir__ = __all__.copy

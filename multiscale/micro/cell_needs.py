@@ -16,6 +16,10 @@ _LANES = 32  # elements along y in one batch of the kernels
 _KRYLOV = 15  # directions, each with its image
 _VECTORS = 9  # displacement-sized arrays alive at the peak of a contact solve
 
+# measured s of one core for a load step, for each unknown: within a factor of two or three
+_FLAT, _EXPANDED = 1.1e-6, 1.8e-6  # each point counts as an unknown
+_ELASTIC, _PAIR, _FLOWING, _MESH = 5.5e-7, 3e-6, 4.5e-5, 4e-5
+
 
 _MEAN = "averages the change of volume over an element, which is too stiff otherwise ({})"
 
@@ -166,6 +170,7 @@ def _(cell: FlatCell, kept: dict[str, Any]) -> Needs:
         ),
         libraries=("numba",),
         memory=8 * nx * ny * (22 if cell.slope_order == 1 else 33),
+        seconds=nx * ny * (_FLAT if cell.slope_order == 1 else _EXPANDED),
         **kept,
     )
 
@@ -187,6 +192,7 @@ def _(cell: GraphCell, kept: dict[str, Any]) -> Needs:
         ),
         libraries=("numba",),
         memory=_layer_memory(cell, 0.0),
+        seconds=_ELASTIC * _unknowns(cell),
         **kept,
     )
 
@@ -232,6 +238,7 @@ def _(cell: MeshCell, kept: dict[str, Any]) -> Needs:
         state_variables=cell.law.history,
         libraries=("numba", "pyamg", "scikit-fem") if size.multigrid else ("numba", "scikit-fem"),
         memory=size.memory,
+        seconds=_MESH * size.unknowns,
         **kept,
     )
 
@@ -267,8 +274,13 @@ def _(cell: FiniteCell, kept: dict[str, Any]) -> Needs:
         state_variables=tuple(name for law in laws for name in law.history),
         libraries=("numba",),
         memory=sum(_layer_memory(body, mu) for body in cell.bodies),
+        seconds=(_FLOWING if large or cell.flows else _PAIR) * sum(map(_unknowns, cell.bodies)),
         **kept,
     )
+
+
+def _unknowns(layer: PeriodicLayer) -> int:
+    return int(3 * np.prod(layer.surface.heights.shape) * layer.layers)
 
 
 def _layer_memory(layer: PeriodicLayer, friction_coefficient: float) -> int:

@@ -7,3 +7,5 @@ from multiscale.nonsmooth.lcp import solve_lcp
 from multiscale.nonsmooth.lcp_operator import Delassus
 
 __all__ = ["Delassus", "solve_friction", "solve_lcp", "verify_friction", "verify_lcp"]
+
+__dir__ = __all__.copy

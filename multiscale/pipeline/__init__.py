@@ -3,7 +3,7 @@
 from multiscale.pipeline.case import load_case
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.planner import Plan, plan
-from multiscale.pipeline.requirements import requirements
+from multiscale.pipeline.requirements import refuse_excess, requirements
 from multiscale.pipeline.run import Results, run, run_macro
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages.cells import run_micro
@@ -20,9 +20,12 @@ __all__ = [
     "load_sweep",
     "make_cells",
     "plan",
+    "refuse_excess",
     "requirements",
     "run",
     "run_macro",
     "run_micro",
     "run_sweep",
 ]
+
+__dir__ = __all__.copy

@@ -1,7 +1,6 @@
 """The error budget of rough joints, from the error budgets of their laws."""
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
 from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.real_contact import contact_dependence
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Job
 from multiscale.schema import with_cautions
 from multiscale.upscaling import (
     Dependence,
@@ -130,7 +130,7 @@ def with_joint_budget(
     solve: JointSolve,
     asked: JointAnswers,
     coarser: Mapping[float, RoughBodies | Bodies],
-    executor: Executor | None = None,
+    job: Job,
 ) -> "xr.Dataset":
     """Return the result of rough joints with error budget and intervals of their answers.
 
@@ -145,8 +145,8 @@ def with_joint_budget(
     asked : JointAnswers
     coarser : mapping of float to structure
         The structure on larger elements, if it has them, by the ratio of their sizes.
-    executor : Executor, optional
-        Solves all changes; see :func:`~multiscale.executors.run_jobs`.
+    job : Job
+        Its executor solves all changes.
 
     Returns
     -------
@@ -181,12 +181,12 @@ def with_joint_budget(
     for number, one in enumerate(of_laws):
         jobs |= {(number, key): change for key, change in one.changes().items()}
     solved: dict[Hashable, np.ndarray] = {}
-    run_jobs(
-        solve,
-        {key: (change,) for key, change in jobs.items()},
-        executor,
-        lambda key, found: solved.update({key: answers(found)}),
-    )
+
+    def finish(key: Hashable, found: "xr.Dataset") -> None:
+        solved[key] = answers(found)
+        job.progress(len(solved), len(jobs), "solves for the intervals")
+
+    run_jobs(solve, {key: (change,) for key, change in jobs.items()}, job.executor, finish)
     value, mesh = answers(result), {ratio: solved[ratio] for ratio in coarser}
     once, beds = [], np.zeros((len(names), steps.size))
     if cycles is not None:

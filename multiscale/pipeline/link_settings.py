@@ -28,7 +28,6 @@ from multiscale.pipeline.toml_model import (
     Count,
     Length,
     Number,
-    Positive,
     Settings,
     Share,
     TimeSteps,
@@ -69,7 +68,8 @@ def _read_rigidity(value: object, *, unit: str) -> float:
 Force = Annotated[float, quantity("N"), with_unit("N")]
 Prestress = Annotated[Force, Field(ge=0.0)]
 Size = Annotated[Force, Field(gt=0.0)]
-Several = Annotated[Count, Field(ge=2)]
+Modules = Annotated[Count, Field(ge=1, le=2048)]  # 2048 x 2048 take some 50 GB
+Several = Annotated[Count, Field(ge=2, le=4096)]
 Rigidity = Annotated[
     float,
     BeforeValidator(partial(_read_rigidity, unit="N")),
@@ -139,8 +139,8 @@ class TensegrityGrid(LinkStructure):
     may_be_cut: ClassVar[bool] = True
 
     kind: Literal["tensegrity_grid"]
-    n: Positive = Field(description="Modules along x.")
-    m: Positive | None = Field(None, description="Modules along y; n if not given.")
+    n: Modules = Field(description="Modules along x.")
+    m: Modules | None = Field(None, description="Modules along y; n if not given.")
     prestress: Prestress = Field(
         2550.0, description="Tension of the upper cables at load factor 0, N."
     )
@@ -217,7 +217,7 @@ def _check_self_stress(given: Any) -> Any:
 
 
 class LinkTable(LinkStructure):
-    """Two CSV files in SI units; see :func:`multiscale.macro.system_from_table`."""
+    """Two tables in SI units (CSV with any separator); see `multiscale.macro.system_from_table`."""
 
     kind: Literal["table"]
     nodes: Path = Field(description="Table of nodes.")

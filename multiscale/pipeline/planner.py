@@ -1,7 +1,6 @@
 """From a target for the error to cells, grid and realisations: pilot runs, forecast, more runs."""
 
 import logging
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Sett
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.control_cells import press_control
 from multiscale.pipeline.stages.joint import solve_joint
@@ -34,7 +34,7 @@ from multiscale.upscaling.control_variates import FEWEST_PAIRS
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Plan", "plan", "resize"]
+__all__ = ["Plan", "pilot_cases", "plan", "resize"]
 
 logger = logging.getLogger(__name__)
 
@@ -97,7 +97,7 @@ def plan(
     out: Path,
     *,
     executor: Executor | None = None,
-    progress: Callable[[int], None] = lambda finished: None,
+    progress: ShowProgress = unseen,
 ) -> Plan:
     r"""Compute until the estimated error of a case is below its target, in the least time.
 
@@ -134,6 +134,7 @@ def plan(
     for _ in range(MOST_ROUNDS):
         setting, time, known = campaign.choose(known)
         spent, expected = campaign.spent(), known.estimate.at(setting).total
+        logger.info("%s: about %.3g s and %.3g %%", setting, time, 100.0 * expected)
         forecast = forecast if lines else spent + time
         try:
             known, response = campaign.advance(known, setting)
@@ -174,6 +175,12 @@ def resize(case: Case, setting: Setting, *, pilot: bool = False) -> Case:
     seed = case.micro.seed + (PILOT_SEED * (1 + setting.size - SIZES.start) if pilot else 0)
     micro = case.micro.model_copy(update={"realisations": setting.realisations, "seed": seed})
     return case.model_copy(update={"cell": cell, "micro": micro})
+
+
+def pilot_cases(case: Case) -> list[Case]:
+    """Return the cases of the first pilot runs, which stored cells may save."""
+    runs = (*STUDY.items(), ((-1.0, 0.0), PAIRS))
+    return [resize(case, Setting(*kind, count), pilot=True) for kind, count in runs]
 
 
 def _check(case: Case) -> None:
@@ -218,7 +225,7 @@ class _Campaign:
     case: Case
     out: Path
     executor: Executor | None
-    progress: Callable[[int], None]
+    progress: ShowProgress
     large: Surface | None  # the surface at large
 
     def folder(self, setting: Setting, *, pilot: bool = False) -> Path:
@@ -231,11 +238,14 @@ class _Campaign:
 
         Cells that are there are kept.
         """
+        cells = (
+            f"{'pilot ' if pilot else ''}cells of size {setting.size:+g}, grid {setting.grid:+g}"
+        )
         response = run_micro(
             resize(self.case, setting, pilot=pilot),
             self.folder(setting, pilot=pilot) / "micro_response.nc",
             executor=self.executor,
-            progress=self.progress,
+            progress=lambda finished, total, _: self.progress(finished, total, cells),
             fields=False,
         )
         return self.at_large(response)

@@ -1,12 +1,23 @@
 """What a case needs, told before anything heavy starts."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from math import isnan
+from pathlib import Path
 
-from multiscale.needs import Needs, join_needs
+from multiscale.errors import CaseError
+from multiscale.executors import cores, usable_memory
+from multiscale.needs import Cost, Needs, join_needs, say_time
 from multiscale.pipeline.case import AnyCase
+from multiscale.pipeline.planner import pilot_cases
+from multiscale.pipeline.run_folder import is_up_to_date
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.stages.cells import CELLS
 
-__all__ = ["requirements"]
+__all__ = ["refuse_excess", "requirements"]
+
+LONGEST = 86400.0  # s, of a run that needs no consent
 
 
 def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
@@ -25,7 +36,50 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
     >>> needs.unknowns_per_contact, needs.omitted["tilt"]
     (1, "Poisson's ratio below 0.4, or no elements")
     """
-    needs = join_needs(stage.needs(case) for stage in stages_of(case.tables))
+    parts = {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
+    costs = [Cost(name, one.memory, one.seconds) for name, one in parts.items()]
+    if isinstance(case, Case) and case.accuracy is not None:
+        pilots = [CELLS.needs(one) for one in pilot_cases(case)]
+        seconds = sum(one.seconds for one in pilots)
+        costs.append(Cost("pilot cells", max(one.memory for one in pilots), seconds))
+    needs = replace(join_needs(parts.values()), costs=tuple(costs))
     if processes == 1:
         return needs
     return replace(needs, libraries=tuple(sorted({*needs.libraries, "mpi4py"})))
+
+
+def refuse_excess(cases: Iterable[AnyCase], folders: Iterable[Path], *, jobs: int = 0) -> None:
+    """Refuse cases that do not fit into the memory of this machine, or take more than a day.
+
+    Parameters
+    ----------
+    cases : iterable of Case or TyreCase
+    folders : iterable of Path
+        Run folder of each case. What is up to date in it costs nothing.
+    jobs : int
+        Worker processes; 0 for one per core.
+
+    Raises
+    ------
+    CaseError
+        With the stage, and the number that is too large.
+    """
+    limit, workers, seconds = usable_memory(), jobs or cores(), 0.0
+    for case, folder in zip(cases, folders, strict=True):
+        for stage in stages_of(case.tables):
+            if is_up_to_date(stage, case, folder):
+                continue
+            cost = stage.needs(case)
+            if cost.memory > limit:
+                raise CaseError(
+                    f"{case.title}: {stage.name} takes {1e-9 * cost.memory:.6g} GB of memory, and "
+                    f"this machine has {1e-9 * limit:.3g} GB for it; take a coarser grid, or give "
+                    f"--force"
+                )
+            seconds += 0.0 if isnan(cost.seconds) else cost.seconds
+            if seconds > LONGEST * workers:
+                raise CaseError(
+                    f"{case.title}: the stages up to {stage.name} take about "
+                    f"{say_time(seconds / workers)} with --jobs {workers}, more than a day; ask "
+                    f"for less, or give --force"
+                )

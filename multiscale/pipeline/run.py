@@ -1,9 +1,11 @@
 """The main job: the stages of a case, from its surfaces to the answer."""
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError
@@ -12,12 +14,11 @@ from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["Results", "run", "run_macro"]
+
+logger = logging.getLogger(__name__)
 
 PLANNED = (CELLS, FITTED_LAW, JOINT)
 """Stages that a planner runs by itself, as far as a case asks for them."""
@@ -51,6 +54,12 @@ class Results(Mapping[str, "xr.Dataset"]):
     def __len__(self) -> int:
         return len(self.found)
 
+    def _repr_html_(self) -> str:
+        shown = ((name, dataset._repr_html_()) for name, dataset in self.found.items())
+        return "".join(
+            f"<details><summary>{name}</summary>{html}</details>" for name, html in shown
+        )
+
     @property
     def micro_response(self) -> "xr.Dataset":
         """Response of the cells."""
@@ -72,7 +81,7 @@ def run(
     out: str | Path,
     *,
     executor: Executor | None = None,
-    progress: Callable[[int], None] = lambda finished: None,
+    progress: ShowProgress = unseen,
     force: bool = False,
 ) -> Results:
     """Run the stages that a case asks for, one after another, as far as they are out of date.
@@ -85,8 +94,8 @@ def run(
         are stages whose tables, and those of the stages that they take from, are the same.
     executor : Executor, optional
         See :func:`multiscale.executors.run_jobs`.
-    progress : callable
-        Gets the number of finished realisations.
+    progress : ShowProgress
+        Called as ``progress(finished, total, parts)`` after every realisation, time step or solve.
     force : bool, default False
         Whether all stages are computed anew, also those that are up to date, with their cells.
 
@@ -100,9 +109,6 @@ def run(
     claim_folder(job.out, case, force=force)
     for stage in stages_of(case.tables):
         stage.prepare(case)
-    cells = {one.file for one in stages_of(case.tables)} & {CELLS.file, SHEARED_CELLS.file}
-    if cells and all((job.out / file).exists() for file in cells):  # which hold all of them
-        progress(case.realisations)
     planned_files = [job.out / one.file for one in PLANNED if one.asked_for(case.tables)]
     if case.accuracy is not None and not all(file.exists() for file in planned_files):
         planned = plan(case, job.out, executor=executor, progress=progress)
@@ -115,6 +121,7 @@ def run(
     for stage in stages_of(case.tables):
         file = job.out / stage.file
         if file.exists():
+            logger.info("%s: up to date, kept", stage.name)
             found[stage.name] = open_dataset(file, stage.schema)
             stage.check(found[stage.name])
         else:
@@ -186,12 +193,15 @@ def _read_laws(out: Path, executor: Executor | None) -> "Callable[[Path, bool], 
 
 def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> "xr.Dataset":
     """Run a stage and write what it leaves, the dataset last."""
+    logger.info("%s: begun", stage.name)
+    begin = perf_counter()
     result = stage.run(case, found, job)
     if _writes(job):
         make_folder(file.parent)
         if stage.write_fields is not None:
             stage.write_fields(result, make_folder(file.parent / "fields"), name=file.stem)
         write_dataset(result, file, stage.schema, identity=stage.identity(case))
+    logger.info("%s: finished after %.3g s", stage.name, perf_counter() - begin)
     stage.check(result)
     return result
 

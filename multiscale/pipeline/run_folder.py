@@ -16,7 +16,7 @@ from multiscale.pipeline.toml_model import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["claim_folder", "gather_cautions", "open_stages"]
+__all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "open_stages"]
 
 
 def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
@@ -42,14 +42,14 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
                 f"folder, or delete this one"
             )
         for stage in stages_of(case.tables):
-            if force or not _is_up_to_date(stage, case, out):
+            if force or not is_up_to_date(stage, case, out):
                 remove(out / stage.file)
             for name in stage.folders if force else ():
                 rmtree(out / name, ignore_errors=True)
     write_bytes(file, case.to_toml().encode())
 
 
-def _is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
+def is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
     """Whether what a stage has left is what it would compute."""
     try:
         left = open_dataset(out / stage.file, stage.schema)

@@ -492,14 +492,6 @@ class Case(Settings):
         return self.micro is not None
 
     @property
-    def realisations(self) -> int:
-        """Number of cells, pressed and sheared."""
-        if not self.has_cells:
-            return 0
-        sheared = self.micro.shear.realisations if self.micro.shear is not None else 0
-        return self.micro.realisations + sheared
-
-    @property
     def bodies(self) -> tuple[RoughBody, RoughBody]:
         """Both bodies."""
         return self.body_1, self.body_2

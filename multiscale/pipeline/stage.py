@@ -22,17 +22,26 @@ __all__ = [
     "Datasets",
     "Job",
     "Section",
+    "ShowProgress",
     "Shown",
     "Stage",
     "StageAnswer",
     "Summary",
     "format_table",
     "list_cautions",
+    "unseen",
     "with_sample_band",
 ]
 
 Datasets: TypeAlias = "Mapping[str, xr.Dataset]"
 """Dataset of every stage, by its name."""
+
+ShowProgress: TypeAlias = Callable[[int, int, str], None]
+"""Gets what is finished, of how many, and the name of these parts, such as ``"realisations"``."""
+
+
+def unseen(finished: int, total: int, parts: str) -> None:
+    """Show no progress."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ class Job:
     ----------
     out : Path, run folder, which exists
     executor : Executor or None, see :func:`multiscale.executors.run_jobs`
-    progress : callable, gets the number of finished realisations
+    progress : ShowProgress, called after every part of a stage that takes long
     team : ProcessGroup or None, processes that share the substructures of a structure
     read_law : callable
         From a dataset, or a case and whether it is quick, to an interface law; a case is run in a
@@ -107,7 +116,7 @@ class Job:
 
     out: Path
     executor: Executor | None = None
-    progress: Callable[[int], None] = lambda finished: None
+    progress: ShowProgress = unseen
     team: "ProcessGroup | None" = None
     read_law: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_law(file)
 

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = ["require_converged", "require_known", "structure_stage", "with_too_far"]
 
+SOLVES = 3  # times of a whole path that all solves for the intervals take together, about
+
 
 def require_converged(result: "xr.Dataset") -> None:
     """Refuse a result without any step that converged."""
@@ -70,7 +72,8 @@ def solver_needs(chosen: MethodChoice, size: JointSize, slabs: int) -> Needs:
         slabs=slabs,
     )
     told = Choice("method", chosen.explain())
-    return replace(needs, memory=taken.memory, choices=(told, *needs.choices))
+    seconds = (1 + SOLVES) * taken.seconds
+    return replace(needs, memory=taken.memory, seconds=seconds, choices=(told, *needs.choices))
 
 
 def with_law_cautions(

@@ -1,6 +1,7 @@
 """TOML files as frozen models: quantities with units in, SI out, faults as sentences."""
 
 import json
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -179,10 +180,14 @@ def read_toml(path: Path) -> dict[str, Any]:
     CaseError
         If the file is missing, cannot be read or is not TOML.
     """
+    text = read_text(path)
     try:
-        return tomllib.loads(read_text(path))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{path}: not valid TOML: {error}") from error
+        place = re.search(r"\(at line (\d+),", str(error))
+        line = f": {text.splitlines()[int(place[1]) - 1].strip()}" if place else ""
+        said = str(error).replace("Cannot overwrite a value", "the key is given twice")
+        raise CaseError(f"{path}: not valid TOML: {said}{line}") from error
 
 
 def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kinds) -> Model:

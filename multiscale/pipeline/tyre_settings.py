@@ -132,11 +132,6 @@ class TyreCase(Settings):
     accuracy: ClassVar[None] = None
     """No planner: it chooses cells of joints alone."""
 
-    @property
-    def realisations(self) -> int:
-        """Number of roads."""
-        return self.sliding.realisations
-
     @model_validator(mode="after")
     def _check(self) -> Self:
         coldest = self.rubber.reference_temperature - self.rubber.wlf_c2

@@ -206,7 +206,7 @@ def _too_few(
     said = (
         f"{settings.file.name} measures {whole.size[0]:.3g} x {whole.size[1]:.3g} m and holds "
         f"{found} separate windows of {size[0]:.3g} x {size[1]:.3g} m{within}, but {count} are "
-        f"needed; ask for fewer realisations"
+        f"needed; {'ask for fewer realisations' if found else 'make the cell smaller'}"
     )
     scale = 1.0
     while True:

@@ -127,3 +127,5 @@ __all__ = [
     "plot_worst_section",
     "sweep_ends",
 ]
+
+__dir__ = __all__.copy

@@ -14,3 +14,5 @@ __all__ = [
     "write_report",
     "write_reports",
 ]
+
+__dir__ = __all__.copy

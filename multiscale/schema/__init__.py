@@ -57,6 +57,8 @@ __all__ = [
     "with_cautions",
 ]
 
+__dir__ = __all__.copy
+
 SCHEMAS = {
     schema.name: schema
     for schema in (

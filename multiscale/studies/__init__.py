@@ -23,3 +23,5 @@ __all__ = [
     "solve_sequential",
     "three_ways",
 ]
+
+__dir__ = __all__.copy

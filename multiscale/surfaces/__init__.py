@@ -64,3 +64,5 @@ __all__ = [
     "spectrum",
     "window",
 ]
+
+__dir__ = __all__.copy

@@ -1,10 +1,15 @@
 """A rough surface: heights on a regular grid."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.units import html_table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Surface", "remove_trend"]
 
@@ -78,6 +83,28 @@ class Surface:
     def filled_share(self) -> float:
         """Filled points over all points, dimensionless."""
         return 0.0 if self.filled is None else float(np.mean(self.filled))
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Plot the heights in colours, in the current axes if none are given."""
+        import matplotlib.pyplot as plt
+
+        ax = ax or plt.gca()
+        extent = (0.0, 1e6 * self.size[0], 0.0, 1e6 * self.size[1])
+        image = ax.imshow(1e6 * self.heights.T, origin="lower", extent=extent, cmap="RdBu_r")
+        ax.figure.colorbar(image, ax=ax, label="height (µm)")
+        ax.set(xlabel="x (µm)", ylabel="y (µm)")
+        return ax
+
+    def _repr_html_(self) -> str:
+        nx, ny = self.heights.shape
+        rows = {
+            "points": f"{nx} x {ny}",
+            "length": f"{self.size[0]} m",
+            "width": f"{self.size[1]} m",
+            "rms height": f"{float(np.std(self.heights))} m",
+            "filled": f"{100.0 * self.filled_share:.3g} %",
+        }
+        return html_table("Surface", rows)
 
 
 def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:

@@ -145,3 +145,5 @@ __all__ = [
     "write_law_table",
     "write_pressure_overclosure",
 ]
+
+__dir__ = __all__.copy

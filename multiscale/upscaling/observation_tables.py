@@ -32,7 +32,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     Parameters
     ----------
     path : path
-        Comma separated. The first line names the columns with their units, such as
+        A table as of :func:`multiscale.io.read_table`, whose columns have units, such as
         ``pressure (MPa), stiffness (MPa/um), specimen``: the columns of the quantity, in any order,
         and optionally ``specimen`` (any text); further columns are ignored. Without specimens the
         k-th value at a pressure belongs to the k-th of them. Each is a realisation.

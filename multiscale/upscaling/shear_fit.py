@@ -281,5 +281,5 @@ def _lay(ratio: np.ndarray) -> list[str]:
     return [
         f"the tangential stiffness ratios along x and y, {ratio[:, 0].mean():.3g} and "
         f"{ratio[:, 1].mean():.3g}, differ by more than chance: if the surface has a lay, fit them "
-        f"with apart=True"
+        f"apart"
     ]

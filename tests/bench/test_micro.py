@@ -118,7 +118,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     lines = []
     found = bench("micro", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
-        "absent is left out because it is not installed; pip install 'multiscale[bench]'"
+        "absent is left out because it is not installed; pip install 'multiscale-contact[bench]'"
     )
     assert found.attrs["versions"] == f"multiscale {version('multiscale')}"
     assert len(lines) == found.sizes["run"] == 6

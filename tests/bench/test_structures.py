@@ -113,7 +113,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     found = bench("structures", quick=True, report=lines.append)
     assert found.attrs["cautions"] == (
         "Newton, PARDISO is left out because pypardiso is not installed; "
-        "pip install 'multiscale[pardiso]'"
+        "pip install 'multiscale-contact[pardiso]'"
     )
     assert "pypardiso" not in found.attrs["versions"]
     assert len(lines) == found.sizes["run"] == 8

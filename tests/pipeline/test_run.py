@@ -218,8 +218,8 @@ def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
     assert files == ["realisation-0000.nc", "realisation-0001.nc"]
     monkeypatch.undo()
     counts = []
-    run(case, tmp_path / "out", progress=counts.append)
-    assert counts[0] == 2
+    run(case, tmp_path / "out", progress=lambda *told: counts.append(told))
+    assert counts[0] == (2, case.micro.realisations, "realisations")
 
 
 @pytest.mark.slow

@@ -115,9 +115,7 @@ def test_the_braking_force_is_the_integral_of_friction_times_pressure(finished):
 def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
     case, out, results = finished
     before = {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
-    counts = []
-    again = run(case, out, progress=counts.append)
-    assert counts == [3]
+    again = run(case, out, progress=lambda *told: pytest.fail(f"computed {told}"))
     assert before == {file: file.stat().st_mtime_ns for file in (out / "micro").iterdir()}
     np.testing.assert_array_equal(
         again.macro_result["braking_force"], results.macro_result["braking_force"]

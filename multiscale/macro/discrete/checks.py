@@ -135,8 +135,7 @@ def check_balance(system: "LinkSystem") -> None:
         raise CaseError(
             f"the prestress is out of balance at {named}, worst at node {worst} by "
             f"{force[worst]:.4g} N ({100 * force[worst] / largest:.2g} % of its largest tension); "
-            f"take a combination of self_stress(system), or pass balanced=False if the structure "
-            f"may move at load factor zero"
+            f"take forces that are in balance with each other, as self_stress finds them"
         )
 
 

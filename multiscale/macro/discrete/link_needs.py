@@ -17,6 +17,8 @@ each step. Measured on grids and nets of 12,000 to 58,000 links."""
 SUPERLU_MEMORY = 2500
 """Additional memory per unknown, byte, if SuperLU factorises because pypardiso is missing."""
 
+STEP_TIME = 8e-5  # s of an unknown in a step, on a grid of 9,400 unknowns
+
 
 class LinkPart(StrEnum):
     """What solving a structure of links may take, in the order of the text."""
@@ -106,6 +108,7 @@ def link_needs(
         state_variables=("displacement", "velocity", "tension") if moving else (),
         fields=("tension", "slack", "displacement"),
         libraries=("numba",),
+        seconds=STEP_TIME * unknowns * steps,
         memory=factors * unknowns
         + sum(
             count * (once + steps * each)

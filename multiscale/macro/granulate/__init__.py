@@ -33,3 +33,5 @@ __all__ = [
     "silo",
     "simulate_grains",
 ]
+
+__dir__ = __all__.copy

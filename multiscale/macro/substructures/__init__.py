@@ -71,3 +71,5 @@ __all__ = [
     "split_grid",
     "world",
 ]
+
+__dir__ = __all__.copy

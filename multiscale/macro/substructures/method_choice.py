@@ -8,10 +8,10 @@ constants are those of lap joints and stacked blocks of 8,000 and 24,000 unknown
 with errors of a factor of two; they are seconds of no other machine, but their ratio decides.
 """
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from multiscale.executors import usable_memory
 from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod
 from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.condensed_problem import DENSE
@@ -35,9 +35,6 @@ PAYS = 0.5
 
 CUTS = ((1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4), (8, 8))
 """Substructures of a body along x and y that are tried in turn until the factors fit."""
-
-USABLE = 0.8
-"""Share of the memory of the machine that a solve may take."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ def choose_method(
     >>> [type(choose_method(size, memory=1e10).taken.method).__name__ for size in (small, long)]
     ['AssembledNewton', 'LatinMethod']
     """
-    limit = _usable_memory() if memory is None else memory
+    limit = usable_memory() if memory is None else memory
     newton, bodies, *cuts = _costs(size)
     if asked is not None:
         taken = _latin_cost(size, asked)
@@ -160,8 +157,3 @@ def _latin_cost(size: JointSize, method: LatinMethod) -> MethodCost:
     prepare = 3 * count * FACTORS * part**2 + 3 * size.joint_points * solve
     seconds = prepare + ITERATIONS * size.steps * count * (solve + OVERHEAD)
     return MethodCost(method, count, latin_memory(size.unknowns, count), seconds)
-
-
-def _usable_memory() -> float:
-    """Byte of this machine that a solve may take."""
-    return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

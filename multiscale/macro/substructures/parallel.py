@@ -97,7 +97,7 @@ def world() -> ProcessGroup:
         communicator = import_module("mpi4py.MPI").COMM_WORLD
     except ImportError as error:
         raise CaseError(
-            "started by mpiexec, but mpi4py is not installed; pip install 'multiscale[mpi]'"
+            "started by mpiexec, but mpi4py is not installed; pip install 'multiscale-contact[mpi]'"
         ) from error
     return Ranks(communicator)
 

@@ -47,3 +47,5 @@ __all__ = [
     "woehler_curve",
     "youngs_modulus_along",
 ]
+
+__dir__ = __all__.copy

@@ -28,7 +28,7 @@ from multiscale.pipeline.case_cells import (
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Section, Stage, format_table
+from multiscale.pipeline.stage import Datasets, Section, ShowProgress, Stage, format_table, unseen
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
@@ -76,7 +76,7 @@ def run_micro(
     file: Path,
     *,
     executor: Executor | None = None,
-    progress: Callable[[int], None] = lambda finished: None,
+    progress: ShowProgress = unseen,
     fields: bool = True,
 ) -> "xr.Dataset":
     """Solve all cells of a case and write their response; finished cells found are kept.
@@ -105,7 +105,7 @@ def run_micro(
         keep_fields=True,
         keep_spots=case.micro.spots,
         keep_flow=case.micro.leakage,
-        progress=progress,
+        progress=lambda finished: progress(finished, len(cells), "realisations"),
     )
     if case.yield_stress is not None:
         halved = run_ensemble(
@@ -284,8 +284,11 @@ def _needs(case: Case) -> Needs:
             else one
             for one in choices
         )
+    steps = len(case.micro.path) * case.micro.realisations
+    halved = 2 * len(case.micro.path) if case.yield_stress is not None else 0
     return replace(
         needs,
+        seconds=needs.seconds * (steps + halved),
         choices=(cells, *choices, *([planner] if case.accuracy is not None else [])),
         libraries=(*needs.libraries, *reader),
     )

@@ -1,5 +1,6 @@
 """Stages: the first cells on half of their points, which tell the error of the grid."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from multiscale.micro import Path, run_ensemble
@@ -7,6 +8,7 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS, run_shear
 from multiscale.schema import COARSER_RESPONSE, COARSER_SHEAR_RESPONSE
 
@@ -20,12 +22,14 @@ BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 
 
 def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    cells = make_cells(case.coarser())
     response = run_ensemble(
-        make_cells(case.coarser()),
+        cells,
         Path(pressure=case.micro.pressures),
         executor=job.executor,
         folder=job.out / FOLDER,
         identity=case.identity(),
+        progress=lambda finished: job.progress(finished, len(cells), "coarser cells"),
     )
     return response.assign_attrs(title=case.title)
 
@@ -37,12 +41,15 @@ def _shear(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
 def _press_needs(case: Case) -> Needs:
     nx, ny = case.coarser().cell.points
     told = f"{case.micro.coarser} of {nx} x {ny} points, for the error of the grid"
-    return Needs(choices=(Choice("coarser cells", told),))
+    coarse = CELLS.needs(case.coarser())
+    cells = Choice("coarser cells", told)
+    return Needs(choices=(cells,), memory=coarse.memory, seconds=coarse.seconds)
 
 
 def _shear_needs(case: Case) -> Needs:
-    (told,) = SHEARED_CELLS.needs(case.coarser()).choices
-    return Needs(choices=(Choice("coarser sheared cells", told.why),))
+    coarse = SHEARED_CELLS.needs(case.coarser())
+    (told,) = coarse.choices
+    return replace(coarse, choices=(Choice("coarser sheared cells", told.why),))
 
 
 COARSER_CELLS = Stage(

@@ -12,7 +12,7 @@ from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
-from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
 from multiscale.upscaling import loading_branch, normal_observations
@@ -48,11 +48,16 @@ OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return press_control(case, found[CELLS.name], job.out / FOLDER, job.executor)
+    response, folder = found[CELLS.name], job.out / FOLDER
+    return press_control(case, response, folder, job.executor, job.progress)
 
 
 def press_control(
-    case: Case, response: "xr.Dataset", folder: FilePath, executor: Executor | None
+    case: Case,
+    response: "xr.Dataset",
+    folder: FilePath,
+    executor: Executor | None,
+    progress: ShowProgress = unseen,
 ) -> "xr.Dataset":
     """Press the flat cells that are control variates of the cells of a response.
 
@@ -61,14 +66,16 @@ def press_control(
     pairs, count = response.sizes["realisation"], case.micro.control_realisations
     told = f"{count} as stated"
     if count is None:
-        first = _press(case, pairs, folder, executor)
+        first = _press(case, pairs, folder, executor, progress)
         count, told = _best_count(response, first)
         count = max(count, pairs)
-    control = _press(case, count, folder, executor)
+    control = _press(case, count, folder, executor, progress)
     return control.assign_attrs(title=case.title, number=told)
 
 
-def _press(case: Case, count: int, folder: FilePath, executor: Executor | None) -> "xr.Dataset":
+def _press(
+    case: Case, count: int, folder: FilePath, executor: Executor | None, progress: ShowProgress
+) -> "xr.Dataset":
     """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
     step = 1 if case.measured else BATCH
     whole = -(-count // step)
@@ -80,7 +87,7 @@ def _press(case: Case, count: int, folder: FilePath, executor: Executor | None) 
         executor=executor,
         folder=folder / way[:12],
         identity=way,
-        progress=lambda finished: None,
+        progress=lambda finished: progress(step * finished, step * whole, "control cells"),
         name="cells",
     )
     return control.isel(realisation=range(count))
@@ -130,7 +137,10 @@ def _needs(case: Case) -> Needs:
         f"{number} on the surfaces of the {case.micro.realisations} cells and on further ones, as "
         f"control variates: the sampling error of the law is theirs, and that of the differences"
     )
-    return Needs(choices=(Choice("control cells", told),))
+    most = stated or min(MOST, int(COST) * case.micro.realisations)
+    flat = CELLS.needs(case.control(most))
+    cells = Choice("control cells", told)
+    return Needs(choices=(cells,), memory=flat.memory, seconds=flat.seconds)
 
 
 def _count(found: Datasets) -> list[tuple[str, str]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.io import open_dataset
+from multiscale.needs import Needs
 from multiscale.pipeline.case_budget import OnGrids, case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["FITTED_LAW"]
+
+FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s, of a fit and of a sample of it, about
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -274,6 +277,7 @@ FITTED_LAW = Stage(
     },
     takes=(CELLS, SHEARED_CELLS, COARSER_CELLS, COARSER_SHEAR, CONTROL_CELLS, SLIDING),
     run=_run,
+    needs=lambda case: Needs(seconds=FIT_TIME + SAMPLE_TIME * case.law.samples),
     sections=_sections,
     summary=_summary,
     pictures=(

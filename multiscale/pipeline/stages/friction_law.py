@@ -96,7 +96,7 @@ def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
 
 def _needs(case: TyreCase) -> Needs:
     told = "a bell over speed and temperature, with samples for its bands"
-    return Needs(choices=(Choice("friction law", told),))
+    return Needs(choices=(Choice("friction law", told),), seconds=1.0)
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:

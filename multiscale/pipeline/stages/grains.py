@@ -1,5 +1,7 @@
 """Stage: rigid grains in frictional contact."""
 
+from dataclasses import replace
+from math import ceil
 from typing import TYPE_CHECKING
 
 from multiscale.io import write_grain_fields
@@ -18,10 +20,14 @@ if TYPE_CHECKING:
 
 __all__ = ["GRAINS"]
 
+GRAIN_TIME, RIGID = 1e-5, 5.0  # s of a grain in a step, times more sweeps of rigid contacts, about
+PARTS = 20  # of a motion, after each of which the progress is shown
+
 
 def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
+    steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
     return simulate_grains(
         given.build(grains, motion),
         motion.duration,
@@ -29,12 +35,18 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Datas
         accuracy=motion.accuracy,
         solver=motion.solver,
         n_frames=motion.frames,
+        callback=lambda step, residual: _tell(job, step + 1, steps),
     )
+
+
+def _tell(job: Job, step: int, steps: int) -> None:
+    if step % max(1, steps // PARTS) == 0:
+        job.progress(step, max(step, steps), "time steps")
 
 
 def _needs(given: Granulate, case: Case) -> Needs:
     grains, motion = case.grains, case.motion
-    return grain_needs(
+    needs = grain_needs(
         grains.number,
         motion.frames,
         grains.law,
@@ -42,6 +54,8 @@ def _needs(given: Granulate, case: Case) -> Needs:
         wall_friction=given.roughest_wall,
         strained=given.strained,
     )
+    each = GRAIN_TIME * (1.0 if grains.law.compliance > 0.0 else RIGID)
+    return replace(needs, seconds=each * grains.number * motion.duration / motion.step)
 
 
 def _compared(result: "xr.Dataset") -> "xr.Dataset":

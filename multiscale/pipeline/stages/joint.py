@@ -238,6 +238,7 @@ def _needs(case: Case) -> Needs:
             ),
         ),
         libraries=("matplotlib",),  # the report
+        seconds=1.0,
     )
 
 

@@ -149,7 +149,7 @@ def _with_budget(
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
         result = with_cautions(result, NO_COARSER)
-    return with_joint_budget(result, found, solve, asked, coarser, job.executor)
+    return with_joint_budget(result, found, solve, asked, coarser, job)
 
 
 def _solve_changed(

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ROADS", "make_roads", "slide_road"]
 
+STEP_TIME = 5e-6  # s of a point of a road at one pressure, speed and temperature
+
 
 def make_roads(case: TyreCase) -> list[Surface]:
     """Road of each realisation."""
@@ -91,13 +93,14 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
     """Slide rubber over all roads; finished roads that are found are kept."""
     out = job.out
     identity = case.identity()
+    roads = make_roads(case)
     response = run_realisations(
         slide_road,
-        [(case, road) for road in make_roads(case)],
+        [(case, road) for road in roads],
         executor=job.executor,
         folder=out / "micro",
         identity=identity,
-        progress=job.progress,
+        progress=lambda finished: job.progress(finished, len(roads), "roads"),
     )
     return response.assign_attrs(
         title=case.title,
@@ -113,7 +116,8 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
 
 
 def _needs(case: TyreCase) -> Needs:
-    nx, ny = case.cell.points
+    (nx, ny), told = case.cell.points, case.sliding
+    steps = len(told.pressures) * len(told.speeds) * len(told.temperatures) * told.realisations
     return Needs(
         kinematics="small slopes and small strain, steady sliding",
         choices=(
@@ -129,6 +133,7 @@ def _needs(case: TyreCase) -> Needs:
             Choice("heat", "the temperature is even, and each of the case is given", built=False),
         ),
         memory=8 * 30 * nx * ny,
+        seconds=STEP_TIME * nx * ny * steps,
     )
 
 

@@ -113,7 +113,7 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         solve = partial(_solve_changed, near, assembly.areas, changed, method)
         asked, coarser = joint_answers(result), bodies.coarser()
         meshes = {} if coarser is None else {2.0: coarser}
-        result = with_joint_budget(result, [law], solve, asked, meshes, job.executor)
+        result = with_joint_budget(result, [law], solve, asked, meshes, job)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 

@@ -1,6 +1,5 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from multiscale.laws.bulk import Elastic
@@ -25,9 +24,6 @@ FOLDER = "micro-shear"  # has a folder of cells for each way to shear them
 
 AMPLITUDE = 1.0  # of the closed cycle, relative to the slip over which a joint gives way
 
-STEP_TIME = 3e-6  # s, of a step for each unknown
-TIMES = {"seconds": 120.0, "minutes": 7200.0, "hours": 1.7e5}  # classes, and where they end, s
-
 READS = {
     **dict.fromkeys(("body_1", "body_2", "cell"), True),
     "micro": {"pressures", "seed", "shear"},
@@ -36,12 +32,10 @@ READS = {
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Shear the cells of a case; see :func:`run_shear`."""
-    return run_shear(case, job, lambda finished: job.progress(case.micro.realisations + finished))
+    return run_shear(case, job)
 
 
-def run_shear(
-    case: Case, job: Job, progress: Callable[[int], None] = lambda finished: None
-) -> "xr.Dataset":
+def run_shear(case: Case, job: Job) -> "xr.Dataset":
     """Press the cells over the pressures of the law, release them, and shear them.
 
     Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
@@ -64,7 +58,7 @@ def run_shear(
         executor=job.executor,
         folder=job.out / FOLDER / way[:12],
         identity=way,
-        progress=progress,
+        progress=lambda finished: job.progress(finished, len(cells), "sheared cells"),
     )
     ended = str(response.attrs.get("ended", "")).splitlines()
     told: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
@@ -97,14 +91,13 @@ def _needs(case: Case) -> Needs:
     unknowns = 6 * nx * ny * own.cell.layers
     each = shear.steps + 2 + (4 if shear.cycle else 0)
     steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * each
-    time = STEP_TIME * unknowns * steps * shear.realisations
-    told = next((name for name, end in TIMES.items() if time < end), "days")
+    time = pair.seconds * steps * shear.realisations
     cells = Choice(
         "sheared cells",
         f"{shear.realisations} of two bodies with friction, {nx} x {ny} points and {unknowns} "
-        f"unknowns, each in {steps} steps: {told} of one core",
+        f"unknowns, each in {steps} steps",
     )
-    return Needs(unknowns_per_contact=3, choices=(cells,), memory=pair.memory)
+    return Needs(unknowns_per_contact=3, choices=(cells,), memory=pair.memory, seconds=time)
 
 
 SHEARED_CELLS = Stage(

@@ -1,0 +1,305 @@
+"""What users get wrong, from typing errors to surfaces without heights: a sentence and a status."""
+
+import numpy as np
+import pytest
+
+from multiscale.io import read_table
+from multiscale.pipeline import load_case
+from tests.support import small_steel, write_law
+
+STEEL = small_steel(3)
+PRELOADS = '"5 MPa", "10 MPa", "20 MPa", "40 MPa", "80 MPa", "160 MPa"'
+ROUGHNESS = 'rms_height = "0.4 um"'
+
+PLATE = """
+title = "plate"
+[structure]
+kind = "plate"
+size = ["4 m", "4 m", "0.2 m"]
+elements = [16, 16, 1]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+pressure = "1 kPa"
+[substructures]
+parts = [4, 4]
+[statics]
+load_factors = [1.0]
+"""
+GRID = """
+title = "grid"
+[structure]
+kind = "tensegrity_grid"
+n = 3
+[statics]
+load_factors = [0.0, 1.0]
+"""
+GRAINS = """
+title = "grains"
+[structure]
+kind = "deposit"
+size = ["20 cm", "20 cm"]
+[grains]
+number = 1000
+radius = ["1 cm", "1 cm"]
+density = "2600 kg/m^3"
+friction = 0.5
+[motion]
+step = "2 ms"
+duration = "1 s"
+"""
+LAP = """
+title = "lap"
+[structure]
+kind = "lap_joint"
+length = "100 mm"
+width = "40 mm"
+thickness = "8 mm"
+overlap = "40 mm"
+hole = "9 mm"
+washer = "18 mm"
+element = "4 mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[interface]
+law = "law.nc"
+friction = 0.2
+stiffness_ratio = 0.8
+[statics]
+preloads = ["25 MPa", "35 MPa"]
+"""
+
+
+def measured(more=""):
+    """Text of a case whose first surface is the file ``map.txt``."""
+    start, end = STEEL.index("rms_height"), STEEL.index("\n\n[body_2]")
+    text = STEEL[:start] + f'file = "map.txt"\n{more}' + STEEL[end:]
+    second = text.index("[body_2.surface]")
+    return text[:second] + text[text.index("[cell]") :]
+
+
+def steel(*pairs, more=""):
+    """Text of the case of ground steel with some text replaced."""
+    text = STEEL
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text + more
+
+
+FILES = {
+    "broken TOML": (steel(("title", "title = =")), "not valid TOML"),
+    "key twice": (steel((ROUGHNESS, f"{ROUGHNESS}\n{ROUGHNESS}")), "given twice (at line"),
+    "key twice is named": (steel((ROUGHNESS, f"{ROUGHNESS}\n{ROUGHNESS}")), f": {ROUGHNESS}"),
+    "table twice": (steel(more="\n[cell]\n"), "twice (at line"),
+    "empty file": ("", "title is missing"),
+    "misspelt key": (steel(("rms_height", "rms_heigth")), "did you mean 'rms_height'"),
+    "unknown table": (steel(more="[colour]\n"), "has no key 'colour'"),
+    "key missing": (steel(("hurst_exponent = 0.8", "")), "hurst_exponent is missing"),
+    "no unit": (steel(('"0.4 um"', '"0.4"')), "has no unit"),
+    "number without text": (steel(('"210 GPa"', "210e9")), "has no unit"),
+    "other dimension": (steel(('"0.4 um"', '"0.4 kg"')), "rms_height '0.4 kg'"),
+    "unknown unit": (steel(('"0.4 um"', '"0.4 micronz"')), "rms_height '0.4 micronz'"),
+    "decimal comma": (steel(('"0.4 um"', '"0,4 um"')), "write its number with a decimal point"),
+    "negative length": (steel(('"0.4 um"', '"-0.4 um"')), "should be greater than 0"),
+    "not finite": (steel(('"0.4 um"', '"inf um"')), "is not finite"),
+    "odd points": (steel(("[36, 36]", "[35, 36]")), "points[0] should be a multiple of 2"),
+    "three points": (steel(("[36, 36]", "[36, 36, 36]")), "points should have 2 entries"),
+    "no cells": (steel(("realisations = 3", "realisations = 0")), "greater than or equal to 1"),
+    "Poisson's ratio": (steel(("poissons_ratio = 0.3", "poissons_ratio = 0.5")), "0.4999"),
+    "falling pressures": (steel(('"2 MPa", "4', '"4 MPa", "2')), "must rise"),
+    "preloads outside": (
+        steel((PRELOADS, '"5 GPa", "10 GPa"')),
+        "outside the pressures in [micro]",
+    ),
+    "waves": (steel(('short_cutoff = "50 um"', 'short_cutoff = "5 mm"')), "not be longer than"),
+    "coarse grid": (steel(("[36, 36]", "[16, 16]")), "16 x 16 points cannot carry short_cutoff"),
+    "diamond": (steel(("[body_1]", '[body_1]\nhardness = "90 GPa"')), "nothing is harder than"),
+    "negative conductivity": (
+        steel(("[body_1]", '[body_1]\nthermal_conductivity = "-50 W/m/K"')),
+        "thermal_conductivity should be greater than 0",
+    ),
+    "one conductivity": (
+        steel(("[body_1]", '[body_1]\nthermal_conductivity = "50 W/m/K"')),
+        "thermal_conductivity",
+    ),
+    "thick coating": (
+        steel(
+            (
+                "[cell]",
+                '[[body_2.coating]]\nthickness = "9 mm"\nyoungs_modulus = "9 GPa"\n'
+                "poissons_ratio = 0.3\n[cell]",
+            )
+        ),
+        "coating",
+    ),
+    "sweep of no key": (steel(more="[sweep]\ncell.layer = [8]\n"), "has no key 'layer'"),
+    "sweep of one value": (steel(more="[sweep]\ncell.layers = 8\n"), "should be a list"),
+    "sweep of nothing": (steel(more="[sweep]\ncell.layers = []\n"), "at least one value"),
+    "sweep too large": (
+        steel(more=f"[sweep]\ncell.layers = {[*range(400)]}\nmicro.seed = {[*range(400)]}\n"),
+        "[sweep] makes 160000 points",
+    ),
+    "a billion cells": (
+        steel(("realisations = 3", "realisations = 1000000000")),
+        "more than a day",
+    ),
+    "a huge cell": (
+        steel(
+            ("[36, 36]", "[4096, 4096]"),
+            ("layers = 14", "layers = 1000"),
+            ('"flat"', '"conforming"'),
+        ),
+        "GB of memory, and this machine has",
+    ),
+    "a huge plate": (PLATE.replace("[16, 16, 1]", "[100000, 100000, 10]"), "GB of memory"),
+    "a huge joint": (LAP.replace('"4 mm"', '"0.001 mm"'), "GB of memory"),
+    "a huge grid": (GRID.replace("n = 3", "n = 1000000"), "n should be less than or equal to 2048"),
+    "countless grains": (GRAINS.replace("1000\n", "1000000000000\n"), "GB of memory"),
+    "unknown structure": (GRID.replace("tensegrity_grid", "tensegrity"), "has no kind"),
+    "structure without loads": (GRID.partition("[statics]")[0], "takes [statics]"),
+    "step beyond duration": (GRAINS.replace('"2 ms"', '"2 s"'), "must not be longer than duration"),
+    "below the base": (
+        steel(('"flat"', '"conforming"\ndepth = "1 um"')),
+        "choose a larger depth",
+    ),
+    "no law": (LAP, "law.nc: no such file"),
+    "a map that is missing": (measured(), "map.txt: no such file"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_case_that_cannot_be_meant_is_refused_at_once(command, tmp_path, name):
+    text, sentence = FILES[name]
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    refused(command("run", "case.toml", "--jobs", "1"), sentence)
+
+
+def refused(answer, sentence, status=1):
+    code, out, said = answer
+    assert code == status, (out, said)
+    assert "Traceback" not in said
+    assert sentence in said, said
+    assert "=True" not in said  # no advice for scripts
+
+
+def bumps():
+    return 1e-6 * np.random.default_rng(3).standard_normal((24, 24))
+
+
+MAPS = {
+    "holes": (np.where(np.arange(24) == 3, np.nan, bumps()), "set fill_undefined to true"),
+    "nothing but holes": (np.full((24, 24), np.nan), "no point has a defined height"),
+    "constant": (np.ones((24, 24)), "all heights are equal"),
+    "three dimensions": (np.ones((4, 4, 4)), "holds an array of shape (4, 4, 4)"),
+    "complex": (bumps() * 1j, "type complex128"),
+    "line scan": (bumps().ravel(), "profile"),
+    "text": (np.array([["a", "b"]]), "holds an array of shape"),
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_map_without_use_is_refused(command, tmp_path, name):
+    heights, sentence = MAPS[name]
+    with (tmp_path / "map.txt").open("wb") as file:
+        np.save(file, heights)
+    size = '"1 mm"' if heights.ndim == 1 else '"1 mm", "1 mm"'
+    text = measured(f'size = [{size}]\nunit = "m"')
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    refused(command("run", "case.toml", "--jobs", "1"), sentence)
+
+
+KEYS = {
+    "no size": ('unit = "um"', "gives no lateral size; give size"),
+    "no unit": ('size = ["1 mm", "1 mm"]', "gives no unit of length; give unit"),
+    "neither": ("", "no lateral size and no unit of length; give size and unit"),
+    "one length": ('size = ["1 mm"]\nunit = "um"', "size of a map is two lengths"),
+    "unknown unit": ('size = ["1 mm", "1 mm"]\nunit = "micronz"', "unit "),
+    "wrong channel": ('size = ["1 mm", "1 mm"]\nunit = "um"\nchannel = 7', "height channels: 0"),
+    "small map": ('size = ["9 um", "9 um"]\nunit = "um"', "window"),
+    "profile of a map": (
+        'size = ["1 mm", "1 mm"]\nunit = "um"\nprofile = "isotropic"',
+        "profile",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", KEYS)
+def test_a_map_that_is_told_too_little_or_wrong_is_refused(command, tmp_path, name):
+    keys, sentence = KEYS[name]
+    np.savetxt(tmp_path / "map.txt", bumps())
+    (tmp_path / "case.toml").write_text(measured(keys), encoding="utf-8")
+    refused(command("run", "case.toml", "--jobs", "1"), sentence)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        pytest.param(b"", "is empty", id="empty"),
+        pytest.param(b"\x89PNG\r\n\x1a\n" + bytes(99), "no known topography format", id="picture"),
+        pytest.param(b"a surface\n", "no known topography format", id="words"),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused(command, tmp_path, content, sentence):
+    (tmp_path / "map.txt").write_bytes(content)
+    (tmp_path / "case.toml").write_text(measured(), encoding="utf-8")
+    refused(command("run", "case.toml", "--jobs", "1"), sentence)
+
+
+COMMANDS = {
+    "missing file": ("run none.toml", "none.toml: no such file", 1),
+    "misspelt case": ("run ground_stel", "did you mean 'ground_steel'", 1),
+    "folder": ("run .", "is a folder; give the case file in it", 1),
+    "nothing to resume": ("run ground_steel --resume", "holds no run to resume", 1),
+    "resume and force": ("run case.toml -o full --resume --force", "give one of them", 1),
+    "quiet and verbose": ("run case.toml -q -v", "exclude each other", 2),
+    "no number of jobs": ("run case.toml --jobs many", "jobs", 2),
+    "negative jobs": ("run case.toml --jobs -1", "jobs", 2),
+    "unknown command": ("solve case.toml", "No such command", 2),
+    "unknown option": ("run case.toml --fast", "No such option", 2),
+    "a file as folder": ("run case.toml -o case.toml", "cannot write case.toml", 1),
+    "dataset without name": ("micro case.toml -o response", "ends in .nc", 1),
+    "no structure": ("macro cells.toml", "has no [structure]", 1),
+    "no cells": ("micro grid.toml", "has no [micro]", 1),
+    "a huge structure": ("macro plate.toml", "GB of memory", 1),
+    "no response": ("fit none.nc", "none.nc", 1),
+    "law as response": (
+        "fit law.nc",
+        "schema 'interface_law', expected a 'micro_response' dataset",
+        1,
+    ),
+    "export to text": ("export law.nc law.txt", "ends in .inp or .csv", 1),
+    "no report": ("report full", "no results", 1),
+    "unknown family": ("bench speed", "there is no family 'speed'", 1),
+    "no table": ("stability bricks", "there is no family 'bricks'", 1),
+    "no map": ("inspect none.sur", "no such file", 1),
+    "size of no map": ("inspect case.toml --size wide", "is not a quantity", 1),
+}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_cannot_be_meant_is_refused(command, tmp_path, name):
+    arguments, sentence, status = COMMANDS[name]
+    (tmp_path / "case.toml").write_text(STEEL, encoding="utf-8")
+    (tmp_path / "cells.toml").write_text(STEEL.partition("[structure]")[0], encoding="utf-8")
+    (tmp_path / "grid.toml").write_text(GRID, encoding="utf-8")
+    huge = PLATE.replace("[16, 16, 1]", "[100000, 100000, 10]")
+    (tmp_path / "plate.toml").write_text(huge, encoding="utf-8")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "log.txt").touch()
+    if "law.nc" in arguments:
+        write_law(tmp_path / "law.nc")
+    refused(command(*arguments.split()), sentence, status)
+
+
+NODES = "x;y;z;fix_x;fix_y;fix_z;load_z\n0;0;0;1;1;1;0\n{};0;0;1;1;1;0\n0,5;0;0;0;0;0;-3\n"
+
+
+def test_tables_of_spreadsheets_are_read(tmp_path):
+    """A byte order mark, semicolons and decimal commas are how spreadsheets write in Europe."""
+    file = tmp_path / "nodes.csv"
+    file.write_text("\ufeff" + NODES.format("1,0"), encoding="utf-8")
+    assert read_table(file, {"fix_x": int})["x"] == [0.0, 1.0, 0.5]
+    file.write_text(NODES.format("1,0").replace(";", "\t"), encoding="utf-8")
+    assert read_table(file, {"fix_x": int})["load_z"] == [0.0, 0.0, -3.0]
+    (tmp_path / "case.toml").write_text("\ufeff" + GRID, encoding="utf-8")
+    assert load_case(tmp_path / "case.toml").title == "grid"
