@@ -1,5 +1,7 @@
 """Paths in increments: what a body that flows without hardening carries, and where a path ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,7 +84,8 @@ def test_where_an_increment_starts_does_not_change_where_it_ends():
     state, newton = rest_state(scene), 0
     for approach in (0.001, 0.002, 0.003, 0.004):
         target = Target(None, approach, np.zeros(2))
-        one = walk_step(scene, state, target, increments=1, tolerance=1e-10)
+        forgetful = replace(state, change=np.zeros(5))
+        one = walk_step(scene, forgetful, target, increments=1, tolerance=1e-10)
         state, newton = one.state, newton + one.newton_iterations
     assert whole.newton_iterations < 0.75 * newton  # it goes on as in the increment before
     np.testing.assert_allclose(whole.state.force, state.force, atol=1e-9 * state.load)
