@@ -34,6 +34,7 @@ __all__ = [
     "CHANGE",
     "COFACTOR",
     "DET",
+    "DILATED",
     "EDGES",
     "FLUX",
     "GEOMETRY",
@@ -53,7 +54,6 @@ __all__ = [
     "point_rows",
     "pull_back",
     "strain_batch",
-    "transform",
 ]
 
 # without ninf and nnan, because callers check for NaN
@@ -74,7 +74,8 @@ CHANGE = LOG + 2 * BATCH  # ln J, of a point or of the mean
 COFACTOR = CHANGE + BATCH  # 9: F^-T
 PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
 METRIC = PULLED + 9 * BATCH  # rows of a law
-SCRATCH = METRIC + 60 * BATCH
+DILATED = METRIC + 60 * BATCH  # 36: flux of the change of volume
+SCRATCH = DILATED + 36 * BATCH
 
 NEAR_ONE = 0.03  # squared argument of the series of the logarithm: numbers from 1/4 to 4
 
@@ -185,30 +186,21 @@ def strain_batch(  # type: ignore[no-untyped-def]
 def pull_back(s, q):  # type: ignore[no-untyped-def]
     """F^-T and F^-T T^t of (1) at a Gauss point."""
     f, det = s[GRADIENT + 9 * q * BATCH :], s[DET + q * BATCH :]
-    cofactor, pulled = s[COFACTOR:], s[PULLED:]
-    for i in range(3):
-        i1, i2 = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
-        for m in range(3):
-            m1, m2 = (m + 1) % 3 * BATCH, (m + 2) % 3 * BATCH
-            out = (3 * i + m) * BATCH
-            for v in range(BATCH):
-                value = f[i1 + m1 + v] * f[i2 + m2 + v] - f[i1 + m2 + v] * f[i2 + m1 + v]
-                cofactor[out + v] = value / det[v]
-    for i in range(3):
-        transform(s, q, cofactor[3 * i * BATCH :], BATCH, pulled[3 * i * BATCH :], BATCH)
-
-
-@kernel
-def transform(s, q, x, step, out, stride):  # type: ignore[no-untyped-def]
-    """Multiply three rows by T of (1)."""
     rx, ry, _, rt = point_rows(q)
     by_x, by_y = s[GEOMETRY + rx + 4 * BATCH :], s[GEOMETRY + ry + 4 * BATCH :]
-    height, second, third = s[GEOMETRY + rt :], x[step:], x[2 * step :]
-    first_out, second_out, third_out = out, out[stride:], out[2 * stride :]
-    for v in range(BATCH):
-        a, b, c = x[v], second[v], third[v]
-        first_out[v], second_out[v] = a, b
-        third_out[v] = (c - by_x[v] * a - by_y[v] * b) / height[v]
+    height, cofactor, pulled = s[GEOMETRY + rt :], s[COFACTOR:], s[PULLED:]
+    for i in range(3):
+        i1, i2 = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
+        first, second = f[i1:], f[i2:]
+        out, turned = cofactor[3 * i * BATCH :], pulled[3 * i * BATCH :]
+        for v in range(BATCH):
+            x, y, z = first[v], first[BATCH + v], first[2 * BATCH + v]
+            a, b, c = second[v], second[BATCH + v], second[2 * BATCH + v]
+            scale = 1.0 / det[v]
+            p, q, r = scale * (y * c - z * b), scale * (z * a - x * c), scale * (x * b - y * a)
+            out[v], out[BATCH + v], out[2 * BATCH + v] = p, q, r
+            turned[v], turned[BATCH + v] = p, q
+            turned[2 * BATCH + v] = (r - by_x[v] * p - by_y[v] * q) / height[v]
 
 
 @kernel

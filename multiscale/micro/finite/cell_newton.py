@@ -52,12 +52,13 @@ def solve_increment(
     active, delta = None, start.approach if target.approach is None else target.approach
     if guess is not None:
         active, delta = guess
-    now = equations.at(start.displacement, delta, active)
+    now = None
     if predicted is not None:
         ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
-        nearer = ahead.response.least_dilatation > LEAST_DILATATION and ahead.error < now.error
-        # the tangent belongs to the last evaluated displacement
-        now = ahead if nearer else equations.at(start.displacement, delta, active)
+        if ahead.response.least_dilatation > LEAST_DILATATION:
+            now = ahead if ahead.error < equations.error_at_start(delta) else None
+    if now is None:
+        now = equations.at(start.displacement, delta, active)
     run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
     while run.goes_on(now.error):
         errors = run.residuals
@@ -68,13 +69,14 @@ def solve_increment(
             break
         before = run.residuals[-2] if run.steps else np.inf
         forcing = min(FORCING[1], max(FORCING[0], 0.9 * (now.error / before) ** 1.5))
-        move, shift, iterations = scene.newton_step(now, forcing, 0.1 * tolerance)
+        move, shift, iterations = scene.newton_step(now, forcing, 0.4 * tolerance)
         linear += iterations
         found = _search(equations, now, move, shift)
         if found is None:
             run.stop(Status.STALLED)
             break
         now = found
+    load = -float(now.contact_force[:, 2].sum()) - start.load
     return CellState(
         now.u,
         now.delta,
@@ -89,6 +91,10 @@ def solve_increment(
         linear,
         now.response.flowing,
         max(start.peak, float(np.linalg.norm(now.contact_force))),
+        now.u - start.displacement,
+        np.array(
+            [*(target.slide - start.slide), load, now.delta - start.approach, target.time_step]
+        ),
     )
 
 

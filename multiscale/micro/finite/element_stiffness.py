@@ -81,25 +81,31 @@ def _contract(a, gradient, half):  # type: ignore[no-untyped-def]
 def _add_block(b, half, matrix, triangle):  # type: ignore[no-untyped-def]
     """Add B^t A B of one block, summed over four points."""
     entry = 0
-    for m in range(7):
-        for n in range(m if triangle else 0, 7):
-            h, out = half[n * BATCH :], matrix[entry:]
-            for v in range(BATCH):
-                out[v] += (
-                    b[0, 0, m] * h[v]
-                    + b[0, 1, m] * h[7 * BATCH + v]
-                    + b[0, 2, m] * h[14 * BATCH + v]
-                    + b[1, 0, m] * h[21 * BATCH + v]
-                    + b[1, 1, m] * h[28 * BATCH + v]
-                    + b[1, 2, m] * h[35 * BATCH + v]
-                    + b[2, 0, m] * h[42 * BATCH + v]
-                    + b[2, 1, m] * h[49 * BATCH + v]
-                    + b[2, 2, m] * h[56 * BATCH + v]
-                    + b[3, 0, m] * h[63 * BATCH + v]
-                    + b[3, 1, m] * h[70 * BATCH + v]
-                    + b[3, 2, m] * h[77 * BATCH + v]
-                )
-            entry += BATCH
+    for m in range(7):  # a row of the block at once: its entries, and A B, follow each other
+        first = m * BATCH if triangle else 0
+        size, out = 7 * BATCH - first, matrix[entry:]
+        g, h, i, j = (
+            half[first:],
+            half[21 * BATCH + first :],
+            half[42 * BATCH + first :],
+            half[63 * BATCH + first :],
+        )
+        for v in range(size):
+            out[v] += (
+                b[0, 0, m] * g[v]
+                + b[0, 1, m] * g[7 * BATCH + v]
+                + b[0, 2, m] * g[14 * BATCH + v]
+                + b[1, 0, m] * h[v]
+                + b[1, 1, m] * h[7 * BATCH + v]
+                + b[1, 2, m] * h[14 * BATCH + v]
+                + b[2, 0, m] * i[v]
+                + b[2, 1, m] * i[7 * BATCH + v]
+                + b[2, 2, m] * i[14 * BATCH + v]
+                + b[3, 0, m] * j[v]
+                + b[3, 1, m] * j[7 * BATCH + v]
+                + b[3, 2, m] * j[14 * BATCH + v]
+            )
+        entry += size
 
 
 @kernel
@@ -108,11 +114,11 @@ def add_coupling(c, matrix):  # type: ignore[no-untyped-def]
     entry = 0
     for block in range(6):
         for m in range(7):
-            x = c[(7 * FIRST[block] + m) * BATCH :]
+            x = (7 * FIRST[block] + m) * BATCH
             for n in range(m if block < 3 else 0, 7):
-                y, out = c[(7 * SECOND[block] + n) * BATCH :], matrix[entry:]
+                y = (7 * SECOND[block] + n) * BATCH
                 for v in range(BATCH):
-                    out[v] += x[v] * y[v]
+                    matrix[entry + v] += c[x + v] * c[y + v]
                 entry += BATCH
 
 

@@ -63,8 +63,23 @@ class CellEquations:
         ``u`` and ``delta`` are the displacement and the approach, m; ``active`` has the shape (nx,
         ny).
         """
+        return self._with(self.increment.respond(u), u, delta, active)
+
+    def error_at_start(self, delta: float) -> float:
+        """Residual of (1) at the start, if the forces inside are still as they were."""
+        u, force = self.start.displacement, np.zeros_like(self.start.displacement)
+        self.scene.meet(u, delta, self.target.slide).react(force, -self.start.force)
+        self.scene.surface(force)[:] += self.start.force
+        return self._with(BodyResponse(force, np.zeros_like, 1.0, 0.0), u, delta).error
+
+    def _with(
+        self,
+        response: BodyResponse,
+        u: np.ndarray,
+        delta: float,
+        active: np.ndarray | None = None,
+    ) -> "Iterate":
         scene, target = self.scene, self.target
-        response = self.increment.respond(u)
         force = scene.surface(response.force)
         meeting = scene.meet(u, delta, target.slide)
         pressure = -np.sum(force * meeting.normal, axis=1)

@@ -18,6 +18,8 @@ EASY = 7  # Newton iterations up to which an increment counts as easy
 FIRST = 0.2  # first increment of :func:`_press`, relative to the largest change of the approach
 TOO_FAR = 1.2  # ratio to the largest change of the approach above which an increment is repeated
 SMALLEST = 1e-4  # shortest increment, relative to the step of the path
+LONGEST = 3.0  # prediction, relative to the last increment
+STILL = 1e-6  # change of the load or approach, relative to it, that is none
 MOST = 400  # largest number of increments of a step beyond the fewest
 LINEAR = (1_000, 20_000)  # linear iterations allowed in a step: per increment, and in addition
 
@@ -90,8 +92,8 @@ def walk_step(
     # the load alone changes, of a body that flows
     presses = target.load is not None and target.load not in (0.0, start.load)
     presses &= bool(np.isfinite(largest_approach) and np.all(target.slide == start.slide))
-    state, before, work = start, start, np.zeros(3, dtype=int)
-    reached, done, length = 0.0, 0.0, 1.0 / increments
+    state, work = start, np.zeros(3, dtype=int)
+    reached, length = 0.0, 1.0 / increments
     while reached < 1.0:
         if (spent := _spent(work, increments)) is not None:
             state = replace(state, status=spent)
@@ -100,11 +102,10 @@ def walk_step(
         share = 1.0 if 1.0 - share < 1e-9 else share
         part = share - reached
         aim = _between(start, target, share, part)
-        ahead = _extrapolate(before, state, part / done) if done > 0.0 else None
-        found = _increment(scene, state, aim, tolerance, ahead, work)
+        found = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
         moved = abs(found.approach - state.approach)
         if found.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
-            before, state, done, reached = state, found, part, share
+            state, reached = found, share
             if len(found.residuals) - 1 <= EASY:
                 length = min(1.0 / increments, GROW * part)
             if moved > 0.0:
@@ -164,19 +165,18 @@ def _press(
     """
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0
-    before, done, length = state, 0.0, FIRST * largest_approach
+    length = FIRST * largest_approach
     while (status := _spent(work, increments)) is None:
         aim = Target(None, state.approach + sign * length, target.slide)
-        ahead = _extrapolate(before, state, length / done) if done > 0.0 else None
-        found = _increment(scene, state, aim, tolerance, ahead, work)
+        found = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
         if found.status is Status.CONVERGED and sign * (found.load - load) >= 0.0:
             part = (load - state.load) / (found.load - state.load)
-            between = _extrapolate(state, found, part - 1.0)
+            between = _extrapolate(found, part - 1.0)
             found = _increment(scene, state, target, tolerance, between, work)
             if found.status is Status.CONVERGED:
                 return found
         if found.status is Status.CONVERGED:
-            before, state, done = state, found, length
+            state = found
             if len(found.residuals) - 1 <= EASY:
                 length = min(largest_approach, GROW * length)
         else:
@@ -187,10 +187,31 @@ def _press(
     return replace(state, status=status)
 
 
-def _extrapolate(before: CellState, state: CellState, ratio: float) -> tuple[np.ndarray, float]:
-    """Extrapolate displacement, m, and approach, m, from the last increment."""
-    u = state.displacement + ratio * (state.displacement - before.displacement)
-    return u, state.approach + ratio * (state.approach - before.approach)
+def _predict(state: CellState, aim: Target) -> tuple[np.ndarray, float] | None:
+    """Go on as in the last increment, if the cell is moved on in the same direction.
+
+    The length is measured by the slide, else by the load or the approach, else by the time.
+    """
+    if aim.approach is None:
+        wanted, last, still = float(aim.load or 0.0) - state.load, state.change[2], state.load
+    else:
+        wanted, last, still = aim.approach - state.approach, state.change[3], state.approach
+    ways = (
+        (aim.slide - state.slide, state.change[:2], 0.0),
+        (np.array([wanted]), np.array([last]), STILL * abs(still)),
+        (np.array([aim.time_step]), state.change[4:], 0.0),
+    )
+    for now, before, least in ways:
+        if np.linalg.norm(before) > least:
+            ratio = float(now @ before) / float(before @ before)
+            return _extrapolate(state, ratio) if 0.0 < ratio <= LONGEST else None
+    return None
+
+
+def _extrapolate(state: CellState, ratio: float) -> tuple[np.ndarray, float]:
+    """Add a multiple of the last increment to displacement, m, and approach, m."""
+    assert state.moved is not None
+    return state.displacement + ratio * state.moved, state.approach + ratio * state.change[3]
 
 
 def _increment(
@@ -243,4 +264,6 @@ def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:
     free = solve_increment(scene, state, away)
     meeting = scene.meet(free.displacement, 0.0, aim.slide)
     touch = float(np.min(meeting.gap / meeting.normal[:, 2]))
-    return replace(free, approach=touch if aim.approach is None else aim.approach)
+    return replace(
+        free, approach=touch if aim.approach is None else aim.approach, change=np.zeros(5)
+    )

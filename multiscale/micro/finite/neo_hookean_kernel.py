@@ -76,14 +76,20 @@ def _tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-def]
     for block in range(6):
         i, k = FIRST[block], SECOND[block]
         same = 1.0 if i == k else 0.0
-        for a in range(3):
-            for b in range(3):
-                first, second = min(a, b), max(a, b)
-                m = CURVED + (second if first == 0 else 2 + second if first == 1 else 5) * BATCH
-                ib, ka = s[PULLED + (3 * i + b) * BATCH :], s[PULLED + (3 * k + a) * BATCH :]
-                ia, kb = s[PULLED + (3 * i + a) * BATCH :], s[PULLED + (3 * k + b) * BATCH :]
-                out, curved = tangent[(9 * block + 3 * a + b) * BATCH :], s[m:]
-                for v in range(BATCH):
-                    value = (shear - s[LOG + v]) * ib[v] * ka[v]
-                    value += s[LOG + BATCH + v] * ia[v] * kb[v] + same * curved[v]
-                    out[v] = weight[v] * value
+        g, h, m = s[PULLED + 3 * i * BATCH :], s[PULLED + 3 * k * BATCH :], s[CURVED:]
+        out = tangent[9 * block * BATCH :]
+        for v in range(BATCH):
+            p, w = weight[v] * (shear - s[LOG + v]), weight[v] * s[LOG + BATCH + v]
+            x, y, z = g[v], g[BATCH + v], g[2 * BATCH + v]
+            a, b, c = h[v], h[BATCH + v], h[2 * BATCH + v]
+            curved = same * weight[v]
+            xy, xz, yz = curved * m[BATCH + v], curved * m[2 * BATCH + v], curved * m[4 * BATCH + v]
+            out[v] = (p + w) * x * a + curved * m[v]
+            out[BATCH + v] = p * y * a + w * x * b + xy
+            out[2 * BATCH + v] = p * z * a + w * x * c + xz
+            out[3 * BATCH + v] = p * x * b + w * y * a + xy
+            out[4 * BATCH + v] = (p + w) * y * b + curved * m[3 * BATCH + v]
+            out[5 * BATCH + v] = p * z * b + w * y * c + yz
+            out[6 * BATCH + v] = p * x * c + w * z * a + xz
+            out[7 * BATCH + v] = p * y * c + w * z * b + yz
+            out[8 * BATCH + v] = (p + w) * z * c + curved * m[5 * BATCH + v]

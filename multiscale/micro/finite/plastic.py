@@ -25,11 +25,11 @@ from multiscale.micro.finite.batch import (
     GRADIENT,
     LOG,
     METRIC,
+    PULLED,
     WEIGHT,
     kernel,
     logarithm,
     point_rows,
-    transform,
 )
 from multiscale.micro.finite.element_stiffness import FIRST, SECOND
 from multiscale.micro.hexahedron import BATCH
@@ -70,17 +70,24 @@ def _trial(s, q, state):  # type: ignore[no-untyped-def]
             out[v] = x * (1.0 + state[0, v]) + y * xy + z * xz
             out[BATCH + v] = x * xy + y * (1.0 + state[1, v]) + z * yz
             out[2 * BATCH + v] = x * xz + y * yz + z * (1.0 + state[2, v])
-    for row in range(6):
-        i = row % 3 if row < 5 else 0
-        j = i if row < 3 else (i + 1 if row < 5 else 2)
-        g, fj, out = c[3 * i * BATCH :], f[3 * j * BATCH :], s[TRIAL + row * BATCH :]
+    for k in range(3):  # rows of b: its diagonal, and 12, 23, 13
+        i, j = (k, k + 1) if k < 2 else (0, 2)
+        g, fi, fk = c[3 * i * BATCH :], c[3 * k * BATCH :], f[3 * k * BATCH :]
+        fj, out = f[3 * j * BATCH :], s[TRIAL + k * BATCH :]
         for v in range(BATCH):
-            value = g[v] * fj[v] + g[BATCH + v] * fj[BATCH + v]
-            out[v] = value + g[2 * BATCH + v] * fj[2 * BATCH + v]
-    for row in range(9):
-        one = 1.0 if row % 4 == 0 else 0.0
+            out[v] = (
+                fi[v] * fk[v]
+                + fi[BATCH + v] * fk[BATCH + v]
+                + fi[2 * BATCH + v] * fk[2 * BATCH + v]
+            )
+            out[3 * BATCH + v] = (
+                g[v] * fj[v] + g[BATCH + v] * fj[BATCH + v] + g[2 * BATCH + v] * fj[2 * BATCH + v]
+            )
+    for k in range(9 * BATCH):
+        s[FRAME + k] = 0.0
+    for k in range(3):
         for v in range(BATCH):
-            s[FRAME + row * BATCH + v] = one
+            s[FRAME + 4 * k * BATCH + v] = 1.0
 
 
 @kernel
@@ -229,22 +236,34 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
     flowing = _return_map(
         s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], lanes
     )
-    _inverse_frame(s)
     rx, ry, _, rt = point_rows(q)
     weight = s[WEIGHT + q * BATCH :]
-    for a in range(3):
-        transform(s, q, s[FC + a * BATCH :], 3 * BATCH, s[PUSHED + a * BATCH :], 3 * BATCH)
-    stress = s[STRESS:]
+    for b in range(3):  # T G = (F^-T T^t)^t V
+        g, frame, out = s[PULLED + b * BATCH :], s[FRAME:], s[PUSHED + 3 * b * BATCH :]
+        for v in range(BATCH):
+            x, y, z = g[v], g[3 * BATCH + v], g[6 * BATCH + v]
+            out[v] = x * frame[v] + y * frame[3 * BATCH + v] + z * frame[6 * BATCH + v]
+            out[BATCH + v] = (
+                x * frame[BATCH + v] + y * frame[4 * BATCH + v] + z * frame[7 * BATCH + v]
+            )
+            out[2 * BATCH + v] = (
+                x * frame[2 * BATCH + v] + y * frame[5 * BATCH + v] + z * frame[8 * BATCH + v]
+            )
+    stress, p = s[STRESS:], s[PUSHED:]
     for k in range(3):
-        for b in range(3):
-            row = (rx, ry, 8 * BATCH + rt)[b] + 12 * k * BATCH
-            out = s[FLUX + row :]
-            x, p = s[FRAME + 3 * k * BATCH :], s[PUSHED + 3 * b * BATCH :]
-            for v in range(BATCH):
-                value = x[v] * stress[v] * p[v]
-                value += x[BATCH + v] * stress[BATCH + v] * p[BATCH + v]
-                value += x[2 * BATCH + v] * stress[2 * BATCH + v] * p[2 * BATCH + v]
-                out[v] += weight[v] * value
+        x, out_x, out_y = (
+            s[FRAME + 3 * k * BATCH :],
+            s[FLUX + rx + 12 * k * BATCH :],
+            s[FLUX + ry + 12 * k * BATCH :],
+        )
+        out_z = s[FLUX + rt + (8 + 12 * k) * BATCH :]
+        for v in range(BATCH):
+            a = weight[v] * x[v] * stress[v]
+            b = weight[v] * x[BATCH + v] * stress[BATCH + v]
+            c = weight[v] * x[2 * BATCH + v] * stress[2 * BATCH + v]
+            out_x[v] += a * p[v] + b * p[BATCH + v] + c * p[2 * BATCH + v]
+            out_y[v] += a * p[3 * BATCH + v] + b * p[4 * BATCH + v] + c * p[5 * BATCH + v]
+            out_z[v] += a * p[6 * BATCH + v] + b * p[7 * BATCH + v] + c * p[8 * BATCH + v]
     _round(s, weight, single)
     for block in range(6):
         k, m = 3 * FIRST[block] * BATCH, 3 * SECOND[block] * BATCH
@@ -255,10 +274,10 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
 @kernel
 def _round(s, weight, single):  # type: ignore[no-untyped-def]
     """Copy V, TG, and with the weight DIRECT and MIXED, in single precision."""
-    for row in range(9):
-        for v in range(BATCH):
-            single[row * BATCH + v] = s[FRAME + row * BATCH + v]
-            single[(9 + row) * BATCH + v] = s[PUSHED + row * BATCH + v]
+    for k in range(9 * BATCH):
+        single[k] = s[FRAME + k]
+    for k in range(9 * BATCH):
+        single[9 * BATCH + k] = s[PUSHED + k]
     for row in range(15):
         for v in range(BATCH):
             single[(18 + row) * BATCH + v] = weight[v] * s[DIRECT + row * BATCH + v]

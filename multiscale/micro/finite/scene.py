@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -206,6 +206,10 @@ class CellState:
         Share of the Gauss points that flow, 0 to 1.
     peak : float
         Largest norm of the contact forces so far, N.
+    moved : ndarray or None
+        Change of the displacement in the last increment, m.
+    change : ndarray, shape (5,)
+        Changes of slide, m, load, N, approach, m, and time, s, in the last increment.
     """
 
     displacement: np.ndarray
@@ -221,6 +225,8 @@ class CellState:
     linear_iterations: int = 0
     flowing: float = 0.0
     peak: float = 0.0
+    moved: np.ndarray | None = None
+    change: np.ndarray = field(default_factory=lambda: np.zeros(5))
 
     @property
     def load(self) -> float:

@@ -13,6 +13,7 @@ from multiscale.micro.finite.batch import (
     CHANGE,
     COFACTOR,
     DET,
+    DILATED,
     FLUX,
     LOG,
     MEAN,
@@ -69,6 +70,21 @@ def _volume(s, q, modulus, mean_dilatation):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _dilate(s, q):  # type: ignore[no-untyped-def]
+    """Add the flux of one Gauss point whose forces are the derivatives of the volume."""
+    rx, ry, rz, _ = point_rows(q)
+    weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
+    for k in range(3):
+        g, row = s[PULLED + 3 * k * BATCH :], DILATED + 12 * k * BATCH
+        x, y, z = s[row + rx :], s[row + ry :], s[row + rz :]
+        for v in range(BATCH):
+            volume = weight[v] * det[v]
+            x[v] += volume * g[v]
+            y[v] += volume * g[BATCH + v]
+            z[v] += volume * g[2 * BATCH + v]
+
+
+@kernel
 def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
     """Add the vector whose square is the stiffness against a change of the mean dilatation.
 
@@ -76,17 +92,7 @@ def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
     out.
     """
     for k in range(36 * BATCH):
-        s[FLUX + k] = 0.0
-    for q in range(8):
-        pull_back(s, q)
-        rx, ry, rz, _ = point_rows(q)
-        weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
-        for k in range(3):
-            for a in range(3):
-                out = s[FLUX + (rx, ry, rz)[a] + 12 * k * BATCH :]
-                g = s[PULLED + (3 * k + a) * BATCH :]
-                for v in range(BATCH):
-                    out[v] += weight[v] * det[v] * g[v]
+        s[FLUX + k] = s[DILATED + k]
     edge_forces(s, dx, dy)
     for v in range(BATCH):
         curvature = max(modulus * (1.0 - s[CHANGE + v]), 0.0) / s[VOLUME + v]
@@ -174,13 +180,15 @@ def respond_cell(  # type: ignore[no-untyped-def]
                     rows[:] = 0.0
                     kept = state[i, layer, batch] if has else state[0, 0, 0]
                     for k in range(36 * BATCH):
-                        s[FLUX + k] = 0.0
+                        s[FLUX + k], s[DILATED + k] = 0.0, 0.0
                     if mean_dilatation:
                         logarithm(s[MEAN:], s[CHANGE:])
                     for q in range(8):
                         point = points[q % 4 * POINT_ROWS * BATCH :]
                         pull_back(s, q)
                         _volume(s, q, volume, mean_dilatation)
+                        if mean_dilatation:
+                            _dilate(s, q)
                         if law == NEO_HOOKEAN:
                             neo_hookean(s, q, shear, kept[q], has, point)
                         else:
