@@ -278,7 +278,7 @@ def _apply(  # type: ignore[no-untyped-def]
 
 def stiffness_operator(
     mesh: GraphMesh, lame: np.ndarray, shear: np.ndarray, *, mean_dilatation: bool = False
-) -> Callable[[np.ndarray], np.ndarray]:
+) -> Callable[..., np.ndarray]:
     r"""Return the map from displacements to elastic forces, :math:`u \mapsto K u`.
 
     Parameters
@@ -293,7 +293,8 @@ def stiffness_operator(
     Returns
     -------
     callable
-        Takes displacements, shape ``(nx, layers, 3, ny)``, m, and returns forces, N.
+        Takes displacements, shape ``(nx, layers, 3, ny)``, m, and returns forces, N, in a second
+        array if it is given.
     """
     blend = float(mean_dilatation)
     heights = np.ascontiguousarray(mesh.surface.heights, dtype=np.float64)
@@ -303,8 +304,8 @@ def stiffness_operator(
         for value in (lame, shear)
     )
 
-    def apply(u: np.ndarray) -> np.ndarray:
-        out = np.empty_like(u)
+    def apply(u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        out = np.empty_like(u) if out is None else out
         _apply(heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, blend, u, out)
         return out
 
