@@ -17,6 +17,7 @@ FAMILIES = (
     "grains",
     "joints",
     "laws",
+    "limit",
     "meshes",
     "micro",
     "nonsmooth",

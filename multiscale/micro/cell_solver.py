@@ -1,9 +1,10 @@
 """One path on one cell: from geometry to averaged response."""
 
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial, singledispatch
+from functools import lru_cache, partial, singledispatch
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
     import xarray as xr
+    from threadpoolctl import ThreadpoolController
 
 __all__ = ["solve_cell"]
 
@@ -72,8 +74,6 @@ def solve_cell(
     CaseError
         If the cell cannot be meshed, or is asked for what its kind does not have.
     """
-    from threadpoolctl import threadpool_limits
-
     shapes: dict[str, tuple[int, ...]] = {}
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)
@@ -86,13 +86,22 @@ def solve_cell(
         shapes |= dict.fromkeys(("pressure", "gap"), cell.field_shape[::-1])
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
-    with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
+    # threads of linear algebra would wait for the kernels' and spin
+    with _libraries(len(sys.modules)).limit(limits=1, user_api="blas"):
         follow = _follower(cell, path, recover_stress)
         kept = {"fields": keep_fields, "spots": keep_spots}
         steps = follow(path, **kept, tolerance=tolerance, checkpoint=checkpoint)
     if keep_spots:
         _pad_spots(steps)
     return _dataset(steps, path, shapes)
+
+
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> "ThreadpoolController":
+    """Find the libraries with threads, anew after imports: it takes as long as a small cell."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 @singledispatch

@@ -326,9 +326,11 @@ class _LinearStage:
             p_delta = shift + (rz / rz_old) * p_delta
             q = self.body.apply(p, room[0])
             reaction = self.split(q)  # the contact forces change by -alpha times this
-            alpha = rz / (
-                dot(_flat(p), _flat(q)) - float(np.vdot(self.closing, reaction)) * p_delta
-            )
+            along = float(np.vdot(self.closing, reaction))
+            curvature = dot(_flat(p), _flat(q)) - along * p_delta
+            if curvature == 0.0:  # the residual is rounding, which moves nothing
+                return delta, iteration
+            alpha = rz / curvature
             advance(alpha, _flat(p), _flat(u), _flat(q), _flat(out_of_balance))
             force -= alpha * reaction
             delta += alpha * p_delta

@@ -19,6 +19,7 @@ from multiscale.numerics.compiled import compiled
 __all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
 
 SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
+MANY = 2**16  # points of a surface from which its transforms take several threads
 WAVES = 64  # along x whose factors are computed at once in double precision
 
 
@@ -260,7 +261,8 @@ class LateralInverse:
             fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
             _forward(self.inverse, self.upper, values)
         if correct is not None:
-            moved = self._to_points(transform[:, -1]) * (size / self.scale)
+            surface = transform[:, -1].astype(complex)  # in units, which may be beyond single range
+            moved = self._to_points(surface) * (size / self.scale)
             added = self._to_wavenumbers(correct(moved)) * (self.scale / size)
             transform[:, -1] += _multiply_symbol(self.surface_compliance, added)
         _backward(self.inverse, self.upper, values)
@@ -340,7 +342,10 @@ def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def filter_surface(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
     """Multiply a field on the surface, shape (nx, ny), by a real symbol per wavenumber."""
-    return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape, overwrite_x=True))
+    threads = numba.get_num_threads() if values.size >= MANY else 1
+    transform = fft.rfft2(values, workers=threads)
+    transform *= symbol
+    return np.asarray(fft.irfft2(transform, s=values.shape, workers=threads, overwrite_x=True))
 
 
 def factorise_flat_cell(
