@@ -411,8 +411,8 @@ def bench_command(
         _warn(found.attrs["cautions"].splitlines())
         _print_table(found.attrs["title"], *tabulate_runs(found))
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
-    joined = join_families(measured)
-    write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
+        joined = join_families(measured)  # what is finished stays if the next family is killed
+        write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
     _print_table("cheapest way to an error of at most", *tabulate_cheapest(joined))
     typer.echo(f"all runs: {out / 'work_precision.nc'}")
 

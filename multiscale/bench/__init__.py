@@ -20,6 +20,7 @@ FAMILIES = (
     "grains",
     "joints",
     "laws",
+    "limit",
     "meshes",
     "micro",
     "nonsmooth",

@@ -37,6 +37,9 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "residual": ("residual", ".1e", 1),
     "error": ("error", ".1e", 1),
     "own_error": ("own error", ".1e", 1),
+    "over_copy": ("over a copy", ".3g", 1),
+    "bytes_moved": ("bytes (MB)", ".3g", 1e-6),
+    "operations": ("operations (1e6)", ".3g", 1e-6),
     "effectivity": ("effectivity", ".2g", 1),
 }
 """Heading, format and factor of each variable."""

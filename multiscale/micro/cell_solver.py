@@ -1,9 +1,10 @@
 """One path on one cell: from geometry to averaged response."""
 
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial, singledispatch
+from functools import lru_cache, partial, singledispatch
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from multiscale.schema import MICRO_RESPONSE
 
 if TYPE_CHECKING:
     import xarray as xr
+    from threadpoolctl import ThreadpoolController
 
 __all__ = ["solve_cell"]
 
@@ -77,8 +79,6 @@ def solve_cell(
     CaseError
         If the cell cannot be meshed, or is asked for what its kind does not have.
     """
-    from threadpoolctl import threadpool_limits
-
     shapes: dict[str, tuple[int, ...]] = {}
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)
@@ -98,7 +98,8 @@ def solve_cell(
         shapes |= dict.fromkeys(("hydraulic_aperture", "percolating_share"), (2,))
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
-    with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
+    # threads of linear algebra would wait for the kernels' and spin
+    with _libraries(len(sys.modules)).limit(limits=1, user_api="blas"):
         follow = _follower(cell, path, recover_stress)
         kept = {"fields": keep_fields or keep_flow, "spots": keep_spots}
         steps = follow(path, **kept, tolerance=tolerance, checkpoint=checkpoint)
@@ -107,6 +108,14 @@ def solve_cell(
     if keep_flow:
         steps = [step | _let_through(step, cell.grid_spacing) for step in steps]
     return _dataset(steps, path, shapes)
+
+
+@lru_cache(maxsize=1)
+def _libraries(modules: int) -> "ThreadpoolController":
+    """Find the libraries with threads, anew after imports: it takes as long as a small cell."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 @singledispatch

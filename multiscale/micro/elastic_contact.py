@@ -16,17 +16,19 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.blas import daxpy, dscal
 
 from multiscale.convergence import Status
 from multiscale.micro.contact_state import ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.numerics.krylov import conjugate_gradients
+from multiscale.numerics.vectors import advance, dot, turn
 
 __all__ = ["ElasticBody", "solve_elastic_contact"]
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
-_INNER = 1e-7  # tolerance of the surface problems inside the preconditioner
+_INNER = (
+    1e-4  # tolerance of the surface problems inside the preconditioner, which costs no iteration
+)
 _BLOCKS = 5  # exchanges of all wrong nodes that may pass without fewer of them
 _LINEAR_LIMIT = 5000  # conjugate-gradient iterations on all active sets of a solve together
 _PATIENCE = 300  # of them without a smaller residual: rounding has the last word; 50 to 100 are
@@ -44,11 +46,12 @@ class ElasticBody:
     Attributes
     ----------
     apply : callable
-        :math:`u \mapsto K u`.
+        ``apply(u, out)`` returns :math:`K u`, which ``out`` may hold.
     solve : callable
-        ``solve(force, correct)`` applies :math:`K_0^{-1}`, with :math:`K_0` equal or spectrally
-        close to :math:`K`. ``correct`` gets :math:`N K_0^{-1} f` and returns contact forces
-        :math:`l`; the result is :math:`K_0^{-1} (f - N^t l)`.
+        ``solve(force, correct, out)`` applies :math:`K_0^{-1}`, with :math:`K_0` equal or
+        spectrally close to :math:`K`. ``correct`` gets :math:`N K_0^{-1} f` and returns contact
+        forces :math:`l`; the result is :math:`K_0^{-1} (f - N^t l)`, which ``out`` may hold.
+        ``None`` stands for :math:`f = 0`.
     trace : callable
         :math:`u \mapsto N u`, the displacement along the obstacle's normals.
     add : callable
@@ -60,8 +63,8 @@ class ElasticBody:
     shape : tuple of int
     """
 
-    apply: Callable[[np.ndarray], np.ndarray]
-    solve: Callable[[np.ndarray, Callable[[np.ndarray], np.ndarray] | None], np.ndarray]
+    apply: Callable[..., np.ndarray]
+    solve: Callable[..., np.ndarray]
     trace: Callable[[np.ndarray], np.ndarray]
     add: Callable[[np.ndarray, np.ndarray], None]
     compliance: Callable[[np.ndarray], np.ndarray]
@@ -124,8 +127,13 @@ def solve_elastic_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
-    u, delta, reference, active = _begin(body, gap, closing, load, approach, start)
-    out_of_balance = -body.apply(u)
+    out_of_balance, room = np.empty(body.shape), np.empty((2, *body.shape))
+    u, delta, reference, active = _begin(body, gap, closing, load, approach, start, room[0])
+
+    def balance() -> None:
+        np.negative(body.apply(u, out_of_balance), out=out_of_balance)
+
+    balance()
     residuals: list[float] = []
     n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
     status = Status.MAX_ITERATIONS
@@ -134,17 +142,21 @@ def solve_elastic_contact(
         force = stage.split(out_of_balance)
         if changed:  # move onto the constraints of the new active set
             z, shift = stage.precondition(
-                out_of_balance, force, np.where(active, gap - closing * delta - body.trace(u), 0.0)
+                out_of_balance,
+                force,
+                room[0],
+                np.where(active, gap - closing * delta - body.trace(u), 0.0),
             )
-            u, delta = u + z, delta + shift
+            u += z
+            delta += shift
             body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
-            out_of_balance = -body.apply(u)
+            balance()
             force = stage.split(out_of_balance)
         target = (
             tolerance if sharp else max(tolerance, _LOOSE * stage.residual(out_of_balance, force))
         )
         delta, iterations = stage.conjugate_gradients(
-            u, delta, out_of_balance, force, target, _LINEAR_LIMIT - n_linear
+            u, delta, out_of_balance, force, room, target, _LINEAR_LIMIT - n_linear
         )
         n_linear += iterations
 
@@ -154,7 +166,7 @@ def solve_elastic_contact(
         wrong = np.where(active, force < -pull, penetration > deep)
         n_wrong = int(np.count_nonzero(wrong))
         if n_wrong == 0 and stage.residual(out_of_balance, force) <= tolerance:
-            out_of_balance = -body.apply(u)  # what the recurrence says must be true of u itself
+            balance()  # what the recurrence says must be true of u itself
             force = stage.split(out_of_balance)
         residuals.append(stage.residual(out_of_balance, force))
         if not np.isfinite(residuals[-1]):
@@ -198,6 +210,7 @@ def _begin(
     load: float | None,
     approach: float | None,
     start: ContactState,
+    room: np.ndarray,
 ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
     """Displacement, approach, forces and active set to begin with.
 
@@ -207,10 +220,8 @@ def _begin(
         body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
     )
     reference, delta = flat.value, flat.approach
-    u = start.displacement.copy()
-    change = np.zeros(body.shape)
-    body.add(change, start.reference_force - reference)
-    u += body.solve(change, None)
+    change = reference - start.reference_force
+    u = start.displacement + body.solve(None, lambda _: change, room)
     active = reference + start.force - start.reference_force > 0.0
     return u, delta, reference, active if active.any() else reference > 0.0
 
@@ -238,7 +249,8 @@ class _LinearStage:
         """Return forces out of balance over contact forces, or the load's error if larger."""
         scale = float(np.linalg.norm(force)) or 1.0
         missing = self.missing_load(force) / self.load if self.load else 0.0
-        return max(float(np.linalg.norm(out_of_balance)) / scale, abs(missing))
+        unbalanced = _flat(out_of_balance)
+        return max(float(np.sqrt(dot(unbalanced, unbalanced))) / scale, abs(missing))
 
     def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve C_AA l = d on the active nodes by conjugate gradients."""
@@ -261,9 +273,13 @@ class _LinearStage:
         return self.surface_solve(self.closing)
 
     def precondition(
-        self, out_of_balance: np.ndarray, force: np.ndarray, distance: np.ndarray | float = 0.0
+        self,
+        out_of_balance: np.ndarray,
+        force: np.ndarray,
+        room: np.ndarray,
+        distance: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, float]:
-        """Apply the exactly constrained inverse; return the displacement and the approach."""
+        """Apply the exactly constrained inverse; return displacement, in ``room``, and approach."""
         shift = 0.0
 
         def correct(trace: np.ndarray) -> np.ndarray:
@@ -275,7 +291,7 @@ class _LinearStage:
                 contact += shift * self.unit
             return contact
 
-        z = self.body.solve(out_of_balance, correct)
+        z = self.body.solve(out_of_balance, correct, room)
         return z, shift
 
     def conjugate_gradients(
@@ -284,11 +300,16 @@ class _LinearStage:
         delta: float,
         out_of_balance: np.ndarray,
         force: np.ndarray,
+        room: np.ndarray,
         target: float,
         most: int,
     ) -> tuple[float, int]:
-        """Reduce the residual to ``target``; ``u`` and the forces are changed in place."""
-        p, p_delta, rz_old = np.zeros(self.body.shape), 0.0, 1.0
+        """Reduce the residual to ``target``; ``u`` and the forces are changed in place.
+
+        ``room`` takes the direction p and, one after the other, z and q.
+        """
+        p, p_delta, rz_old = room[1], 0.0, np.inf
+        p[:] = 0.0
         best, patience = np.inf, _PATIENCE
         for iteration in range(most):
             residual = self.residual(out_of_balance, force)
@@ -297,19 +318,25 @@ class _LinearStage:
                 best, patience = residual, _PATIENCE
             if not residual > max(target, _ROUNDING) or patience == 0:
                 return delta, iteration
-            z, shift = self.precondition(out_of_balance, force)
+            z, shift = self.precondition(out_of_balance, force, room[0])
             # the rounding and the inner tolerance must not move the constrained nodes
             self.body.add(z, np.where(self.active, -self.closing * shift - self.body.trace(z), 0.0))
-            rz = float(np.vdot(out_of_balance, z)) + self.missing_load(force) * shift
-            dscal(rz / rz_old, p.reshape(-1))
-            daxpy(z.reshape(-1), p.reshape(-1))
+            rz = dot(_flat(out_of_balance), _flat(z)) + self.missing_load(force) * shift
+            turn(rz / rz_old, _flat(p), _flat(z))
             p_delta = shift + (rz / rz_old) * p_delta
-            q = self.body.apply(p)
+            q = self.body.apply(p, room[0])
             reaction = self.split(q)  # the contact forces change by -alpha times this
-            alpha = rz / (float(np.vdot(p, q)) - float(np.vdot(self.closing, reaction)) * p_delta)
-            daxpy(p.reshape(-1), u.reshape(-1), a=alpha)
-            daxpy(q.reshape(-1), out_of_balance.reshape(-1), a=-alpha)
+            along = float(np.vdot(self.closing, reaction))
+            curvature = dot(_flat(p), _flat(q)) - along * p_delta
+            if curvature == 0.0:  # the residual is rounding, which moves nothing
+                return delta, iteration
+            alpha = rz / curvature
+            advance(alpha, _flat(p), _flat(u), _flat(q), _flat(out_of_balance))
             force -= alpha * reaction
             delta += alpha * p_delta
             rz_old = rz
         return delta, most
+
+
+def _flat(vector: np.ndarray) -> np.ndarray:
+    return vector.reshape(-1)

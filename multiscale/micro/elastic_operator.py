@@ -1,7 +1,11 @@
-r"""Matrix-free elastic stiffness of the layered cell: trilinear hexahedra, one pass per layer.
+r"""Matrix-free elastic stiffness of the layered cell: trilinear hexahedra, from the base up.
 
 Displacements and forces are arrays of shape ``(nx, layers, 3, ny)``: the node plane at the clamped
 base is left out, and y runs fastest so that the kernel works on contiguous batches of elements.
+
+What the Gauss points need of a node plane, its *rows*, is computed once for the elements below and
+above it. Each component has 8 rows: the derivative along x at the Gauss points :math:`q_y`, along y
+at :math:`q_x`, and the value at the four :math:`(q_x, q_y)`.
 """
 
 from collections.abc import Callable
@@ -10,21 +14,97 @@ import numba
 import numpy as np
 
 from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.hexahedron import (
-    BATCH,
-    X,
-    Y,
-    Z,
-    differences,
-    differences_transposed,
-    element_geometry,
-    gather,
-    lateral_heights,
-    scatter,
-)
+from multiscale.micro.hexahedron import BATCH, FAR, NEAR, element_geometry, lateral_heights
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["stiffness_operator"]
+
+ROWS = 8 * BATCH  # of a component on one node plane
+EDGES = 12 * BATCH  # edge derivatives of a component in one element
+STRIPS = 8  # strips of elements that follow each other on one thread, at least
+
+
+@compiled(fastmath=True)
+def _plane_rows(plane, sides, start, lanes, dx, dy, line, rows):  # type: ignore[no-untyped-def]
+    """Derive and interpolate a field of shape (nx, 3, ny) at the lateral Gauss points."""
+    ny = plane.shape[2]
+    last = (start + lanes) % ny
+    far = line[BATCH + 1 :]
+    for k in range(3):
+        near_row, far_row = plane[sides[0], k], plane[sides[1], k]
+        for v in range(lanes):
+            line[v], far[v] = near_row[start + v], far_row[start + v]
+        line[lanes], far[lanes] = near_row[last], far_row[last]
+        to = rows[k * ROWS :]
+        for v in range(lanes):
+            a, b, c, d = line[v], line[v + 1], far[v], far[v + 1]
+            p, q = (c - a) / dx, (d - b) / dx
+            to[v], to[BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
+            p, q = (b - a) / dy, (d - c) / dy
+            to[2 * BATCH + v], to[3 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
+            p, q = NEAR * a + FAR * c, NEAR * b + FAR * d
+            to[4 * BATCH + v], to[5 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
+            p, q = FAR * a + NEAR * c, FAR * b + NEAR * d
+            to[6 * BATCH + v], to[7 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
+
+
+@compiled(fastmath=True)
+def _add_plane(rows, sides, start, lanes, dx, dy, line, plane):  # type: ignore[no-untyped-def]
+    """Add nodal forces to a field of shape (nx, 3, ny), the transpose of :func:`_plane_rows`."""
+    ny = plane.shape[2]
+    last = (start + lanes) % ny
+    far, next_line = line[BATCH + 1 :], line[2 * BATCH + 2 :]
+    next_far = line[3 * BATCH + 3 :]
+    for k in range(3):
+        of = rows[k * ROWS :]
+        for v in range(lanes):
+            p = (NEAR * of[v] + FAR * of[BATCH + v]) / dx
+            q = (FAR * of[v] + NEAR * of[BATCH + v]) / dx
+            r = (NEAR * of[2 * BATCH + v] + FAR * of[3 * BATCH + v]) / dy
+            s = (FAR * of[2 * BATCH + v] + NEAR * of[3 * BATCH + v]) / dy
+            e = NEAR * of[4 * BATCH + v] + FAR * of[5 * BATCH + v]
+            f = FAR * of[4 * BATCH + v] + NEAR * of[5 * BATCH + v]
+            g = NEAR * of[6 * BATCH + v] + FAR * of[7 * BATCH + v]
+            h = FAR * of[6 * BATCH + v] + NEAR * of[7 * BATCH + v]
+            line[v] = NEAR * e + FAR * g - p - r
+            far[v] = FAR * e + NEAR * g + p - s
+            next_line[v + 1] = NEAR * f + FAR * h - q + r
+            next_far[v + 1] = FAR * f + NEAR * h + q + s
+        near_row, far_row = plane[sides[0], k], plane[sides[1], k]
+        next_line[0], next_far[0] = 0.0, 0.0
+        for v in range(lanes):
+            near_row[start + v] += line[v] + next_line[v]
+        for v in range(lanes):  # the same row if there is one point along x
+            far_row[start + v] += far[v] + next_far[v]
+        near_row[last] += next_line[lanes]
+        far_row[last] += next_far[lanes]
+
+
+@compiled(fastmath=True)
+def _edge_derivatives(low, up, grad, lanes):  # type: ignore[no-untyped-def]
+    """Find twelve edge derivatives of each component from the rows below and above elements."""
+    for k in range(3):
+        a, b, to = low[k * ROWS :], up[k * ROWS :], grad[k * EDGES :]
+        for r in range(4):
+            one, two, along = r * BATCH, (4 + r) * BATCH, (8 + r) * BATCH
+            for v in range(lanes):
+                to[2 * one + v] = NEAR * a[one + v] + FAR * b[one + v]
+                to[2 * one + BATCH + v] = FAR * a[one + v] + NEAR * b[one + v]
+                to[along + v] = b[two + v] - a[two + v]
+
+
+@compiled(fastmath=True)
+def _add_edge_fluxes(flux, low, up, lanes):  # type: ignore[no-untyped-def]
+    """Add to the rows below the elements and set those above: the transpose."""
+    for k in range(3):
+        of, a, b = flux[k * EDGES :], low[k * ROWS :], up[k * ROWS :]
+        for r in range(4):
+            one, two, along = r * BATCH, (4 + r) * BATCH, (8 + r) * BATCH
+            for v in range(lanes):
+                a[one + v] += NEAR * of[2 * one + v] + FAR * of[2 * one + BATCH + v]
+                b[one + v] = FAR * of[2 * one + v] + NEAR * of[2 * one + BATCH + v]
+                a[two + v] -= of[along + v]
+                b[two + v] = of[along + v]
 
 
 @compiled(fastmath=True)
@@ -34,135 +114,171 @@ def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-un
         mean[v], volume[v] = 0.0, 0.0
     for qx in range(2):
         for qy in range(2):
-            for qz in range(2):
-                rx = (2 * qy + qz) * BATCH
-                ry = (4 + 2 * qx + qz) * BATCH
-                rz = (8 + 2 * qx + qy) * BATCH
-                rt = (2 * qx + qy) * BATCH
-                for v in range(lanes):
-                    height = geometry[rt + v]
-                    slope_x, slope_y = geometry[rx + 4 * BATCH + v], geometry[ry + 4 * BATCH + v]
-                    by_z = grad[rz + 24 * BATCH + v] - slope_x * grad[rz + v]
-                    by_z -= slope_y * grad[rz + 12 * BATCH + v]
-                    mean[v] += height * (grad[rx + v] + grad[ry + 12 * BATCH + v]) + by_z
-                    volume[v] += height
+            x, y = 2 * qy * BATCH, (4 + 2 * qx) * BATCH
+            t = (2 * qx + qy) * BATCH
+            z = 8 * BATCH + t
+            for v in range(lanes):
+                height = geometry[t + v]
+                slope_x = geometry[x + 4 * BATCH + v] + geometry[x + 5 * BATCH + v]
+                slope_y = geometry[y + 4 * BATCH + v] + geometry[y + 5 * BATCH + v]
+                lateral = grad[x + v] + grad[x + BATCH + v]
+                lateral += grad[y + EDGES + v] + grad[y + EDGES + BATCH + v]
+                by_z = 2.0 * grad[z + 2 * EDGES + v] - slope_x * grad[z + v]
+                mean[v] += height * lateral + by_z - slope_y * grad[z + EDGES + v]
+                volume[v] += 2.0 * height
     for v in range(lanes):
         mean[v] /= volume[v]
 
 
+@compiled(fastmath=True, forceinline=True)
+def _pulled_back(u, v, w, slopes, law):  # type: ignore[no-untyped-def]
+    """Stress of derivatives along the edges in x and y and along z, pulled back to the edges."""
+    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = u, v, w
+    slope_x, slope_y = slopes
+    lame, shear, mean, blend = law
+    ux, uy = ux - slope_x * uz, uy - slope_y * uz
+    vx, vy = vx - slope_x * vz, vy - slope_y * vz
+    wx, wy = wx - slope_x * wz, wy - slope_y * wz
+    trace = ux + vy + wz
+    change = blend * (mean - trace)
+    pressure = lame * (trace + change) + shear * (change / 1.5)
+    xx, yy = pressure + 2.0 * shear * ux, pressure + 2.0 * shear * vy
+    zz = pressure + 2.0 * shear * wz
+    xy, yz, xz = shear * (uy + vx), shear * (vz + wy), shear * (uz + wx)
+    along_x = xz - slope_x * xx - slope_y * xy
+    along_y = yz - slope_x * xy - slope_y * yy
+    return xx, xy, xz, yy, yz, along_x, along_y, zz - slope_x * xz - slope_y * yz
+
+
+@compiled(fastmath=True, forceinline=True)
+def _column(  # type: ignore[no-untyped-def]
+    qx, qy, grad, flux, geometry, lame, shear, mean, blend, area, lanes
+):
+    """Add the fluxes of the two Gauss points above each other at constant (qx, qy)."""
+    x, y, z = 2 * qy * BATCH, (4 + 2 * qx) * BATCH, (8 + 2 * qx + qy) * BATCH
+    for v in range(lanes):
+        height = geometry[z - 8 * BATCH + v]
+        inverse = 1.0 / height
+        first, second = area * height * lame[v], area * height * shear[v]
+        uz, vz = inverse * grad[z + v], inverse * grad[z + EDGES + v]
+        wz = inverse * grad[z + 2 * EDGES + v]
+        w = v + BATCH
+        xx, xy, xz, yy, yz, zu, zv, zw = _pulled_back(
+            (grad[x + v], grad[y + v], uz),
+            (grad[x + EDGES + v], grad[y + EDGES + v], vz),
+            (grad[x + 2 * EDGES + v], grad[y + 2 * EDGES + v], wz),
+            (geometry[x + 4 * BATCH + v], geometry[y + 4 * BATCH + v]),
+            (first, second, mean[v], blend),
+        )
+        flux[x + v] += xx
+        flux[x + EDGES + v] += xy
+        flux[x + 2 * EDGES + v] += xz
+        flux[y + v] += xy
+        flux[y + EDGES + v] += yy
+        flux[y + 2 * EDGES + v] += yz
+        xx, xy, xz, yy, yz, far_u, far_v, far_w = _pulled_back(
+            (grad[x + w], grad[y + w], uz),
+            (grad[x + EDGES + w], grad[y + EDGES + w], vz),
+            (grad[x + 2 * EDGES + w], grad[y + 2 * EDGES + w], wz),
+            (geometry[x + 4 * BATCH + w], geometry[y + 4 * BATCH + w]),
+            (first, second, mean[v], blend),
+        )
+        flux[x + w] += xx
+        flux[x + EDGES + w] += xy
+        flux[x + 2 * EDGES + w] += xz
+        flux[y + w] += xy
+        flux[y + EDGES + w] += yy
+        flux[y + 2 * EDGES + w] += yz
+        flux[z + v] = inverse * (zu + far_u)
+        flux[z + EDGES + v] = inverse * (zv + far_v)
+        flux[z + 2 * EDGES + v] = inverse * (zw + far_w)
+
+
 @compiled(fastmath=True)
-def _forces(  # type: ignore[no-untyped-def]
-    grad, flux, geometry, lame, shear, mean, mean_dilatation, area, lanes
+def _fluxes(  # type: ignore[no-untyped-def]
+    grad, flux, geometry, lame, shear, mean, blend, area, lanes
 ):
     """Stress at the eight Gauss points, pulled back to the edge derivatives.
 
     ``geometry`` holds, for each lane, the element height at the four lateral Gauss points
     (rows 0-3), the slopes of the node surfaces in x at (qy, qz) (rows 4-7) and in y at
-    (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component. With
-    ``mean_dilatation`` the divergence is replaced by its ``mean`` over the element (B-bar).
+    (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component: derivatives along
+    x at (qy, qz), along y at (qx, qz), along z at (qx, qy). The divergence goes over to its
+    ``mean`` over the element (B-bar) as ``blend`` goes to 1.
     """
-    for k in range(36 * BATCH):
-        flux[k] = 0.0
-    for qx in range(2):
-        for qy in range(2):
-            for qz in range(2):
-                rx = (2 * qy + qz) * BATCH
-                ry = (4 + 2 * qx + qz) * BATCH
-                rz = (8 + 2 * qx + qy) * BATCH
-                rt = (2 * qx + qy) * BATCH
-                for v in range(lanes):
-                    height = geometry[rt + v]
-                    slope_x, slope_y = geometry[rx + 4 * BATCH + v], geometry[ry + 4 * BATCH + v]
-                    inverse = 1.0 / height
-                    uz = grad[rz + v] * inverse
-                    vz = grad[rz + 12 * BATCH + v] * inverse
-                    wz = grad[rz + 24 * BATCH + v] * inverse
-                    ux, uy = grad[rx + v] - slope_x * uz, grad[ry + v] - slope_y * uz
-                    vx = grad[rx + 12 * BATCH + v] - slope_x * vz
-                    vy = grad[ry + 12 * BATCH + v] - slope_y * vz
-                    wx = grad[rx + 24 * BATCH + v] - slope_x * wz
-                    wy = grad[ry + 24 * BATCH + v] - slope_y * wz
-                    weight = area * height
-                    trace = ux + vy + wz
-                    dilatation = mean[v] if mean_dilatation else trace
-                    mu = weight * shear[v]
-                    pressure = weight * lame[v] * dilatation + mu * (dilatation - trace) / 1.5
-                    xx = pressure + 2.0 * mu * ux
-                    yy = pressure + 2.0 * mu * vy
-                    zz = pressure + 2.0 * mu * wz
-                    xy, yz, xz = mu * (uy + vx), mu * (vz + wy), mu * (uz + wx)
-                    flux[rx + v] += xx
-                    flux[ry + v] += xy
-                    flux[rz + v] += (xz - slope_x * xx - slope_y * xy) * inverse
-                    flux[rx + 12 * BATCH + v] += xy
-                    flux[ry + 12 * BATCH + v] += yy
-                    flux[rz + 12 * BATCH + v] += (yz - slope_x * xy - slope_y * yy) * inverse
-                    flux[rx + 24 * BATCH + v] += xz
-                    flux[ry + 24 * BATCH + v] += yz
-                    flux[rz + 24 * BATCH + v] += (zz - slope_x * xz - slope_y * yz) * inverse
+    for k in range(3):
+        flux[k * EDGES : k * EDGES + 8 * BATCH] = 0.0
+    # offsets that the compiler knows: with loops it does not see that the rows are apart
+    _column(0, 0, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
+    _column(0, 1, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
+    _column(1, 0, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
+    _column(1, 1, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
 
 
 @compiled(parallel=True, fastmath=True)
 def _apply(  # type: ignore[no-untyped-def]
-    heights, planes, factor, dx, dy, lame, shear, mean_dilatation, u, out
+    heights, planes, factor, dx, dy, lame, shear, blend, u, out
 ):
-    """Add the elastic forces of every element; strips of elements in x in two colours.
+    """Elastic forces of every element, in chunks of strips along x.
 
+    The last strip of a chunk, whose far side is the next chunk's, waits until all others are done.
     A single point in x or y has itself as neighbour: plane strain. The moduli are given for every
     element, or once along an axis on which they are the same.
     """
     nx, layers, _, ny = u.shape
     along_x, along_y = int(lame.shape[0] > 1), int(lame.shape[2] > 1)
-    out[:] = 0.0
-    for colour in range(2):
-        for pair in numba.prange((nx + 1 - colour) // 2):
-            i = 2 * pair + colour
-            sides = (i, (i + 1) % nx)
-            nodes = np.empty(24 * BATCH)
-            grad = np.empty(36 * BATCH)
-            flux = np.empty(36 * BATCH)
-            geometry = np.empty(12 * BATCH)
-            lateral = np.empty(8 * BATCH)
+    area = dx * dy / 8.0
+    chunks = max(1, nx // STRIPS)
+    for last in range(2):
+        for chunk in numba.prange(chunks):
+            begin, end = chunk * nx // chunks, (chunk + 1) * nx // chunks
+            if last:
+                begin = end - 1
+            else:
+                out[begin:end] = 0.0
+                end -= 1
+            line = np.empty(4 * (BATCH + 1))
+            u_rows, f_rows = np.empty((2, 3 * ROWS)), np.empty((2, 3 * ROWS))
+            grad, flux = np.empty(3 * EDGES), np.empty(3 * EDGES)
+            geometry, lateral = np.empty(12 * BATCH), np.empty(8 * BATCH)
             first, second = np.empty(BATCH), np.empty(BATCH)
-            mean, volume = np.empty(BATCH), np.empty(BATCH)
-            for start in range(0, ny, BATCH):
-                lanes = min(BATCH, ny - start)
-                lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
-                for layer in range(layers):
-                    element_geometry(
-                        lateral,
-                        planes[layer],
-                        planes[layer + 1],
-                        factor[layer],
-                        factor[layer + 1],
-                        geometry,
-                        lanes,
-                    )
-                    for v in range(lanes):
-                        first[v] = lame[i * along_x, layer, (start + v) * along_y]
-                        second[v] = shear[i * along_x, layer, (start + v) * along_y]
-                    gather(u, sides, layer, start, lanes, nodes)
-                    for k in range(3):
-                        w, g = nodes[8 * k * BATCH :], grad[12 * k * BATCH :]
-                        differences(w, g, X, Y, Z, 1.0 / dx, lanes)
-                        differences(w, g[4 * BATCH :], Y, X, Z, 1.0 / dy, lanes)
-                        differences(w, g[8 * BATCH :], Z, X, Y, 1.0, lanes)
-                    if mean_dilatation:
-                        _mean_dilatation(grad, geometry, mean, volume, lanes)
-                    area = dx * dy / 8.0
-                    _forces(grad, flux, geometry, first, second, mean, mean_dilatation, area, lanes)
-                    for k in range(3):
-                        w, g = nodes[8 * k * BATCH :], flux[12 * k * BATCH :]
-                        w[: 8 * BATCH] = 0.0
-                        differences_transposed(g, w, X, Y, Z, 1.0 / dx, lanes)
-                        differences_transposed(g[4 * BATCH :], w, Y, X, Z, 1.0 / dy, lanes)
-                        differences_transposed(g[8 * BATCH :], w, Z, X, Y, 1.0, lanes)
-                    scatter(nodes, sides, layer, start, lanes, out)
+            mean, volume = np.zeros(BATCH), np.empty(BATCH)
+            for i in range(begin, end):
+                sides = (i, (i + 1) % nx)
+                for start in range(0, ny, BATCH):
+                    lanes = min(BATCH, ny - start)
+                    lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
+                    u_rows[0] = 0.0  # the base is held
+                    for layer in range(layers):
+                        low, up = layer % 2, 1 - layer % 2
+                        element_geometry(
+                            lateral,
+                            planes[layer],
+                            planes[layer + 1],
+                            factor[layer],
+                            factor[layer + 1],
+                            geometry,
+                            lanes,
+                        )
+                        for v in range(lanes):
+                            first[v] = lame[i * along_x, layer, (start + v) * along_y]
+                            second[v] = shear[i * along_x, layer, (start + v) * along_y]
+                        _plane_rows(u[:, layer], sides, start, lanes, dx, dy, line, u_rows[up])
+                        _edge_derivatives(u_rows[low], u_rows[up], grad, lanes)
+                        if blend > 0.0:
+                            _mean_dilatation(grad, geometry, mean, volume, lanes)
+                        _fluxes(grad, flux, geometry, first, second, mean, blend, area, lanes)
+                        _add_edge_fluxes(flux, f_rows[low], f_rows[up], lanes)
+                        if layer > 0:
+                            below = out[:, layer - 1]
+                            _add_plane(f_rows[low], sides, start, lanes, dx, dy, line, below)
+                    top = out[:, layers - 1]
+                    _add_plane(f_rows[layers % 2], sides, start, lanes, dx, dy, line, top)
 
 
 def stiffness_operator(
     mesh: GraphMesh, lame: np.ndarray, shear: np.ndarray, *, mean_dilatation: bool = False
-) -> Callable[[np.ndarray], np.ndarray]:
+) -> Callable[..., np.ndarray]:
     r"""Return the map from displacements to elastic forces, :math:`u \mapsto K u`.
 
     Parameters
@@ -177,8 +293,10 @@ def stiffness_operator(
     Returns
     -------
     callable
-        Takes displacements, shape ``(nx, layers, 3, ny)``, m, and returns forces, N.
+        Takes displacements, shape ``(nx, layers, 3, ny)``, m, and returns forces, N, in a second
+        array if it is given.
     """
+    blend = float(mean_dilatation)
     heights = np.ascontiguousarray(mesh.surface.heights, dtype=np.float64)
     dx, dy = mesh.surface.spacing
     lame, shear = (
@@ -186,9 +304,9 @@ def stiffness_operator(
         for value in (lame, shear)
     )
 
-    def apply(u: np.ndarray) -> np.ndarray:
-        out = np.empty_like(u)
-        _apply(heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, mean_dilatation, u, out)
+    def apply(u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        out = np.empty_like(u) if out is None else out
+        _apply(heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, blend, u, out)
         return out
 
     return apply

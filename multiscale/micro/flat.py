@@ -103,15 +103,18 @@ def solve_flat(
     for iteration in range(max_iterations):
         opening = response + gap
         if load is None:
-            moved = np.clip(force - step * (opening - closing * delta), 0.0, cap)
+            moved = _boxed(force - step * (opening - closing * delta), cap)
         else:
             moved, lift = _carry(force - step * opening, load, closing, cap, step * delta)
             delta = lift / step
         opening -= closing * delta
-        full = force >= cap  # here the surfaces may overlap
-        distance = np.where(full, np.maximum(opening, 0.0), np.abs(opening))
+        overlap, distance = opening, np.abs(opening)
+        if cap < np.inf:
+            full = force >= cap  # here the surfaces may overlap
+            overlap = np.where(full, 0.0, opening)
+            distance = np.where(full, np.maximum(opening, 0.0), distance)
         weighted = float(np.vdot(force, distance)) / (float(np.sum(force)) or 1.0)
-        deepest = -float(np.min(np.where(full, 0.0, opening)))
+        deepest = -float(np.min(overlap))
         residuals.append(max(weighted, deepest) / scale)
         if residuals[-1] <= tolerance:
             status = Status.CONVERGED
@@ -123,15 +126,18 @@ def solve_flat(
             status = Status.STALLED
             break
         share = min(1.0, -float(np.vdot(direction, opening)) / curvature)
-        force = force + share * direction
-        response = compliance(force) if iteration % _REFRESH == 0 else response + share * change
+        force += share * direction
+        if iteration % _REFRESH == 0:
+            response = compliance(force)
+        else:
+            response += share * change
 
         step = float(np.vdot(direction, direction)) / curvature
         if iteration % 2:
-            free = (moved > 0.0) & (moved < cap)
-            tangent = np.where(free, change, 0.0)
+            free = _inside(moved, cap)
+            tangent = free * change
             if load is not None and free.any():
-                b = np.where(free, closing, 0.0)
+                b = free * closing
                 tangent -= b * (float(np.vdot(b, change)) / float(np.vdot(b, b)))
             along = float(np.vdot(direction, tangent))
             step = along / float(np.vdot(tangent, tangent)) if along > 0.0 else step
@@ -147,19 +153,31 @@ def _carry(
     finds the lift from the one given.
     """
     low, high = -np.inf, np.inf
-    reach = float(np.ptp(force)) or load
+    reach = 0.0
     for _ in range(200):
-        carried = np.clip(force + lift * closing, 0.0, cap)
+        carried = _boxed(force + lift * closing, cap)
         excess = float(np.vdot(closing, carried)) - load
         if abs(excess) <= 1e-14 * load:
             break
         low, high = (low, lift) if excess > 0.0 else (lift, high)
-        b = closing[(carried > 0.0) & (carried < cap)]
-        new = lift - excess / float(np.vdot(b, b)) if b.size else np.nan
+        slope = float(np.vdot(closing, _inside(carried, cap) * closing))
+        new = lift - excess / slope if slope > 0.0 else np.nan
         if not low < new < high:
+            reach = 2.0 * reach or float(np.ptp(force)) or load
             new = 0.5 * (low + high) if np.isfinite(low + high) else lift - np.sign(excess) * reach
-            reach *= 2.0
         if new == lift:
             break
         lift = new
     return carried, lift
+
+
+def _boxed(force: np.ndarray, cap: float) -> np.ndarray:
+    """Move forces into the box between 0 and the cap, in place."""
+    np.maximum(force, 0.0, out=force)
+    return np.minimum(force, cap, out=force) if cap < np.inf else force
+
+
+def _inside(force: np.ndarray, cap: float) -> np.ndarray:
+    """Tell which forces are neither 0 nor at the cap."""
+    inside = force > 0.0
+    return inside & (force < cap) if cap < np.inf else inside

@@ -55,18 +55,25 @@ class Reference:
         """Motion of the surface against the obstacle."""
         return np.asarray(vector[:, -1])
 
-    def solve(self, force: Field, correct: Callable[[Field], Field] | None) -> Field:
+    def solve(
+        self,
+        force: Field | None,
+        correct: Callable[[Field], Field] | None,
+        out: Field | None = None,
+    ) -> Field:
         """Solve for nodal forces; ``correct`` adds surface forces for the surface's motion."""
         if self.slopes is None:
-            return self.inverse.solve(force, correct)
+            return self.inverse.solve(force, correct, out)
 
         def tilted_correct(moved: Field) -> Field:
             return self._tilt_force(correct(self._tilt(moved)))  # type: ignore[misc]
 
-        tilted = force.copy()
-        for k, slope in enumerate(self.slopes):
-            tilted[:, :, k] += slope[:, None] * self.map_factor[:, None] * force[:, :, 2]
-        u = self.inverse.solve(tilted, tilted_correct if correct else None)
+        tilted = force
+        if force is not None:
+            tilted = force.copy()
+            for k, slope in enumerate(self.slopes):
+                tilted[:, :, k] += slope[:, None] * self.map_factor[:, None] * force[:, :, 2]
+        u = self.inverse.solve(tilted, tilted_correct if correct else None, out)
         for k, slope in enumerate(self.slopes):
             u[:, :, 2] += slope[:, None] * self.map_factor[:, None] * u[:, :, k]
         return u
@@ -102,7 +109,12 @@ class Reference:
         return tilted
 
 
-def flat_inverse(layer: PeriodicLayer, mesh: GraphMesh, grid: Surface) -> LateralInverse:
+def flat_inverse(
+    layer: PeriodicLayer,
+    mesh: GraphMesh,
+    grid: Surface,
+    dtype: type[np.floating] = np.float64,
+) -> LateralInverse:
     """Factorise the flat cell of a meshed layer on the points of a surface."""
     return factorise_flat_cell(
         grid.heights.shape,
@@ -110,14 +122,17 @@ def flat_inverse(layer: PeriodicLayer, mesh: GraphMesh, grid: Surface) -> Latera
         mesh.planes,
         *layer.layer_moduli,
         mean_dilatation=layer.nearly_incompressible,
+        dtype=dtype,
     )
 
 
-def flat_reference(layer: PeriodicLayer, mesh: GraphMesh) -> Reference:
+def flat_reference(
+    layer: PeriodicLayer, mesh: GraphMesh, dtype: type[np.floating] = np.float64
+) -> Reference:
     """Return the flat cell of a meshed layer, tilted if it is nearly incompressible."""
     grid = layer.surface
     slopes = surface_slopes(grid.heights, grid.spacing) if layer.nearly_incompressible else None
-    return Reference(flat_inverse(layer, mesh, grid), mesh.map_factor[1:], slopes)
+    return Reference(flat_inverse(layer, mesh, grid, dtype), mesh.map_factor[1:], slopes)
 
 
 def surface_slopes(

@@ -33,7 +33,8 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, cell.planes)
     lame, shear = cell.moduli
-    reference = flat_reference(cell, mesh)
+    # iterations with single precision are as many; nearly incompressible cells need all digits
+    reference = flat_reference(cell, mesh, np.float64 if cell.nearly_incompressible else np.float32)
     if cell.obstacle is None:  # its heights at first touch, and its normals (x, 3, y)
         obstacle, normal = np.full((nx, ny), surface.heights.max()), np.zeros((nx, 3, ny))
         normal[:, 2] = 1.0
@@ -113,7 +114,7 @@ def _recover(
 
 
 Operator = Callable[[np.ndarray], np.ndarray]
-Solve = Callable[[np.ndarray, Operator | None], np.ndarray]
+Solve = Callable[..., np.ndarray]
 
 
 def _normal_operators(
@@ -137,16 +138,15 @@ def _vertical_reference(reference: Reference) -> tuple[Solve, Operator]:
     """Inverse and surface compliance of the flat cell for contact along z."""
     symbol, _ = reference.vertical
 
-    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
-        if correct is None:
-            return reference.solve(force, None)
-
+    def solve(
+        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
+    ) -> np.ndarray:
         def push(surface_displacement: np.ndarray) -> np.ndarray:
             pushed = np.zeros_like(surface_displacement)
             pushed[:, 2] = -correct(surface_displacement[:, 2])
             return pushed
 
-        return reference.solve(force, push)
+        return reference.solve(force, push, out)
 
     return solve, lambda force: filter_surface(force, symbol)
 
@@ -160,9 +160,9 @@ def _inclined_reference(reference: Reference, normal: np.ndarray) -> tuple[Solve
     def push(force: np.ndarray) -> np.ndarray:
         return np.asarray(force[:, None] * normal)
 
-    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
-        if correct is None:
-            return reference.solve(force, None)
-        return reference.solve(force, lambda moved: -push(correct(along(moved))))
+    def solve(
+        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        return reference.solve(force, lambda moved: -push(correct(along(moved))), out)
 
     return solve, lambda force: along(reference.compliance(push(force)))

@@ -25,7 +25,7 @@ __all__ = [
     "scatter",
 ]
 
-BATCH = 32  # elements along y in one batch; the arrays of one batch stay in the first-level cache
+BATCH = 32  # elements along y in one batch; the arrays of one batch stay in the first two caches
 X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y and z
 NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions
 
@@ -89,13 +89,12 @@ def lateral_heights(heights, i, i1, start, dx, dy, lateral, lanes):  # type: ign
 def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[no-untyped-def]
     """Element heights and slopes of the vertical map z = Z + phi h at the Gauss points."""
     near, far = NEAR * f0 + FAR * f1, FAR * f0 + NEAR * f1
-    for v in range(lanes):
-        for q in range(4):
-            geometry[q * BATCH + v] = z1 - z0 + (f1 - f0) * lateral[q * BATCH + v]
-        for q in range(4):
-            slope = lateral[(4 + q) * BATCH + v]
-            geometry[(4 + 2 * q) * BATCH + v] = near * slope
-            geometry[(5 + 2 * q) * BATCH + v] = far * slope
+    for q in range(4):
+        height, slope, to = q * BATCH, (4 + q) * BATCH, (4 + 2 * q) * BATCH
+        for v in range(lanes):
+            geometry[height + v] = z1 - z0 + (f1 - f0) * lateral[height + v]
+            geometry[to + v] = near * lateral[slope + v]
+            geometry[to + BATCH + v] = far * lateral[slope + v]
 
 
 @compiled(fastmath=True)

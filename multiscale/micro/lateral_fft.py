@@ -6,8 +6,9 @@ Multiplying the in-plane components by the imaginary unit makes every block real
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numba
 import numpy as np
@@ -16,6 +17,10 @@ from scipy import fft
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
+
+SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
+MANY = 2**16  # points of a surface from which its transforms take several threads
+WAVES = 64  # along x whose factors are computed at once in double precision
 
 
 def brick_stiffness(
@@ -66,17 +71,20 @@ def brick_stiffness(
 
 
 @compiled(parallel=True, fastmath=True)
-def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
-    """Block factorisation for every wavenumber; ``stencil[layer, c, c', dx, dy, i, j]``."""
+def _factorise(stencil, nx, ny, first, inverse, upper):  # type: ignore[no-untyped-def]
+    """Block factorisation for the wavenumbers along x from ``first`` on.
+
+    The entries are ``stencil[layer, c, c', dx, dy, i, j]``.
+    """
     layers, m = stencil.shape[0], ny // 2 + 1
-    for k in numba.prange(nx):
+    for k in numba.prange(inverse.shape[0]):
         cosine, sine = np.empty((3, 3)), np.empty((3, 3))
         diagonal, previous = np.empty((3, 3)), np.empty((3, 3))
         pivot, product = np.empty((3, 3)), np.empty((3, 3))
         for j in range(m):
             for a in range(3):
                 for b in range(3):
-                    angle = 2.0 * np.pi * (k * (a - 1) / nx + j * (b - 1) / ny)
+                    angle = 2.0 * np.pi * ((first + k) * (a - 1) / nx + j * (b - 1) / ny)
                     cosine[a, b], sine[a, b] = np.cos(angle), np.sin(angle)
             for layer in range(layers):  # node plane between the layers layer and layer + 1
                 for r in range(3):
@@ -123,6 +131,17 @@ def _factorise(stencil, nx, ny, inverse, upper):  # type: ignore[no-untyped-def]
                 entries[3, j], entries[4, j], entries[5, j] = pivot[1, 1], pivot[1, 2], pivot[2, 2]
 
 
+@compiled(fastmath=True, forceinline=True)
+def _rotate(values, sign, m):  # type: ignore[no-untyped-def]
+    """Multiply the in-plane components of a node plane by ``sign`` times the imaginary unit."""
+    for component in range(2):
+        row = values[component]
+        for j in range(m):
+            real = row[2 * j]
+            row[2 * j] = -sign * row[2 * j + 1]
+            row[2 * j + 1] = sign * real
+
+
 @compiled(parallel=True, fastmath=True)
 def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
     """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
@@ -134,6 +153,7 @@ def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
         for layer in range(layers):
             d = inverse[k, layer]
             now = values[k, layer]
+            _rotate(now, -1.0, m)
             if layer > 0:
                 w, old = upper[k, layer - 1], values[k, layer - 1]
                 for j in range(m):
@@ -170,6 +190,8 @@ def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
                     now[0, v] -= d[0, j] * a + d[1, j] * b + d[2, j] * c
                     now[1, v] -= d[1, j] * a + d[3, j] * b + d[4, j] * c
                     now[2, v] -= d[2, j] * a + d[4, j] * b + d[5, j] * c
+            _rotate(above, 1.0, m)
+        _rotate(values[k, 0], 1.0, m)
 
 
 @dataclass(frozen=True)
@@ -185,57 +207,97 @@ class LateralInverse:
         shapes ``(nx, layers, 6, ny // 2 + 1)`` and ``(nx, layers, 9, ny // 2 + 1)``.
     threads : int
         Threads of the Fourier transforms over the whole cell.
+    scale : float
+        Stiffness by which the factors are divided, N/m, so that they fit single precision.
     """
 
     shape: tuple[int, int, int]
     inverse: np.ndarray
     upper: np.ndarray
     threads: int
+    scale: float = 1.0
 
-    @property
+    @cached_property
     def surface_compliance(self) -> np.ndarray:
         """Symbol of the surface compliance, shape (6, nx, ny // 2 + 1), m/N.
 
         The entries xx, xy, xz, yy, yz, zz of a real symmetric matrix per wavenumber, for the
         in-plane components multiplied by the imaginary unit.
         """
-        return np.moveaxis(self.inverse[:, -1], 1, 0)
+        return np.moveaxis(self.inverse[:, -1].astype(float), 1, 0) / self.scale
 
     def solve(
-        self, force: np.ndarray, correct: Callable[[np.ndarray], np.ndarray] | None = None
+        self,
+        force: np.ndarray | None,
+        correct: Callable[[np.ndarray], np.ndarray] | None = None,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
         r"""Solve the flat problem for nodal forces.
 
         Parameters
         ----------
-        force : ndarray, shape (nx, layers, 3, ny)
-            N.
+        force : ndarray, shape (nx, layers, 3, ny), or None
+            N; None for none.
         correct : callable, optional
             Gets the displacement of the surface under ``force``, shape (nx, 3, ny), m, and returns
             a nodal force on the surface, N, that is added before the displacement below is
             computed: a constrained solve for the price of a free one.
+        out : ndarray, optional
+            Takes the displacement; may be ``force``.
 
         Returns
         -------
         ndarray, shape (nx, layers, 3, ny)
             Displacement, m.
         """
-        ny = self.shape[2]
-        force = np.asarray(force, dtype=self.inverse.dtype)
-        transform = fft.rfft(force, axis=3, workers=self.threads)
-        transform = fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
-        transform[:, :, :2] *= -1j
-        values = transform.view(self.inverse.dtype)
-        _forward(self.inverse, self.upper, values)
+        nx, layers, ny = self.shape
+        transform, values = self._workspace, self._workspace.view(self.inverse.dtype)
+        size = 1.0  # of the forces, which then cannot underflow in single precision
+        if force is None:
+            transform[:] = 0.0
+        else:
+            size = float(np.linalg.norm(force)) or 1.0
+            self._over_slabs(partial(self._transform, force, 1.0 / size))
+            fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
+            _forward(self.inverse, self.upper, values)
         if correct is not None:
-            added = self._to_wavenumbers(correct(self._to_points(transform[:, -1])))
+            surface = transform[:, -1].astype(complex)  # in units, which may be beyond single range
+            moved = self._to_points(surface) * (size / self.scale)
+            added = self._to_wavenumbers(correct(moved)) * (self.scale / size)
             transform[:, -1] += _multiply_symbol(self.surface_compliance, added)
         _backward(self.inverse, self.upper, values)
-        transform[:, :, :2] *= 1j
-        transform = fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
-        return np.asarray(
-            fft.irfft(transform, n=ny, axis=3, workers=self.threads, overwrite_x=True)
-        )
+        fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
+        found = np.empty((nx, layers, 3, ny)) if out is None else out
+        self._over_slabs(partial(self._transform_back, size / self.scale, found))
+        return found
+
+    @cached_property
+    def _workspace(self) -> np.ndarray:
+        """Transforms of the whole cell, written by every solve."""
+        (nx, layers, _), m = self.shape, self.inverse.shape[3]
+        return np.empty((nx, layers, 3, m), np.result_type(self.inverse.dtype, np.complex64))
+
+    def _over_slabs(self, work: Callable[[slice], None]) -> None:
+        """Work on slabs of points along x, which fit into the cache, in threads."""
+        nx, layers, ny = self.shape
+        rows = max(1, SLAB // (24 * layers * ny))
+        slabs = [slice(k, k + rows) for k in range(0, nx, rows)]
+        if min(self.threads, len(slabs)) == 1:
+            for slab in slabs:
+                work(slab)
+            return
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(work, slabs))
+
+    def _transform(self, force: np.ndarray, factor: float, slab: slice) -> None:
+        """Transform forces times a factor along y, into the workspace."""
+        scaled = np.multiply(force[slab], factor, dtype=self.inverse.dtype, casting="same_kind")
+        self._workspace[slab] = fft.rfft(scaled, axis=3)
+
+    def _transform_back(self, factor: float, out: np.ndarray, slab: slice) -> None:
+        """Transform the workspace back along y, and multiply by a factor."""
+        values = fft.irfft(self._workspace[slab], n=self.shape[2], axis=3, overwrite_x=True)
+        np.multiply(values, factor, out=out[slab])
 
     def surface_response(self, force: np.ndarray) -> np.ndarray:
         """Displacement of the surface under forces on the surface, shapes (nx, 3, ny)."""
@@ -280,7 +342,10 @@ def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def filter_surface(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
     """Multiply a field on the surface, shape (nx, ny), by a real symbol per wavenumber."""
-    return np.asarray(fft.irfft2(fft.rfft2(values) * symbol, s=values.shape, overwrite_x=True))
+    threads = numba.get_num_threads() if values.size >= MANY else 1
+    transform = fft.rfft2(values, workers=threads)
+    transform *= symbol
+    return np.asarray(fft.irfft2(transform, s=values.shape, workers=threads, overwrite_x=True))
 
 
 def factorise_flat_cell(
@@ -308,8 +373,8 @@ def factorise_flat_cell(
     mean_dilatation : bool
         As in :func:`brick_stiffness`.
     dtype : type
-        ``np.float32`` halves the memory of the factors and takes a quarter off the time of a solve,
-        whose relative error is then about 1e-6; forces and compliances must fit its range.
+        ``np.float32`` halves the memory of the factors and takes a third off the time of a solve,
+        whose relative error is then about 1e-6; forces and compliances are scaled to its range.
     """
     (nx, ny), layers = shape, len(planes) - 1
     # stiffness between the nodes of each layer, by their lateral distance
@@ -323,5 +388,10 @@ def factorise_flat_cell(
     m = ny // 2 + 1
     inverse = np.empty((nx, layers, 6, m), dtype)
     upper = np.empty((nx, layers, 9, m), dtype)
-    _factorise(stencil, nx, ny, inverse, upper)
-    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads())
+    scale = float(np.max(np.abs(stencil)))
+    for first in range(0, nx, WAVES):
+        waves = slice(first, min(first + WAVES, nx))
+        pivots, blocks = (np.empty((waves.stop - first, *of.shape[1:])) for of in (inverse, upper))
+        _factorise(stencil / scale, nx, ny, first, pivots, blocks)
+        inverse[waves], upper[waves] = pivots, blocks
+    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads(), scale)

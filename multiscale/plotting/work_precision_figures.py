@@ -129,7 +129,8 @@ def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
         return save_figure(draw_growth_panels(work_precision), file)
     scenes = list(dict.fromkeys(work_precision["scene"].values))
     if "history_error" not in work_precision:
-        errors = [name for name in ("error", "contact_error") if name in work_precision]
+        told = [name for name in ("error", "contact_error", "over_copy") if name in work_precision]
+        errors = [name for name in told if work_precision[name].notnull().any()]
         figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
         panels = figure.subplots(len(errors), len(scenes), squeeze=False)
         for row, error in zip(panels, errors, strict=True):

@@ -89,7 +89,7 @@ class Schema:
                         f"dimensions {variable.dims})"
                     )
                 continue
-            found = dataset[name]
+            found = dataset.variables[name]
             if found.dims != variable.dims:
                 faults.append(
                     f"{name}: dimensions {found.dims}, expected {variable.dims}; rename or "
@@ -122,14 +122,20 @@ class Schema:
         SchemaError
             As :meth:`check`.
         """
+        import numpy as np
         import xarray as xr
 
-        dataset = self.assign(xr.Dataset(attrs=attributes), values)
-        for dim, size in dataset.sizes.items():
-            if dim == "component":
-                dataset = dataset.assign_coords(component=list(COMPONENTS[:size]))
-            elif dim not in dataset.coords:
-                dataset = dataset.assign_coords({dim: range(size)})
+        described, coordinates = self._describe(values)
+        sizes: dict[str, int] = {}
+        for dims, value, _ in described.values():
+            sizes |= zip(dims, np.shape(value), strict=False)
+        labels = {
+            dim: list(COMPONENTS[:size]) if dim == "component" else range(size)
+            for dim, size in sizes.items()
+            if dim not in described
+        }
+        along = {name: described.pop(name) for name in coordinates}
+        dataset = xr.Dataset(described, along | labels, attributes)
         self.check(dataset)
         return dataset
 
@@ -141,8 +147,13 @@ class Schema:
         SchemaError
             If the schema has no variable of a name.
         """
+        described, coordinates = self._describe(values)
+        return dataset.assign(described).set_coords(coordinates)
+
+    def _describe(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+        """Give arrays their dimensions and attributes, and tell which of them label dimensions."""
         known = {**self.variables, **self.optional}
-        added = {}
+        described = {}
         for name, value in values.items():
             if name not in known:
                 raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
@@ -151,13 +162,13 @@ class Schema:
             flags = ("failed", "converged") if name == "converged" else variable.flags
             if flags:
                 attrs |= {"flag_values": [*range(len(flags))], "flag_meanings": " ".join(flags)}
-            added[name] = (variable.dims, value, attrs)
+            described[name] = (variable.dims, value, attrs)
         along = [
             name
             for name in values
             if known[name].coordinate or (name in self.optional and name in COORDINATES)
         ]
-        return dataset.assign(added).set_coords(along)
+        return described, along
 
 
 COORDINATES = frozenset(

@@ -5,8 +5,9 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import FAMILIES, bench, tabulate_runs
+from multiscale.bench import FAMILIES, bench, limit_family, tabulate_runs
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
+from multiscale.bench.limit_family import LIMIT_SCENES
 from multiscale.bench.peers import CODES
 from multiscale.bench.structures_family import GRID_METHODS
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT
@@ -161,3 +162,12 @@ def test_every_family_is_a_module_with_a_plan():
         assert callable(
             getattr(import_module(f"multiscale.bench.{family}_family"), f"plan_{family}")
         )
+
+
+@pytest.mark.parametrize("scene", LIMIT_SCENES)
+def test_a_kernel_is_told_beside_a_copy_of_its_bytes(scene, monkeypatch):
+    monkeypatch.setattr(limit_family, "LEAST", 1e-3)
+    ratio, time, moved, operations = limit_family.measure_limit(scene, 34)
+    assert min(ratio, time, operations) > 0.0
+    arrays = 1 if scene == "compliance of a flat cell" else 3 * limit_family.LAYERS
+    assert moved >= 16 * 34 * 34 * arrays  # in and out, in double precision

@@ -184,15 +184,17 @@ def _solver(
         constraint = mean_strain(basis) @ unknowns.expand
         apply, solve_free = _constrained(stiffness, solve_free, constraint)
 
-    def solve(force: np.ndarray, correct: Operator | None) -> np.ndarray:
-        u = solve_free(force)
-        return u if correct is None else u - solve_free(push @ correct(trace @ u))
+    def solve(
+        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        u = np.zeros(stiffness.shape[0]) if force is None else solve_free(force)
+        return u - solve_free(push @ correct(trace @ u))
 
     def add(vector: np.ndarray, values: np.ndarray) -> None:
         vector += push @ values
 
     body = ElasticBody(
-        apply=apply,
+        apply=lambda u, out=None: apply(u),
         solve=solve,
         trace=lambda u: trace @ u,
         add=add,
