@@ -53,6 +53,9 @@ def run_command(
     force: Annotated[
         bool, typer.Option("--force", help="Compute all stages anew, also those up to date.")
     ] = False,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Keep the run folders of all points of a large sweep.")
+    ] = False,
 ) -> None:
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
     from multiscale.io import logging_to, make_folder
@@ -88,7 +91,9 @@ def run_command(
         if one:
             run(one, out, executor=executor, progress=progress, force=force)
         else:
-            joined = run_sweep(sweep, out, executor=executor, progress=progress, force=force)
+            joined = run_sweep(
+                sweep, out, executor=executor, progress=progress, force=force, keep=keep
+            )
             write_reports(out, joined, executor=executor)
     finished = show_run(out)
     _warn(finished.cautions)
@@ -97,7 +102,8 @@ def run_command(
     if one:
         typer.echo(f"report, figures and datasets: {out}")
     else:
-        typer.echo(f"report, figures and dataset: {out}; runs: {out / 'points'}")
+        runs = f"; runs: {out / 'points'}" if (out / "points").exists() else ""
+        typer.echo(f"report, figures and dataset: {out}{runs}")
     if failure := finished.failure:
         raise ConvergenceError(f"{sweep.title}: {failure}")
 

@@ -183,7 +183,7 @@ def with_joint_budget(
     solved: dict[Hashable, np.ndarray] = {}
     run_jobs(
         solve,
-        {key: (change,) for key, change in jobs.items()},
+        ((key, (change,)) for key, change in jobs.items()),
         executor,
         lambda key, found: solved.update({key: answers(found)}),
     )

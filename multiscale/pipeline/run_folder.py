@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
 from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.point_store import STORE
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS
@@ -32,7 +33,8 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
         If the folder holds another run, or a sweep.
     """
     file = out / "case.toml"
-    if file.exists() and any(out.rglob("*.nc")):
+    results = any(out.rglob("*.nc"))
+    if file.exists() and (results or (out / STORE).exists()):
         if "sweep" in read_toml(file):
             raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
         other = load_case(file)
@@ -41,6 +43,7 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
                 f"{out} holds another run, {other.title!r}, of {other.scope}; choose another "
                 f"folder, or delete this one"
             )
+    if results:
         for stage in stages_of(case.tables):
             if force or not _is_up_to_date(stage, case, out):
                 remove(out / stage.file)

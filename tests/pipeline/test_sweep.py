@@ -168,7 +168,7 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     assert kept.stat().st_mtime_ns == before
     assert list(grown["cell.layers"].values) == [6.0, 8.0]
     assert not any(grown["failure"].values)
-    assert load_sweep(tmp_path / "out" / "case.toml").points == sweep.points
+    assert list(load_sweep(tmp_path / "out" / "case.toml").points) == list(sweep.points)
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(sweep.points[0], tmp_path / "out")
     with pytest.raises(CaseError, match="holds a single run; choose another folder for a sweep"):

@@ -25,6 +25,7 @@ def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         Path(pressure=case.micro.pressures),
         executor=job.executor,
         folder=job.out / FOLDER,
+        sparing=job.sparing,
         identity=case.identity(),
     )
     return response.assign_attrs(title=case.title)

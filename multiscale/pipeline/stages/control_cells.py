@@ -48,11 +48,17 @@ OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return press_control(case, found[CELLS.name], job.out / FOLDER, job.executor)
+    folder = job.out / FOLDER
+    return press_control(case, found[CELLS.name], folder, job.executor, sparing=job.sparing)
 
 
 def press_control(
-    case: Case, response: "xr.Dataset", folder: FilePath, executor: Executor | None
+    case: Case,
+    response: "xr.Dataset",
+    folder: FilePath,
+    executor: Executor | None,
+    *,
+    sparing: bool = False,
 ) -> "xr.Dataset":
     """Press the flat cells that are control variates of the cells of a response.
 
@@ -61,14 +67,16 @@ def press_control(
     pairs, count = response.sizes["realisation"], case.micro.control_realisations
     told = f"{count} as stated"
     if count is None:
-        first = _press(case, pairs, folder, executor)
+        first = _press(case, pairs, folder, executor, sparing)
         count, told = _best_count(response, first)
         count = max(count, pairs)
-    control = _press(case, count, folder, executor)
+    control = _press(case, count, folder, executor, sparing)
     return control.assign_attrs(title=case.title, number=told)
 
 
-def _press(case: Case, count: int, folder: FilePath, executor: Executor | None) -> "xr.Dataset":
+def _press(
+    case: Case, count: int, folder: FilePath, executor: Executor | None, sparing: bool
+) -> "xr.Dataset":
     """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
     step = 1 if case.measured else BATCH
     whole = -(-count // step)
@@ -79,6 +87,7 @@ def _press(case: Case, count: int, folder: FilePath, executor: Executor | None) 
         arguments,
         executor=executor,
         folder=folder / way[:12],
+        sparing=sparing,
         identity=way,
         progress=lambda finished: None,
         name="cells",

@@ -63,6 +63,7 @@ def run_shear(
         path,
         executor=job.executor,
         folder=job.out / FOLDER / way[:12],
+        sparing=job.sparing,
         identity=way,
         progress=progress,
     )
