@@ -7,6 +7,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import contextmanager
 from itertools import islice
 from queue import SimpleQueue
+from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from multiscale.errors import CaseError, MultiscaleError
@@ -21,6 +22,9 @@ Result = TypeVar("Result")
 
 IN_FLIGHT = 1024
 """Jobs that are submitted and not finished: enough for hundreds of workers, small in memory."""
+
+LOST = 300.0
+"""Time, s, without any worker of a cluster that had some, after which jobs are given up."""
 
 
 def run_jobs(
@@ -150,13 +154,41 @@ def _dask_workers(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise CaseError(f"no dask scheduler answers at {address!r}: {error}") from error
     try:
-        with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
+        pool = client.get_executor()  # type: ignore[no-untyped-call]
+        with client, _leaving_the_lost(client), pool as executor:
             yield executor
     except KilledWorker as error:
         raise MultiscaleError(
             "several workers of dask died of the same job, perhaps for lack of memory; finished "
             "results are kept, so run again on larger workers"
         ) from error
+
+
+@contextmanager
+def _leaving_the_lost(client: Any) -> Iterator[None]:
+    """Cancel all jobs when no worker is left for long; before the first one comes, wait for it."""
+    from threading import Event, Thread
+
+    from distributed import Future
+
+    ended = Event()
+
+    def watch() -> None:
+        seen: float | None = None
+        while not ended.wait(min(LOST, 10.0) / 4.0):
+            if client.nthreads():
+                seen = monotonic()
+            elif seen is not None and monotonic() - seen > LOST:
+                client.cancel([Future(key, client) for key in list(client.futures)])
+                return
+
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
 
 
 def cores() -> int:

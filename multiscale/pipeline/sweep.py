@@ -4,6 +4,7 @@ import hashlib
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -216,6 +217,8 @@ def run_sweep(
         jobs = ((k, (sweep.points[k], folders[k], force, kept)) for k in todo.values())
         run_jobs(_run_point, jobs, executor, finish)
         joined = _join(sweep, [folder.name for folder in folders], store)
+    with suppress(OSError):  # of points that are kept, or failed for lack of memory
+        (out / "points").rmdir()
     write_dataset(joined, out / POINTS.file, SWEEP)
     return joined
 
