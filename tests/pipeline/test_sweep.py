@@ -220,16 +220,16 @@ def test_a_large_sweep_leaves_three_files_and_a_killed_one_repeats_no_point(
 def test_a_sparing_run_keeps_what_took_long_and_goes_on_from_it(write, tmp_path, monkeypatch):
     case = load_sweep(write(GRID)).points[1]
 
-    def tension(folder):
+    def tension(folder, worth):
+        monkeypatch.setattr(import_module("multiscale.pipeline.run"), "WORTH", worth)
         return run(case, tmp_path / folder, sparing=True).macro_result["tension"]
 
-    alone = tension("spared")
+    alone = tension("spared", np.inf)
     assert not (tmp_path / "spared").exists()
-    monkeypatch.setattr(import_module("multiscale.pipeline.run"), "WORTH", 0.0)
-    xr.testing.assert_identical(tension("long"), alone)
+    xr.testing.assert_identical(tension("long", 0.0), alone)
     assert files(tmp_path / "long") == ["macro_result.nc"]
     written = (tmp_path / "long" / "macro_result.nc").stat().st_mtime_ns
-    xr.testing.assert_identical(tension("long"), alone)
+    xr.testing.assert_identical(tension("long", 0.0), alone)
     assert (tmp_path / "long" / "macro_result.nc").stat().st_mtime_ns == written
 
 
