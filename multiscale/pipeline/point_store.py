@@ -18,6 +18,9 @@ __all__ = ["STORE", "Point", "PointStore", "open_store"]
 STORE = "points.sqlite"
 """Name of the file in the folder of a sweep."""
 
+SETTINGS = ("locking_mode = EXCLUSIVE", "journal_mode = WAL", "synchronous = NORMAL")
+"""No commit waits for the disk, and one process writes, also on disks of a network."""
+
 
 @dataclass(frozen=True)
 class Point:
@@ -87,6 +90,8 @@ def open_store(folder: Path) -> Iterator[PointStore]:
         connection = sqlite3.connect(file, isolation_level=None)  # each statement is committed
     with closing(connection):
         with _said(file):
+            for setting in SETTINGS:
+                connection.execute(f"PRAGMA {setting}")
             if connection.execute("PRAGMA user_version").fetchone() != (SWEEP.version,):
                 connection.execute("DROP TABLE IF EXISTS point")
             connection.execute(

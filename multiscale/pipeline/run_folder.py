@@ -17,7 +17,7 @@ from multiscale.pipeline.toml_model import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["claim_folder", "gather_cautions", "open_stages"]
+__all__ = ["claim_folder", "gather_cautions", "is_whole", "open_stages"]
 
 
 def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
@@ -59,6 +59,11 @@ def _is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
     except SchemaError:  # missing, damaged or of another version
         return False
     return bool(left.attrs.get("identity") == stage.identity(case))
+
+
+def is_whole(out: Path, case: AnyCase) -> bool:
+    """Whether a run folder has an up-to-date dataset of each stage of a case."""
+    return all(_is_up_to_date(stage, case, out) for stage in stages_of(case.tables))
 
 
 def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":

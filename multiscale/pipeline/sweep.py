@@ -20,11 +20,11 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError, FileError, MultiscaleError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, open_dataset, remove, write_bytes, write_dataset
+from multiscale.io import make_folder, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run import run
-from multiscale.pipeline.run_folder import gather_cautions
+from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.stage import Shown, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
@@ -140,10 +140,9 @@ def load_sweep(case: str | Path) -> Sweep:
 
     combinations = list(product(*lists.values()))
     cases = _Cases(case_of, combinations)
-    for _ in cases:  # every one is checked
-        pass
+    first, *_ = [case.title for case in cases]  # every case is checked
     settings = tuple(tuple(map(_say, values)) for values in combinations)
-    return Sweep(str(content.get("title", cases[0].title)), parameters, cases, settings, whole)
+    return Sweep(str(content.get("title", first)), parameters, cases, settings, whole)
 
 
 def run_sweep(
@@ -210,7 +209,7 @@ def run_sweep(
         todo = {
             folder.name: k
             for k, folder in enumerate(folders)
-            if folder.name not in stored or (kept and not _is_whole(folder, sweep.points[k]))
+            if folder.name not in stored or (kept and not is_whole(folder, sweep.points[k]))
         }
         finished = count(len(folders) - len(todo))
         progress(next(finished))
@@ -264,8 +263,7 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
     except MultiscaleError as error:  # a file that is missing may be there the next time
         return Point(failure=str(error), final=False)
     except MemoryError as error:
-        failure = f"not enough memory ({error}); use fewer points or jobs"
-        return Point(failure=failure, final=False)
+        return Point(failure=f"not enough memory ({error}); use fewer jobs", final=False)
     stages = stages_of(case.tables)
     found: dict[Shown, xr.Dataset] = {stage: results[stage.name] for stage in stages}
     answering = [stage for stage in stages if stage.answers][-1]
@@ -275,16 +273,6 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
     return Point(answers, values[names].reset_coords(drop=True).to_dict()["data_vars"], caution)
-
-
-def _is_whole(folder: Path, case: AnyCase) -> bool:
-    """Whether a run folder has the datasets of all stages."""
-    try:
-        for stage in stages_of(case.tables):
-            stage.check(open_dataset(folder / stage.file, stage.schema))
-    except MultiscaleError:  # missing, damaged, of another version or without answer
-        return False
-    return True
 
 
 def _with_intervals(name: str) -> tuple[str, str, str]:
