@@ -185,6 +185,9 @@ def export_command(
     conductance: Annotated[
         str, typer.Option(help="abaqus or calculix: write the thermal conductance for it.")
     ] = "",
+    leakage: Annotated[
+        bool, typer.Option("--leakage", help="Write hydraulic apertures, to a .csv table.")
+    ] = False,
     name: Annotated[str, typer.Option(help="Name of the surface interaction.")] = "ROUGH",
     tolerance: Annotated[float, typer.Option(help="Error of the pressure between points.")] = 0.01,
     length_unit: Annotated[str, typer.Option(help="Unit of lengths in the file.")] = "mm",
@@ -201,9 +204,13 @@ def export_command(
     if out.suffix == ".csv":
         if friction or conductance:
             raise CaseError(f"--friction and --conductance are written to an .inp file, got {out}")
-        write_law_table(dataset, out, length_unit=length_unit, pressure_unit=pressure_unit)
+        write_law_table(
+            dataset, out, length_unit=length_unit, pressure_unit=pressure_unit, leakage=leakage
+        )
         refusal = refuse_band(dataset)
         _warn([f"the table has no band: {refusal}"] if refusal else [])
+    elif leakage:
+        raise CaseError(f"--leakage is written to a .csv table, got {out}")
     elif out.suffix == ".inp":
         write_pressure_overclosure(
             dataset,

@@ -1,15 +1,18 @@
 """Scenes with references, on which this package and others are measured side by side."""
 
+import tomllib
 from collections.abc import Callable
-from importlib import import_module
+from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
-from multiscale.bench.table import tabulate_runs
+from multiscale.bench.summary import tabulate_runs
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench", "tabulate_runs"]
+
+STABILITY_FILE = resources.files("multiscale.bench").joinpath("stability.toml")
 
 FAMILIES = (
     "chain",
@@ -26,21 +29,7 @@ FAMILIES = (
 )
 """Families of scenes; the module of each has a function that plans what :func:`bench` measures."""
 
-STABILITY_FAMILIES = (
-    "structure",
-    "motion",
-    "cut_structure",
-    "joint",
-    "joint_path",
-    "bolts",
-    "friction",
-    "wedge",
-    "complementarity",
-    "rough_cell",
-    "large_strain",
-    "grains",
-    "voids",
-)
+STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 """Families of stiff and extreme cases, in the order of their table."""
 
 
@@ -51,17 +40,13 @@ def bench(
 
     Parameters
     ----------
-    family : str
-        One of ``FAMILIES``.
-    quick : bool
-        Fewer scenes and grids, one run of each.
-    report : callable
-        Gets a line after each measurement.
+    family : str, one of ``FAMILIES``
+    quick : bool, fewer scenes and grids, one run of each
+    report : callable, gets a line after each measurement
 
     Returns
     -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    Dataset, follows ``WORK_PRECISION``
     """
     from multiscale.bench.trials import measure_family
 

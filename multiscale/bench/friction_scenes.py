@@ -1,15 +1,103 @@
-"""Friction problems of bodies in contact."""
+"""Friction problems of rigid bodies in contact for one time step, as matrices."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csr_array, diags_array
 
-from multiscale.bench.rigid_bodies import RigidBodies, Touch, rigid_bodies
-
-__all__ = ["GRAVITY", "block_tower", "box_stack", "sphere_pile", "wedged_block"]
+__all__ = [
+    "GRAVITY",
+    "STEP",
+    "RigidBodies",
+    "block_tower",
+    "box_stack",
+    "rigid_bodies",
+    "sphere_pile",
+    "wedged_block",
+]
 
 GRAVITY = 9.81  # m/s²
 UP = (0.0, 0.0, 1.0)
+
+
+STEP = 1e-2
+"""Time step, s."""
+
+Touch = tuple[ArrayLike, ArrayLike, int, int]
+"""A contact: point, m, normal, body above, body below or -1 for the ground."""
+
+
+@dataclass(frozen=True)
+class RigidBodies:
+    r"""Rigid bodies with contacts, :math:`M v = f + H r` and :math:`u = H^T v`.
+
+    Attributes
+    ----------
+    mass : csr_array, :math:`M`, diagonal, kg and kg m²
+    transfer : csr_array, :math:`H` from impulses to bodies, 1 and m; normal first at every contact
+    momentum : ndarray, :math:`f`, without contact impulses, N s and N m s
+    friction : ndarray, shape (contacts,), friction coefficient, 1
+    """
+
+    mass: csr_array
+    transfer: csr_array
+    momentum: np.ndarray
+    friction: np.ndarray
+
+    def condensed(self) -> tuple[csr_array, np.ndarray, np.ndarray]:
+        """Return W = H^T M^-1 H, 1/kg, q = H^T M^-1 f, m/s, and the friction coefficients."""
+        inverse = diags_array(1.0 / self.mass.diagonal())
+        W = csr_array(self.transfer.T @ inverse @ self.transfer)
+        return W, self.transfer.T @ (self.momentum / self.mass.diagonal()), self.friction
+
+
+def rigid_bodies(
+    masses: np.ndarray,
+    inertias: np.ndarray,
+    centres: np.ndarray,
+    contacts: Sequence[Touch],
+    forces: np.ndarray,
+    friction: float | np.ndarray,
+) -> RigidBodies:
+    """Assemble bodies in space that are at rest.
+
+    Parameters
+    ----------
+    masses : ndarray, shape (bodies,), kg
+    inertias, centres : ndarray, shape (bodies, 3)
+        Principal moments about the axes of space, kg m², and centres of mass, m.
+    contacts : sequence of Touch
+    forces : ndarray, shape (bodies, 6), forces and moments, N and N m, for one :data:`STEP`
+    friction : float or ndarray, shape (contacts,), friction coefficient, 1
+    """
+    n = len(masses)
+    rows, columns, values = list[int](), list[int](), list[float]()
+    for c, (point, normal, above, below) in enumerate(contacts):
+        frame = _frame(normal)
+        for body, sign in ((above, 1.0), (below, -1.0)):
+            if body < 0:
+                continue
+            arm = np.asarray(point) - centres[body]
+            for a in range(3):
+                rows.extend(range(6 * body, 6 * body + 6))
+                columns.extend([3 * c + a] * 6)
+                values.extend(sign * np.concatenate([frame[a], np.cross(arm, frame[a])]))
+    H = csr_array((values, (rows, columns)), shape=(6 * n, 3 * len(contacts)))
+    diagonal = np.column_stack([np.repeat(masses[:, None], 3, axis=1), inertias])
+    M = csr_array(diags_array(diagonal.ravel()))
+    mu = np.broadcast_to(np.asarray(friction, dtype=float), (len(contacts),)).copy()
+    return RigidBodies(M, H, STEP * forces.ravel(), mu)
+
+
+def _frame(normal: ArrayLike) -> np.ndarray:
+    """Rows: normal and two tangents."""
+    n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+    other = np.eye(3)[np.argmin(np.abs(n))]
+    t = np.cross(n, other)
+    t /= np.linalg.norm(t)
+    return np.array([n, t, np.cross(n, t)])
 
 
 def _push_each(masses: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -32,14 +120,9 @@ def box_stack(
     Parameters
     ----------
     boxes : int
-        Number of boxes on top of each other.
-    rng : Generator
-        Source of sizes, shifts, masses and pushes.
-    mass_ratio : float
-        Mass of the heaviest box over the mass of the lightest one; between them the logarithm is
-        uniform.
-    friction : float
-        Friction coefficient, 1.
+    rng : Generator, source of sizes, shifts, masses and pushes
+    mass_ratio : float, mass of the heaviest box over the lightest one, the logarithm uniform
+    friction : float, friction coefficient, 1
     push : callable
         Lateral forces, N, shape (boxes, 2), of masses, kg. Some stacks stick, some slide, some tip
         over.
@@ -73,11 +156,8 @@ def _cuboid(masses: np.ndarray, sides: np.ndarray) -> np.ndarray:
     return np.asarray(masses[:, None] / 12.0 * (squares.sum(axis=1)[:, None] - squares))
 
 
-def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5) -> RigidBodies:
-    """Make a regular packing of equal spheres above the ground, pushed in all directions.
-
-    Parameters as for :func:`box_stack`. The contacts are moderately redundant.
-    """
+def sphere_pile(spheres: int, rng: np.random.Generator) -> RigidBodies:
+    """Make a regular packing of equal spheres above the ground, pushed in all directions."""
     layers = int(np.ceil(spheres ** (1.0 / 3.0)))
     lattice = [
         [i + 0.5 * (k % 2), j + 0.5 * (k % 2), 0.5 + k * np.sqrt(0.5)]
@@ -98,7 +178,7 @@ def sphere_pile(spheres: int, rng: np.random.Generator, *, friction: float = 0.5
     forces = _weights(masses)
     forces[:, :3] += 0.5 * GRAVITY * masses[:, None] * rng.normal(size=(spheres, 3))
     inertias = np.repeat(0.1 * masses[:, None], 3, axis=1)
-    return rigid_bodies(masses, inertias, centres, contacts, forces, friction)
+    return rigid_bodies(masses, inertias, centres, contacts, forces, 0.5)
 
 
 def wedged_block(friction: float) -> RigidBodies:
@@ -117,11 +197,8 @@ def wedged_block(friction: float) -> RigidBodies:
 PLANK = np.array([0.9, 0.3, 0.2])  # m
 
 
-def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3) -> RigidBodies:
-    """Make a tower of three planks a level, crosswise: many redundant contacts.
-
-    Parameters as for :func:`box_stack`.
-    """
+def block_tower(levels: int, rng: np.random.Generator) -> RigidBodies:
+    """Make a tower of three planks a level, crosswise: many redundant contacts."""
     n = 3 * levels
     level = np.arange(n) // 3
     turned = level % 2 == 1
@@ -143,4 +220,4 @@ def block_tower(levels: int, rng: np.random.Generator, *, friction: float = 0.3)
     masses = rng.uniform(0.9, 1.1, n)
     forces = _weights(masses)
     forces[:, :3] += 0.1 * GRAVITY * rng.normal(size=(n, 3)) * masses[:, None]
-    return rigid_bodies(masses, _cuboid(masses, sides), centres, contacts, forces, friction)
+    return rigid_bodies(masses, _cuboid(masses, sides), centres, contacts, forces, 0.3)

@@ -49,18 +49,12 @@ class JointScene:
 
     Attributes
     ----------
-    ratio : float
-        Stiffness of the law at the mean pressure relative to that of a block.
-    friction : float
-        Friction coefficient, 1.
-    tilt : float
-        Relative change of the pressure from the middle to the edge.
-    shear : float
-        Amplitude of the shear traction, Pa.
-    parts : int
-        Number of substructures of each block along either edge.
-    elements : tuple of int
-        Number of elements of each block along its edges.
+    ratio : float, stiffness of the law at the mean pressure relative to that of a block
+    friction : float, friction coefficient, 1
+    tilt : float, relative change of the pressure from the middle to the edge
+    shear : float, amplitude of the shear traction, Pa
+    parts : int, number of substructures of each block along either edge
+    elements : tuple of int, number of elements of each block along its edges
     """
 
     ratio: float
@@ -168,11 +162,8 @@ def _solve_whole(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Solve the structure in one piece, step by step.
 
-    Yields
-    ------
-    tuple of ndarray
-        Displacement of the substructures, m; traction of the joint, Pa, and weight of its square in
-        the norm of errors, m^3/N, both of shape (3, points).
+    Yields displacement of the substructures, m, traction of the joint, Pa, and weight of its square
+    in the norm of errors, m^3/N, both of shape (3, points).
     """
     found = solve_whole(problem, np.eye(len(TIMES)))
     if "failure" in found.attrs:

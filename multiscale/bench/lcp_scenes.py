@@ -15,24 +15,15 @@ def granular(
 
     Parameters
     ----------
-    grains : int
-        Number of grains, at least 8.
-    mass_ratio : float
-        Mass of the heaviest grain over the mass of the lightest one; between them the logarithm is
-        uniform.
-    contacts_per_grain : float
-        Mean number of contacts; more than 3 are redundant.
+    grains : int, at least 8
+    mass_ratio : float, mass of the heaviest grain over the lightest one, the logarithm uniform
+    contacts_per_grain : float, mean number of contacts; more than 3 are redundant
     seed : int
-        Seed of the positions, masses and velocities.
 
     Returns
     -------
-    mass : csr_array, shape (3 * grains, 3 * grains)
-        Diagonal, kg.
-    directions : csr_array, shape (3 * grains, contacts)
-        Normals of the contacts, 1.
-    velocity : ndarray, shape (contacts,)
-        Relative velocity without impulses, m/s; opening positive.
+    mass, directions : csr_array, diagonal, kg, and normals (3 * grains, contacts), 1
+    velocity : ndarray, shape (contacts,), relative velocity without impulses, m/s; opening positive
     """
     rng = np.random.default_rng(seed)
     position = rng.random((grains, 3)) * grains ** (1 / 3)
@@ -70,19 +61,9 @@ def _lengthening(ends: np.ndarray, direction: np.ndarray, nodes: int) -> csr_arr
 def loaded_column(
     bodies: int, *, mass_ratio: float = 1.0
 ) -> tuple[csr_array, csr_array, np.ndarray]:
-    """Make a column of light bodies under a heavy one, pulled down for one step.
+    """Make a column of light bodies under one ``mass_ratio`` as heavy, pulled down for one step.
 
-    Parameters
-    ----------
-    bodies : int
-        Number of bodies, at least 2.
-    mass_ratio : float
-        Mass of the body on top over the mass of any other one.
-
-    Returns
-    -------
-    mass, directions, velocity
-        Arrays as in :func:`granular`, one row for each body.
+    Mass, directions and velocity are as in :func:`granular`, one row for each body.
     """
     mass = np.ones(bodies)
     mass[-1] = mass_ratio
@@ -98,27 +79,17 @@ def condensed(mass: csr_array, directions: csr_array) -> csr_array:
     return csr_array(directions.T @ diags_array(1.0 / mass.diagonal()) @ directions)
 
 
-def membrane(nodes: int, *, contrast: float = 1.0, seed: int = 0) -> tuple[csr_array, np.ndarray]:
-    """Make a membrane on a wavy obstacle, pressed by a uniform load.
+def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarray]:
+    """Make a membrane on a wavy obstacle, with so many nodes along an edge, under a uniform load.
 
-    Parameters
-    ----------
-    nodes : int
-        Number of nodes along an edge.
-    contrast : float
-        Stiffness of half of the cells, chosen at random, over the stiffness of the others.
-    seed : int
-        Seed of this choice.
+    Half of its cells, chosen at random, are ``contrast`` times as stiff as the others.
 
     Returns
     -------
-    matrix : csr_array, shape (nodes**2, nodes**2)
-        Stiffness, N/m, a Z-matrix; the unknowns are heights above the obstacle, m.
-    vector : ndarray, shape (nodes**2,)
-        Force that holds the membrane on the obstacle, N.
+    matrix : csr_array, stiffness, N/m, a Z-matrix; the unknowns are heights above the obstacle, m
+    vector : ndarray, force that holds the membrane on the obstacle, N
     """
-    n = nodes
-    rng = np.random.default_rng(seed)
+    n, rng = nodes, np.random.default_rng(seed=0)
     stiffness = np.where(rng.random((n + 1, n + 1)) < 0.5, 1.0, contrast)
     node = np.arange(n * n).reshape(n, n)
     across, along = stiffness[: n - 1, :n].ravel(), stiffness[:n, : n - 1].ravel()
@@ -139,29 +110,16 @@ def membrane(nodes: int, *, contrast: float = 1.0, seed: int = 0) -> tuple[csr_a
     return matrix, matrix @ obstacle + 3.0 / (n + 1) ** 2
 
 
-def tensegrity(
-    nodes: int, *, contrast: float = 1.0, seed: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
+def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Make the slacks of the cables in a braced lattice, A = k - k B K^-1 B^T k, k = 1 N/m.
 
-    Parameters
-    ----------
-    nodes : int
-        Number of nodes along an edge.
-    contrast : float
-        Stiffness of the bars over the stiffness of the cables.
-    seed : int
-        Seed of the positions, the loads, and the choice of the quarter of the links that are bars.
+    It has so many nodes along an edge; a quarter of its links are bars, ``contrast`` as stiff.
 
     Returns
     -------
-    matrix : ndarray, shape (cables, cables)
-        A, N/m; the unknowns are slacks, m.
-    vector : ndarray, shape (cables,)
-        Tension without slack, N.
+    matrix, vector : ndarray, A, N/m, the unknowns are slacks, m; and tension without slack, N
     """
-    n = nodes
-    rng = np.random.default_rng(seed)
+    n, rng = nodes, np.random.default_rng(seed=0)
     node = np.arange(n * n).reshape(n, n)
     position = np.column_stack(np.divmod(np.arange(n * n), n)) + 0.1 * rng.random((n * n, 2))
     neighbours = [
@@ -186,20 +144,7 @@ def tensegrity(
 
 
 def p_matrix(size: int, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Make a nonsymmetric P-matrix: a positive definite part and a strong skew one.
-
-    Parameters
-    ----------
-    size : int
-        Number of unknowns.
-    seed : int
-        Seed of the entries.
-
-    Returns
-    -------
-    matrix : ndarray, shape (size, size)
-    vector : ndarray, shape (size,)
-    """
+    """Make a nonsymmetric P-matrix, a positive definite part and a skew one, and a vector."""
     rng = np.random.default_rng(seed)
     root, skew = rng.standard_normal((2, size, size))
     matrix = root @ root.T / size + skew - skew.T + 0.1 * np.eye(size)

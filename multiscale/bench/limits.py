@@ -2,29 +2,18 @@
 
 import numpy as np
 
-__all__ = ["common_reference", "extrapolate"]
+__all__ = ["common_reference", "extrapolate", "limit_of"]
 
 
 def extrapolate(values: np.ndarray, order: float | None = None) -> float:
-    r"""Extrapolate to an infinitely fine grid.
-
-    Parameters
-    ----------
-    values : ndarray, shape (at least 3,)
-        A result on grids each twice as fine as the one before; the last three are used.
-    order : float, optional
-        Order of convergence :math:`r`; the observed one between 1 and 2 if not given.
+    r"""Extrapolate a result, on grids each twice as fine as the one before, from its last three.
 
     Returns
     -------
     float
-        :math:`v_3 + (v_3 - v_2) / (2^r - 1)`; ``nan`` if one of the three is.
-
-    Notes
-    -----
-    The observed order is :math:`r = \log_2 (v_2 - v_1) / (v_3 - v_2)`. It is kept between 1 and 2,
-    and 2 for values that oscillate: their remaining error is small, and a wild order must not
-    enlarge it.
+        :math:`v_3 + (v_3 - v_2) / (2^r - 1)`; ``nan`` if one of the three is. Without an order r it
+        is :math:`\log_2 (v_2 - v_1) / (v_3 - v_2)`, kept between 1 and 2, and 2 for values that
+        oscillate: their remaining error is small, and a wild order must not enlarge it.
 
     Examples
     --------
@@ -42,6 +31,12 @@ def extrapolate(values: np.ndarray, order: float | None = None) -> float:
     return float(third + last / (2.0**order - 1.0))
 
 
+def limit_of(count: int, scene: str, answers: list[float]) -> tuple[float, float]:
+    """Limit of the first answers, from coarse to fine, and its relative distance from the last."""
+    limit = extrapolate(np.array(answers[:count]))
+    return limit, abs(answers[count - 1] / limit - 1.0)
+
+
 def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, float]:
     """Choose among the limits of several codes, and say how far they are apart.
 
@@ -52,8 +47,7 @@ def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, flo
 
     Returns
     -------
-    reference : float
-        The limit that was extrapolated least; ``nan`` if there is none.
+    reference : float, the limit that was extrapolated least; ``nan`` if there is none
     uncertainty : float
         Largest distance of another limit from it, in the unit of the limits; ``nan`` with fewer
         than two, because nothing checks a single one.

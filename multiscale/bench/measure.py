@@ -28,8 +28,7 @@ class Measurement(Generic[T]):
     value : object or None
         Answer of the run of median time; ``None`` if a process died, for instance for lack of
         memory.
-    wall_time : float
-        Median over the runs, s; ``nan`` if a process died.
+    wall_time : float, median over the runs, s; ``nan`` if a process died
     peak_memory : float or None
         Median of the largest resident memory of the whole process, with its interpreter and
         libraries, byte; ``nan`` if a process died, ``None`` without processes of its own.
@@ -48,25 +47,9 @@ def measure(
     threads: int = THREADS,
     process: bool = True,
 ) -> Measurement[T]:
-    """Run a task several times.
+    """Run a task several times; arguments as of :class:`~.trials.Trial` and its family.
 
-    Parameters
-    ----------
-    task : callable
-        Without arguments; for a process it and its result must be picklable.
-    warm_up : callable
-        Runs before the task each time, untimed: a small task of the same kind, so that
-        neither imports nor compilation are counted.
-    repeats : int
-        Number of runs.
-    threads : int
-        Number of threads that the task may use.
-    process : bool
-        Whether each run has a fresh process, whose memory is measured too.
-
-    Returns
-    -------
-    Measurement
+    For a process, the task and its result must be picklable.
     """
     runs: list[tuple[T, float, float]] = []
     for _ in range(repeats):

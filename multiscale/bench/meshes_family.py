@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.bench.limits import extrapolate
+from multiscale.bench.limits import limit_of
 from multiscale.bench.trials import BenchFamily, Trial, judge_by
 
 __all__ = ["gap_of_waves", "plan_meshes"]
@@ -64,14 +64,8 @@ def plan_meshes(*, quick: bool) -> BenchFamily:
             for method, points in grids.items()
             for n in points
         ],
-        judge_by(partial(_limit, len(grids[KERNEL]))),
+        judge_by(partial(limit_of, len(grids[KERNEL]))),
         title="cells on meshes: mean gap",
         packages=("numba", "scikit-fem", "pyamg"),
         error="error of the mean gap",
     )
-
-
-def _limit(count: int, scene: str, gaps: list[float]) -> tuple[float, float]:
-    """Extrapolate the gaps of the kernel, which come first."""
-    limit = extrapolate(np.array(gaps[:count]))
-    return limit, abs(gaps[count - 1] / limit - 1.0)

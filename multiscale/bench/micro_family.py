@@ -27,13 +27,7 @@ QUICK_RELATIVE_PRESSURES, QUICK_POINTS = (0.1,), (64, 128, 256)
 
 
 def scene_surface(points: int) -> Surface:
-    """Sample the surface of the scene on a square grid.
-
-    Parameters
-    ----------
-    points : int
-        Number of points along an edge, at least 33.
-    """
+    """Sample the surface of the scene on a grid of so many points along an edge, at least 33."""
     from multiscale.micro import self_affine
 
     return self_affine(

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.bench.friction_scenes import block_tower, box_stack, sphere_pile, wedged_block
+from multiscale.bench.friction_scenes import (
+    RigidBodies,
+    block_tower,
+    box_stack,
+    sphere_pile,
+    wedged_block,
+)
 from multiscale.bench.lcp_scenes import (
     condensed,
     granular,
@@ -17,7 +23,6 @@ from multiscale.bench.lcp_scenes import (
     p_matrix,
     tensegrity,
 )
-from multiscale.bench.rigid_bodies import RigidBodies
 from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
@@ -86,18 +91,12 @@ class Problem:
 
     Attributes
     ----------
-    scene : str
-        Name with the number of unknowns.
-    unknowns : int
-        Length of an answer.
-    tolerance : float
-        Residual asked for, relative to the data.
-    methods : tuple of str
-        Names of all methods, ``"auto"`` first.
-    solve : callable
-        Takes ``method`` and ``max_iterations`` by name.
-    verify : callable
-        An answer to its residual, from the data alone.
+    scene : str, name with the number of unknowns
+    unknowns : int, length of an answer
+    tolerance : float, residual asked for, relative to the data
+    methods : tuple of str, names of all methods, ``"auto"`` first
+    solve : callable, takes ``method`` and ``max_iterations`` by name
+    verify : callable, an answer to its residual, from the data alone
     """
 
     scene: str

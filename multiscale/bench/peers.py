@@ -32,16 +32,12 @@ class ContactAnswer:
 
     Attributes
     ----------
-    mean_gap : float
-        Nominal-area mean of obstacle minus deformed surface, m.
+    mean_gap : float, nominal-area mean of obstacle minus deformed surface, m
     contact_fraction : float
         Real over nominal contact area, 1, with its edges found in the same way for all.
-    iterations : int
-        Steps of conjugate gradients.
-    unknowns : int
-        Contact pressures or displacements that the code solves for.
-    converged : bool
-        By the code's own account.
+    iterations : int, steps of conjugate gradients
+    unknowns : int, contact pressures or displacements that the code solves for
+    converged : bool, by the code's own account
     """
 
     mean_gap: float
@@ -56,16 +52,8 @@ def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -
 
     Parameters
     ----------
-    surface : Surface
-        Heights of the elastic body under a rigid flat, on a square cell.
-    pressure : float
-        Mean pressure, Pa.
-    contact_modulus : float
-        Pa.
-
-    Returns
-    -------
-    ContactAnswer
+    surface : Surface, heights of the elastic body under a rigid flat, on a square cell
+    pressure, contact_modulus : float, mean pressure and contact modulus, Pa
 
     Notes
     -----
@@ -97,14 +85,7 @@ def _solve_cell(
     from multiscale.micro import Cell, Path, solve_cell
 
     modulus = contact_modulus * (1.0 - POISSONS_RATIO**2)
-    cell = Cell(
-        surface,
-        surface.size[0],
-        layers,
-        modulus,
-        POISSONS_RATIO,
-        geometry=geometry,
-    )
+    cell = Cell(surface, surface.size[0], layers, modulus, POISSONS_RATIO, geometry=geometry)
     response = solve_cell(cell, Path(pressure=(pressure,)), tolerance=TOLERANCE)
     points = surface.heights.size
     return ContactAnswer(
@@ -117,10 +98,7 @@ def _solve_cell(
 
 
 def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
-    """Solve with Tamaas: boundary elements, projected conjugate gradients on the pressure.
-
-    It takes and returns the same as :func:`press_flat_cell`.
-    """
+    """Solve with Tamaas: boundary elements; arguments and answer as of :func:`press_flat_cell`."""
     import tamaas
 
     class Counter(tamaas.Functional):  # type: ignore[misc]
@@ -156,10 +134,7 @@ def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float)
 def press_with_contact_mechanics(
     surface: Surface, pressure: float, contact_modulus: float
 ) -> ContactAnswer:
-    """Solve with ContactMechanics: boundary elements, projected conjugate gradients.
-
-    It takes and returns the same as :func:`press_flat_cell`.
-    """
+    """Solve with ContactMechanics; arguments and answer as of :func:`press_flat_cell`."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace, make_system
     from SurfaceTopography import Topography
 
@@ -205,12 +180,9 @@ class Code:
 
     Attributes
     ----------
-    solve : callable
-        Surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`.
-    module : str
-        Name by which the code is installed and imported.
-    small_slope : bool
-        Whether it solves the half-space problem for small slopes, with the roughness as a gap.
+    solve : callable, surface, mean pressure (Pa) and contact modulus (Pa) to :class:`ContactAnswer`
+    module : str, name by which the code is installed and imported
+    small_slope : bool, whether it solves the half-space problem, with the roughness as a gap
     """
 
     solve: Callable[[Surface, float, float], ContactAnswer]

@@ -5,13 +5,13 @@ import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from importlib import resources
 from itertools import product
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from multiscale.bench import STABILITY_FILE
 from multiscale.bench.trials import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
@@ -35,12 +35,9 @@ class StabilityCase:
 
     Parameters
     ----------
-    family : str
-        Function of ``stability_cases`` that solves it.
-    parameters : tuple of (str, value)
-        Its arguments.
-    tolerance : float
-        Verified residual up to which it has converged.
+    family : str, function of ``stability_cases`` that solves it
+    parameters : tuple of (str, value), its arguments
+    tolerance : float, verified residual up to which it has converged
     """
 
     family: str
@@ -57,9 +54,8 @@ class StabilityCase:
 
 def stability_cases() -> list[StabilityCase]:
     """Return the cases of the table, in its order."""
-    file = resources.files("multiscale.bench").joinpath("stability.toml")
     cases = []
-    for family, table in tomllib.loads(file.read_text()).items():
+    for family, table in tomllib.loads(STABILITY_FILE.read_text()).items():
         tolerance = table.pop("tolerance")
         for values in product(*table.values()):
             cases.append(StabilityCase(family, tuple(zip(table, values, strict=True)), tolerance))
@@ -78,10 +74,8 @@ def check_stability(
     Parameters
     ----------
     cases : list of StabilityCase
-    jobs : int
-        Number of processes at a time.
-    report : callable
-        Gets a line after each case.
+    jobs : int, number of processes at a time
+    report : callable, gets a line after each case
     keep : callable
         Gets the dataset of all cases so far after each case, so that a killed run leaves it.
 
@@ -181,21 +175,8 @@ def _run(case: StabilityCase) -> _Outcome:
     return _Outcome(0, residual, seconds, f"residual {residual:.1e} above {case.tolerance:g}")
 
 
-def tabulate_stability(
-    stability: "xr.Dataset",
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the numbers of outcomes and the largest residual of every family, and of all.
-
-    Parameters
-    ----------
-    stability : Dataset
-        Follows ``STABILITY``.
-
-    Returns
-    -------
-    head : tuple of str
-    rows : list of tuple of str
-    """
+def tabulate_stability(stability: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows: outcomes and largest residual of every family, and of all."""
     families = stability["family"].values
     groups = {str(family): families == family for family in dict.fromkeys(families)}
     groups["all"] = np.ones(families.size, dtype=bool)

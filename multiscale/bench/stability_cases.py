@@ -53,9 +53,7 @@ def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":
     from multiscale.macro import tensegrity_grid
 
     return tensegrity_grid(
-        MODULES,
-        bar=Bar(CABLE_RIGIDITY * bar_over_cable),
-        prestress=REFERENCE_PRESTRESS * prestress,
+        MODULES, bar=Bar(CABLE_RIGIDITY * bar_over_cable), prestress=REFERENCE_PRESTRESS * prestress
     )
 
 
@@ -226,11 +224,7 @@ def _method(name: str, parts: int) -> "Method":
 
 
 def _fault_of_path(
-    blocks: "Assembly",
-    factors: np.ndarray,
-    found: "xr.Dataset",
-    law_over_block: float,
-    parts: int,
+    blocks: "Assembly", factors: np.ndarray, found: "xr.Dataset", law_over_block: float, parts: int
 ) -> float:
     """Largest fault of the steps of a path that has not failed, over the pressure."""
     from multiscale.macro.substructures import assemble, cut_assembly

@@ -25,19 +25,15 @@ def joint_faults(
 
     Parameters
     ----------
-    whole : Assembled
-        The bodies.
-    law : Sliders
-        Law of all joints.
+    whole : Assembled, the bodies
+    law : Sliders, law of all joints
     steps : iterable of (ndarray, ndarray, ndarray)
         Load factors of a step, jumps :math:`y` (m) and tractions :math:`t` (Pa), shape (points, 3).
-    stiffness : float
-        Ratio k of the size of the tractions to the size of the jumps, Pa/m.
+    stiffness : float, ratio k of the size of the tractions to the size of the jumps, Pa/m
 
     Returns
     -------
-    float
-        Largest fault of all steps and points, Pa.
+    float, largest fault of all steps and points, Pa
 
     Notes
     -----
@@ -77,15 +73,7 @@ def joint_faults(
 
 
 def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
-    """Largest overlap of two equal grains over their radius, in all frames.
-
-    Parameters
-    ----------
-    position : ndarray, shape (frames, grains, 3)
-        Centres, m.
-    radius : ndarray, shape (grains,)
-        m.
-    """
+    """Largest overlap of equal grains (frames, grains, 3) over their radius, m, in all frames."""
     away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
     away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
     return float(2.0 - away.min() / radius[0])
@@ -94,12 +82,7 @@ def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
 def unbalanced_share(result: "xr.Dataset", friction: float) -> float:
     """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force.
 
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``GRANULATE``, with every step as a frame.
-    friction : float
-        Friction coefficient, 1.
+    The result follows ``GRANULATE``, with every step as a frame.
     """
     mass, n = result["mass"].values, result.sizes["grain"]
     ends, force = result["contact_ends"].values, result["contact_force"].values

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.bench.limits import extrapolate
+from multiscale.bench.limits import limit_of
 from multiscale.bench.trials import BenchFamily, Trial, judge_by
 from multiscale.laws.bulk import J2, NeoHookean
 
@@ -63,13 +63,7 @@ def plan_strain(*, quick: bool) -> BenchFamily:
             for scene in STRAIN_SCENES
             for n in grids
         ],
-        judge_by(_limit),
+        judge_by(partial(limit_of, len(grids))),
         title="cells at large strain: mean gap",
         packages=("numba",),
     )
-
-
-def _limit(scene: str, gaps: list[float]) -> tuple[float, float]:
-    """Extrapolate the gap; return the distance of the finest grid from this limit too."""
-    limit = extrapolate(np.array(gaps))
-    return limit, abs(gaps[-1] / limit - 1.0)

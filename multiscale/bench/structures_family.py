@@ -47,12 +47,9 @@ class GridMethod:
 
     Attributes
     ----------
-    method : str
-        Method of :func:`multiscale.macro.solve_static`.
-    largest : int
-        Modules along an edge of the largest grid that it gets.
-    pardiso : bool
-        Whether PARDISO may factorise.
+    method : str, method of :func:`multiscale.macro.solve_static`
+    largest : int, modules along an edge of the largest grid that it gets
+    pardiso : bool, whether PARDISO may factorise
     """
 
     method: str
@@ -73,14 +70,9 @@ class GridAnswer:
 
     Attributes
     ----------
-    tension : ndarray, shape (links,)
-        Tension, N.
-    displacement : ndarray, shape (nodes, 3)
-        Displacement, m.
-    slack : int
-        Number of slack cables.
-    iterations : float
-        Number of steps of Newton's method; NaN for other methods, which do not count them.
+    tension, displacement : ndarray, shape (links,), N, and (nodes, 3), m
+    slack : int, number of slack cables
+    iterations : float, steps of Newton's method; NaN for other methods, which do not count them
     """
 
     tension: np.ndarray
@@ -114,21 +106,13 @@ def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> Gr
 def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
     r"""Measure from the data alone how far an answer is from equilibrium and from the link laws.
 
-    Parameters
-    ----------
-    system : LinkSystem
-        Structure that was solved.
-    load_factor : float
-        Factor of its load.
-    answer : GridAnswer
-        Tensions and displacement; they are a solution if and only if the result is zero.
-
     Returns
     -------
     float
         The larger one of the largest force out of balance, :math:`|\alpha F^d - B^T \tau|`, (7) of
         the source, relative to the largest nodal load, and the largest misfit
-        :math:`|\tau - P(\tau^0 + k B u)|` of (14) and (15), relative to the largest tension.
+        :math:`|\tau - P(\tau^0 + k B u)|` of (14) and (15), relative to the largest tension; zero
+        for a solution alone.
     """
     B, free = compatibility(system), ~system.fixed
     lower, upper = system.bounds
@@ -140,20 +124,10 @@ def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
 
 
 def distance(system: LinkSystem, tension: np.ndarray, reference: np.ndarray) -> float:
-    r"""Distance of tensions from others in the norm of their energy.
+    r"""Distance of tensions (links,), N, from others in the norm of their energy, relative.
 
-    Parameters
-    ----------
-    system : LinkSystem
-        Links, whose stiffness k is the weight.
-    tension, reference : ndarray, shape (links,)
-        Tensions, N.
-
-    Returns
-    -------
-    float
-        :math:`\sqrt{\sum (\tau - \hat\tau)^2 / k}` relative to
-        :math:`\sqrt{\sum \hat\tau^2 / k}` of the reference.
+    :math:`\sqrt{\sum (\tau - \hat\tau)^2 / k}` over :math:`\sqrt{\sum \hat\tau^2 / k}` of the
+    reference.
     """
     change, size = (np.sum(t**2 / system.stiffness) for t in (tension - reference, reference))
     return float(np.sqrt(change / size))

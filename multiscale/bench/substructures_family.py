@@ -72,15 +72,10 @@ class CutScene:
     Attributes
     ----------
     name : str
-        Name in the table.
-    structure : LinkSystem or CutProblem
-        Links that are still to be cut, or elastic bodies, assembled and cut.
-    factor : ndarray, shape (1, cases)
-        Factors of the load cases.
-    parts : tuple of int
-        Numbers of substructures of links along x and y.
-    repeats : int
-        Number of runs of each method.
+    structure : LinkSystem or CutProblem, still to be cut, or assembled and cut
+    factor : ndarray, shape (1, cases), factors of the load cases
+    parts : tuple of int, numbers of substructures of links along x and y
+    repeats : int, number of runs of each method
     """
 
     name: str
@@ -110,14 +105,10 @@ class CutAnswer:
 
     Attributes
     ----------
-    value : ndarray
-        Tensions of the links, N, or displacement of the unknowns of the bodies, m.
-    converged : bool
-        Whether the method says so.
-    iterations : float
-        Number of iterations.
-    unknowns : int
-        Number of unknowns.
+    value : ndarray, tensions of the links, N, or displacement of the unknowns of the bodies, m
+    converged : bool, whether the method says so
+    iterations : float, number of iterations
+    unknowns : int, number of unknowns
     history : ndarray, shape (samples, 2)
         Seconds and error after each iteration; empty without a reference.
     """

@@ -1,4 +1,4 @@
-"""All families in one dataset, and the cheapest way to an answer of a given accuracy."""
+"""Runs as tables, of a family, and of all with the cheapest way to an answer of an accuracy."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from multiscale.schema import WORK_PRECISION
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["TARGETS", "join_families", "tabulate_cheapest"]
+__all__ = ["TARGETS", "join_families", "tabulate_cheapest", "tabulate_runs"]
 
 TARGETS = (0.1, 0.05, 0.02, 0.01)
 """Relative errors of the table of cheapest answers."""
@@ -25,18 +25,45 @@ SETTINGS: Mapping[str, str] = {
 """Settings of methods, with their format in the table."""
 
 
+COLUMNS: Mapping[str, tuple[str, str, float]] = {
+    "points": ("points", "d", 1),
+    "realisations": ("realisations", "d", 1),
+    "time_step": ("step (ms)", ".3g", 1e3),
+    "cables": ("cables", "d", 1),
+    "unknowns": ("unknowns", ".0f", 1),
+    "wall_time": ("time (s)", ".3g", 1),
+    "peak_memory": ("memory (MB)", ".0f", 1e-6),
+    "iterations": ("iterations", ".0f", 1),
+    "residual": ("residual", ".1e", 1),
+    "error": ("error", ".1e", 1),
+    "own_error": ("own error", ".1e", 1),
+    "effectivity": ("effectivity", ".2g", 1),
+}
+"""Heading, format and factor of each variable."""
+
+
+def tabulate_runs(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows of the runs of ``WORK_PRECISION``, without columns not measured."""
+    columns = {name: column for name, column in COLUMNS.items() if name in work_precision}
+    head = ("scene", "code", *(heading for heading, _, _ in columns.values()))
+    rows: list[tuple[str, ...]] = []
+    for k in range(work_precision.sizes["run"]):
+        run = work_precision.isel(run=k)
+        cells = {
+            name: "" if run[name].isnull() else f"{factor * run[name].item():{form}}"
+            for name, (_, form, factor) in columns.items()
+        }
+        if not run["converged"]:
+            cells["error"] = f"{cells['error']} not converged".lstrip()
+        rows.append((str(run["scene"].item()), str(run["method"].item()), *cells.values()))
+    return head, rows
+
+
 def join_families(families: Mapping[str, "xr.Dataset"]) -> "xr.Dataset":
     """Join the runs of several families, without their histories.
 
-    Parameters
-    ----------
-    families : mapping of str to Dataset
-        Each follows ``WORK_PRECISION``.
-
-    Returns
-    -------
-    Dataset
-        Follows ``WORK_PRECISION``, with ``family``; NaN where a family did not measure a variable.
+    The dataset follows ``WORK_PRECISION``, with ``family``; NaN where a family did not measure a
+    variable.
     """
     import xarray as xr
 
@@ -63,17 +90,8 @@ def tabulate_cheapest(
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the cheapest method and setting of every scene for each error that may be asked for.
 
-    Parameters
-    ----------
-    work_precision : Dataset
-        From :func:`join_families`.
-
-    Returns
-    -------
-    head : tuple of str
-    rows : list of tuple of str
-        One row for each scene; "none" where no run reached the error, "unknown" where the reference
-        is less certain.
+    Of the dataset of :func:`join_families`, head and one row for each scene; "none" where no run
+    reached the error, "unknown" where the reference is less certain.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
     scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values)

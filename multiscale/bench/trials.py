@@ -34,18 +34,14 @@ class Trial:
 
     Parameters
     ----------
-    scene : str
-        The question.
-    method : str
-        How it is answered.
+    scene : str, the question
+    method : str, how it is answered
     task : callable
         Returns the answer. Runs in a process of its own.
-    warm_up : callable
-        Takes imports and compilation in that process, untimed.
+    warm_up : callable, takes imports and compilation in that process, untimed
     settings : mapping of str to float
         Settings of the accuracy: variables of ``WORK_PRECISION``, such as ``points``.
-    repeats : int
-        Number of runs, whose median time counts.
+    repeats : int, number of runs, whose median time counts
     follows : Trial, optional
         Earlier trial, whose answer the task gets, or None if its process died.
     left_out : str
@@ -78,22 +74,14 @@ class BenchFamily:
 
     Parameters
     ----------
-    trials : iterable of Trial
-        Trials, of each scene from coarse to fine.
-    judge : callable
-        Says how good the answers to a scene are; see :func:`judge_by` for numbers.
-    title : str
-        Question of the family.
-    packages : tuple of str
-        Packages whose versions are recorded where they are installed.
-    threads : int
-        Number of threads that a run may use.
-    process : bool
-        Whether each run has a process of its own; otherwise memory is not measured.
-    error : str
-        Long name of ``error``, if it differs from the name in ``WORK_PRECISION``.
-    attributes : mapping of str to (str or float)
-        Further attributes of the dataset.
+    trials : iterable of Trial, trials, of each scene from coarse to fine
+    judge : callable, says how good the answers to a scene are; see :func:`judge_by` for numbers
+    title : str, question of the family
+    packages : tuple of str, packages whose versions are recorded where they are installed
+    threads : int, number of threads that a run may use
+    process : bool, whether each run has a process of its own; otherwise memory is not measured
+    error : str, long name of ``error``, if it differs from the name in ``WORK_PRECISION``
+    attributes : mapping of str to (str or float), further attributes of the dataset
     """
 
     trials: Iterable[Trial]
@@ -107,14 +95,7 @@ class BenchFamily:
 
 
 def measure_family(family: BenchFamily, report: Callable[[str], None]) -> "xr.Dataset":
-    """Measure answers to questions, and judge them.
-
-    Parameters
-    ----------
-    family : BenchFamily
-        Questions, answers and their judge.
-    report : callable
-        Gets a line after each measurement.
+    """Measure answers to questions, and judge them; ``report`` gets a line after each measurement.
 
     Returns
     -------
@@ -196,14 +177,13 @@ def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count:
     truth : callable
         Gets a scene and the mean answers of its trials; returns the true answer, and its
         uncertainty relative to it.
-    count : str
-        Variable of ``WORK_PRECISION`` that a task returns after its number, if any.
+    count : str, variable of ``WORK_PRECISION`` that a task returns after its number, if any
 
     Returns
     -------
     callable
-        Error: root mean square over the samples; time: mean over them.
-        NaN if the process died or did not converge.
+        Error: root mean square over the samples; time: mean over them. NaN if the process died or
+        did not converge.
     """
 
     def judge(scene: str, runs: Runs) -> Iterable[tuple[Trial, Columns]]:

@@ -62,14 +62,9 @@ class Settled:
 
     Attributes
     ----------
-    height : float
-        Twice the mean height of the centres, m.
-    contacts : int
-        Number of overlapping pairs.
-    steps : int
-        Number of time steps.
-    overlap : float
-        Largest overlap relative to the radius.
+    height : float, twice the mean height of the centres, m
+    contacts, steps : int, numbers of overlapping pairs and of time steps
+    overlap : float, largest overlap relative to the radius
     """
 
     height: float
@@ -90,16 +85,9 @@ def settle(model: Model, duration: float, *, threads: int = 1) -> Settled:
 
     Parameters
     ----------
-    model : Model
-        Spheres of one size and density in a box that is open above.
-    duration : float
-        Duration of the fall, s.
+    model : Model, spheres of one size and density in a box that is open above
+    duration : float, s
     threads : int
-        Number of threads.
-
-    Returns
-    -------
-    Settled
 
     Raises
     ------

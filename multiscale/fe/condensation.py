@@ -27,13 +27,12 @@ class Split:
     Attributes
     ----------
     inside, edge : ndarray of int, unknowns that are condensed, and the kept ones; body after body
-    inside_start, edge_start : ndarray of int, shape (bodies + 1,)
-        First unknown of every body in ``inside`` and ``edge``, and their sizes.
+    edge_start : ndarray of int, shape (bodies + 1,)
+        First unknown of every body in ``edge``, and its size.
     """
 
     inside: np.ndarray
     edge: np.ndarray
-    inside_start: np.ndarray
     edge_start: np.ndarray
 
     @property
@@ -50,7 +49,7 @@ class Split:
 def split(start: np.ndarray, shared: np.ndarray) -> Split:
     """Split the unknowns; a body has the unknowns ``start[E]`` to ``start[E + 1]``."""
     inside, edge = np.flatnonzero(~shared), np.flatnonzero(shared)
-    return Split(inside, edge, np.searchsorted(inside, start), np.searchsorted(edge, start))
+    return Split(inside, edge, np.searchsorted(edge, start))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +129,7 @@ def condense_body(
            [-0.5,  0.5]])
     """
     inside = np.setdiff1d(np.arange(stiffness.shape[0]), kept)
-    parts = Split(inside, kept, np.array([0, inside.size]), np.array([0, kept.size]))
+    parts = Split(inside, kept, np.array([0, kept.size]))
     condensed = condense(csr_array(stiffness), parts, partial(factorise, name=name))
     return replace(condensed, blocks=[_symmetric(block) for block in condensed.blocks])
 

@@ -7,12 +7,12 @@ import numpy as np
 from scipy.sparse import csr_array, kron
 
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
+from multiscale.laws.bulk.moduli import lame_parameters
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = ["assemble_elasticity", "displacement_basis", "elastic_matrix", "stiffness_matrix"]
+__all__ = ["assemble_elasticity", "displacement_basis", "elastic_matrix"]
 
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
@@ -79,50 +79,25 @@ def assemble_elasticity(
     return _interleave([[block(i, j) for j in range(d)] for i in range(d)])
 
 
-def stiffness_matrix(
-    basis: "CellBasis",
-    youngs_modulus: float | np.ndarray,
-    poissons_ratio: float | np.ndarray,
-) -> csr_array:
-    r"""Assemble isotropic elasticity, see :func:`assemble_elasticity`.
-
-    Parameters
-    ----------
-    basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
-    youngs_modulus : float or ndarray, shape (elements,), :math:`E > 0`, Pa
-    poissons_ratio : float or ndarray, shape (elements,), :math:`-1 < \nu < 1/2`, dimensionless
-
-    Returns
-    -------
-    csr_array, shape (d n, d n), N/m
-
-    Raises
-    ------
-    CaseError
-        If a modulus is outside its range.
-    """
-    check_moduli(youngs_modulus, poissons_ratio)
-    return assemble_elasticity(basis, *lame_parameters(youngs_modulus, poissons_ratio))
-
-
 def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr_array:
     r"""Assemble the small-strain elasticity of a law.
 
     Parameters
     ----------
-    basis : CellBasis, as for :func:`stiffness_matrix`
+    basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
     law : Elastic or AnisotropicElastic
         In plane strain the tensor is taken without its rows and columns along z.
 
     Returns
     -------
     csr_array, shape (d n, d n)
-        As of :func:`stiffness_matrix`; for a tensor C the block of components i and j is
+        As of :func:`assemble_elasticity`; for a tensor C the block of components i and j is
 
         .. math:: K_{ij} = \int C_{ikjl}\, \partial_k v\, \partial_l u .    \tag{2}
     """
     if isinstance(law, Elastic):
-        return stiffness_matrix(basis, law.youngs_modulus, law.poissons_ratio)
+        moduli = lame_parameters(law.youngs_modulus, law.poissons_ratio)
+        return assemble_elasticity(basis, *moduli)
     d = basis.mesh.dim()
     products, C = _products(basis, np.ones(1)), law.tensor
     blocks = [

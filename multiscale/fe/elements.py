@@ -28,13 +28,7 @@ from multiscale.numerics.compiled import compiled
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
 
-__all__ = [
-    "Elements",
-    "element_response",
-    "elements_of_basis",
-    "prepare_elements",
-    "sum_blocks",
-]
+__all__ = ["Elements", "element_response", "elements_of_basis", "prepare_elements", "sum_blocks"]
 
 
 @dataclass(frozen=True)

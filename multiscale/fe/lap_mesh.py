@@ -30,16 +30,11 @@ class LapShape:
 
     Parameters
     ----------
-    length, width, thickness : float
-        Lengths of each plate.
-    overlap : float
-        Length along x on which the plates lie on each other, shorter than a plate.
-    hole, washer : float
-        Diameters.
-    element : float
-        Largest edge of an element in plan; elements on the hole are smaller.
-    layers : int
-        Elements through each thickness.
+    length, width, thickness : float, lengths of each plate
+    overlap : float, length along x on which the plates lie on each other, shorter than a plate
+    hole, washer : float, diameters
+    element : float, largest edge of an element in plan; elements on the hole are smaller
+    layers : int, elements through each thickness
 
     Raises
     ------

@@ -25,10 +25,8 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool 
 
     Parameters
     ----------
-    path : Path
-        A ``.msh`` file or any other that meshio reads.
-    scale : float
-        Length of one unit of the file, m: ``1e-3`` for a file in millimetres.
+    path : Path, a ``.msh`` file or any other that meshio reads
+    scale : float, length of one unit of the file, m: ``1e-3`` for a file in millimetres
     volume : str
         Named group of elements that is the body; all elements if not given. Facets of other
         elements are left out of the boundaries.
@@ -85,8 +83,7 @@ def _bend(mesh: "Mesh", cells: np.ndarray, middles: np.ndarray) -> "Mesh":
 
     Parameters
     ----------
-    cells : ndarray of int, shape (elements, corners)
-        Corners in the order of VTK.
+    cells : ndarray of int, shape (elements, corners), corners in the order of VTK
     middles : ndarray, shape (3, elements, nodes)
         Nodes of edges, then of faces and of the element; of hexahedra the nodes of edges alone may
         be given.
@@ -162,8 +159,7 @@ def check_orientation(basis: "CellBasis") -> None:
 
     Parameters
     ----------
-    basis : CellBasis
-        The Jacobians at its quadrature points decide.
+    basis : CellBasis, the Jacobians at its quadrature points decide
 
     Raises
     ------

@@ -10,15 +10,13 @@ def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    position : ndarray, shape (n, 3)
-        m.
+    position : ndarray, shape (n, 3), m
     component : ndarray of int, shape (n,)
         0, 1 and 2 for displacements along x, y and z; larger for unknowns that do not move.
 
     Returns
     -------
-    ndarray, shape (n, 6)
-        Translations: dimensionless; rotations: m.
+    ndarray, shape (n, 6), translations: dimensionless; rotations: m
     """
     motions = np.zeros((component.size, 6))
     axes, moves = np.eye(3), component < 3

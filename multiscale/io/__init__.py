@@ -1,6 +1,5 @@
 """Readers and writers: the only place where files are opened."""
 
-from multiscale.io.body_fields import write_body_fields
 from multiscale.io.csv_tables import read_table
 from multiscale.io.datasets import (
     open_dataset,
@@ -11,7 +10,12 @@ from multiscale.io.datasets import (
     save_law,
     write_dataset,
 )
-from multiscale.io.fields import write_surface_fields
+from multiscale.io.fields import (
+    write_body_fields,
+    write_grain_fields,
+    write_link_fields,
+    write_surface_fields,
+)
 from multiscale.io.files import (
     logging_to,
     make_folder,
@@ -21,9 +25,7 @@ from multiscale.io.files import (
     try_to_write,
     write_bytes,
 )
-from multiscale.io.grain_fields import write_grain_fields
 from multiscale.io.images import VoxelImage, read_images
-from multiscale.io.link_fields import write_link_fields
 from multiscale.io.meshes import open_mesh, read_mesh
 from multiscale.io.surface_file import Topography, open_topography, read_surface
 

@@ -170,8 +170,7 @@ def open_run(folder: str | PathLike[str]) -> "xr.DataTree":
 
     Parameters
     ----------
-    folder : path
-        Run folder, or the folder of a sweep.
+    folder : path, run folder, or the folder of a sweep
 
     Returns
     -------

@@ -1,16 +1,27 @@
-"""Fields on the contact surface as VTU files for ParaView."""
+"""Fields of cells, links, bodies and grains as VTU files for ParaView."""
 
+from collections.abc import Iterable
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.io.files import replacing
+from multiscale.errors import SchemaError
+from multiscale.io.files import replacing, write_bytes
+from multiscale.schema import GRANULATE, MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["write_surface_fields"]
+__all__ = ["write_body_fields", "write_grain_fields", "write_link_fields", "write_surface_fields"]
+
+LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
+NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step
+ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}  # elements in meshio by their number of corners
+ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")  # of elements at every step
+CONSTANT_VARIABLES = ("element_body", "element_damage")  # of elements without steps
+POINT_VARIABLES = ("gap", "contact_state")  # of the points of joints at every step
 
 
 def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder: Path) -> None:
@@ -18,12 +29,9 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
 
     Parameters
     ----------
-    fields : Dataset
-        Follows ``FIELDS``.
-    size : tuple of float
-        Edge lengths of the cell, m.
-    folder : Path
-        For ``contact-0000.vtu`` and so on.
+    fields : Dataset, follows ``FIELDS``
+    size : tuple of float, edge lengths of the cell, m
+    folder : Path, for ``contact-0000.vtu`` and so on
 
     Raises
     ------
@@ -44,3 +52,178 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
         mesh = meshio.Mesh(points, [("quad", quads)], point_data=data)
         with replacing(folder / f"contact-{k:04d}.vtu") as whole:
             mesh.write(whole, file_format="vtu")
+
+
+def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links") -> Path:
+    """Write one VTU file per step, and the collection that ParaView opens as a series.
+
+    The links are lines between the nodes of the unloaded structure, with tension and slack;
+    the filter *Warp By Vector* with the displacement of the nodes moves them.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the position of the nodes and the ends of the links.
+    folder, name
+        For ``NAME.pvd``, ``NAME-0000.vtu`` and so on.
+
+    Returns
+    -------
+    Path
+        File of the collection. Its steps are at their times, s, or at rising load factors, else at
+        their numbers.
+
+    Raises
+    ------
+    SchemaError
+        If the dataset does not follow the schema or has no nodes and links.
+    MultiscaleError
+        If a file cannot be written.
+    """
+    import meshio
+
+    _require(result, ("position", "ends", "tension"), "nodes and links")
+    position, lines = result["position"].values, [("line", result["ends"].values)]
+
+    def links(step: int) -> dict[str, Any]:
+        nodes = {key: result[key].values[step] for key in NODE_VARIABLES if key in result}
+        values = {key: [result[key].values[step]] for key in LINK_VARIABLES if key in result}
+        return {"": meshio.Mesh(position, lines, point_data=nodes, cell_data=values)}
+
+    steps = range(result.sizes["step"])
+    return _write_series(folder, name, _timesteps(result), map(links, steps))
+
+
+def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies") -> Path:
+    """Write the elements of every step, and the points of joints beside them as a second part.
+
+    The filter *Warp By Vector* with the displacement of the nodes moves the bodies. Points have
+    gap, m, pressure and magnitude of the shear traction, Pa, ``contact_state`` (0 open, 1 sticks,
+    2 slips), damage and number of their joint. Elements have von Mises stress, Pa, density of the
+    strain energy, J/m³, damage and number of their body.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with the fields that
+        :func:`multiscale.macro.substructures.add_body_fields` adds.
+    folder, name
+        For ``NAME.pvd``, ``NAME-0000.vtu``, ``NAME-joints-0000.vtu`` and so on.
+
+    Returns
+    -------
+    Path, file of the collection; for steps and errors see :func:`write_link_fields`
+    """
+    import meshio
+
+    _require(result, ("position", "displacement", "corners"), "elastic bodies")
+    corners = result["corners"].values
+    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
+
+    def parts(step: int) -> dict[str, Any]:
+        values = {key: [result[key].values[step]] for key in ELEMENT_VARIABLES if key in result}
+        values |= {key: [result[key].values] for key in CONSTANT_VARIABLES if key in result}
+        moved = {"displacement": result["displacement"].values[step]}
+        bodies = meshio.Mesh(result["position"].values, elements, moved, values)
+        if "traction" not in result:
+            return {"": bodies}
+        traction, points = result["traction"].values[step], result["point_position"].values
+        joints = {
+            "pressure": -traction[:, 0],
+            "shear": np.hypot(traction[:, 1], traction[:, 2]),
+            **{key: result[key].values[step] for key in POINT_VARIABLES if key in result},
+            **{key: result[f"point_{key}"].values for key in ("joint", "damage")},
+        }
+        vertices = [("vertex", np.arange(len(points))[:, None])]
+        return {"": bodies, "joints": meshio.Mesh(points, vertices, joints)}
+
+    steps = range(result.sizes["step"])
+    return _write_series(folder, name, _timesteps(result), map(parts, steps))
+
+
+def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grains") -> Path:
+    """Write one VTU file per frame, and the collection that ParaView opens as a series.
+
+    A grain is a point with its radius, m, velocity, m/s, and, if grains turn, spin, rad/s. The
+    filter *Glyph* shows it as a sphere scaled by twice the radius. A contact is a line with its
+    force, N.
+
+    Parameters
+    ----------
+    result : Dataset, follows ``GRANULATE``
+    folder, name
+        As of :func:`write_link_fields`.
+
+    Returns
+    -------
+    Path
+        File of the collection, with the frames at their times, s; for errors see
+        :func:`write_link_fields`.
+    """
+    GRANULATE.check(result)
+    time = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
+    frames = ({"": _frame(result, k)} for k in range(result.sizes["frame"]))
+    return _write_series(folder, name, time, frames)
+
+
+def _frame(result: "xr.Dataset", k: int) -> Any:
+    """Points of the grains and lines of their contacts in a frame."""
+    import meshio
+
+    n, frame = result.sizes["grain"], result.isel(frame=k)
+    here = result["contact_frame"].values == k
+    first = frame["position"].values[result["contact_ends"].values[here, 0]]
+    second = first - result["branch"].values[here]  # a contact across a period stays short
+    force = np.linalg.norm(result["contact_force"].values[here], axis=1)
+    m = len(force)
+    grains = {
+        "radius": result["radius"].values,
+        **{name: frame[name].values for name in ("velocity", "spin") if name in frame},
+    }
+    return meshio.Mesh(
+        np.concatenate([frame["position"].values, first, second]),
+        [("vertex", np.arange(n)[:, None]), ("line", n + np.arange(2 * m).reshape(2, m).T)],
+        point_data={
+            key: np.concatenate([value, np.zeros((2 * m, *value.shape[1:]))])
+            for key, value in grains.items()
+        },
+        cell_data={"force": [np.zeros(n), force]},
+    )
+
+
+def _require(result: "xr.Dataset", names: tuple[str, ...], kind: str) -> None:
+    """Refuse a result that is not of the structures of a kind."""
+    MACRO_RESULT.check(result)
+    if missing := [needed for needed in names if needed not in result]:
+        raise SchemaError(f"the result has no {', '.join(missing)}: it is no result of {kind}")
+
+
+def _timesteps(result: "xr.Dataset") -> np.ndarray:
+    """Return rising times, s, or load factors of the steps of a result, else their numbers."""
+    for name in ("time", "load_factor"):
+        if name in result.coords and np.all(np.diff(result[name].values) > 0.0):
+            return np.asarray(result[name].values)
+    return np.arange(result.sizes["step"])
+
+
+def _write_series(
+    folder: Path, name: str, times: np.ndarray, steps: Iterable[dict[str, Any]]
+) -> Path:
+    """Write one VTU file for each step and part, the main part ``""``, and their collection."""
+    entries = []
+    for k, (at, meshes) in enumerate(zip(times, steps, strict=True)):
+        for number, (part, mesh) in enumerate(meshes.items()):
+            file = f"{name}-{part}-{k:04d}.vtu" if part else f"{name}-{k:04d}.vtu"
+            with replacing(folder / file) as whole:
+                mesh.write(whole, file_format="vtu")
+            entries.append(
+                f'    <DataSet timestep="{float(at)!r}" part="{number}" file="{escape(file)}"/>\n'
+            )
+    collection = folder / f"{name}.pvd"  # written last: it names only existing files
+    text = (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        + "".join(entries)
+        + "  </Collection>\n</VTKFile>\n"
+    )
+    write_bytes(collection, text.encode())
+    return collection

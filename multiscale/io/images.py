@@ -19,10 +19,8 @@ class VoxelImage:
 
     Parameters
     ----------
-    void : ndarray of bool or of 0 and 1, shape (nx, ny, nz)
-        Whether a voxel is void.
-    size : tuple of float
-        Lengths of the box along x, y and z, m.
+    void : ndarray of bool or of 0 and 1, shape (nx, ny, nz), whether a voxel is void
+    size : tuple of float, lengths of the box along x, y and z, m
 
     Raises
     ------
@@ -66,38 +64,6 @@ class VoxelImage:
         """Volume fraction of void."""
         return float(self.void.mean())
 
-    @staticmethod
-    def from_voxels(
-        void: np.ndarray, voxel_size: float | Sequence[float] | None = None
-    ) -> "VoxelImage":
-        """Make an image from the edges of its voxels.
-
-        Parameters
-        ----------
-        void
-            As of the class.
-        voxel_size : float or sequence of float
-            Edge of cubic voxels, or edges along x, y and z, m.
-
-        Raises
-        ------
-        CaseError
-            If ``voxel_size`` is None or has neither one nor three edges, or the image is refused.
-        """
-        if voxel_size is None:
-            raise CaseError(
-                "the image has no size of its voxels; give voxel_size (m), three "
-                "edges if they are not cubes"
-            )
-        if np.size(voxel_size) not in (1, 3):
-            raise CaseError(
-                f"voxel_size is the edge of a cube or three edges along x, y and z (m), "
-                f"got {voxel_size}"
-            )
-        shape = (*np.shape(void), 1, 1, 1)[:3]  # another number of axes is refused below
-        x, y, z = np.broadcast_to(np.asarray(voxel_size, dtype=float).ravel(), (3,)) * shape
-        return VoxelImage(void, (float(x), float(y), float(z)))
-
     def coarsened(self) -> "VoxelImage":
         """Halve the resolution: a voxel is void if more than half of its eight parts are."""
         shape = [n - n % 2 for n in self.void.shape]
@@ -125,15 +91,13 @@ def read_images(
     path : path
         File, or folder whose ``.tif`` or ``.tiff`` files, in the order of their names with
         numbers as numbers, are slices along z.
-    void_value : float
-        Value of void voxels; the image must have at most one other value.
+    void_value : float, value of void voxels; the image must have at most one other value
     voxel_size : float or sequence of float, optional
         Edge of cubic voxels, or edges along x, y and z, m. Read from the file if not given.
 
     Returns
     -------
-    VoxelImage
-        The volume, with columns of the pages along x, rows along y and pages along z.
+    VoxelImage, the volume, with columns of the pages along x, rows along y and pages along z
 
     Raises
     ------
@@ -161,8 +125,15 @@ def read_images(
             f"{path}: the file does not give the size of its voxels along x, y and z; give "
             f"voxel_size (m), three edges if they are not cubes"
         )
+    if np.size(edges) not in (1, 3):
+        raise CaseError(
+            f"{path}: voxel_size is the edge of a cube or three edges along x, y and z (m), "
+            f"got {edges}"
+        )
+    void = (pages == void_value).transpose(2, 1, 0)
+    x, y, z = (float(length) for length in np.broadcast_to(np.ravel(edges), (3,)) * void.shape)
     try:
-        return VoxelImage.from_voxels((pages == void_value).transpose(2, 1, 0), edges)
+        return VoxelImage(void, (x, y, z))
     except CaseError as error:
         raise CaseError(f"{path}: {error}") from error
 

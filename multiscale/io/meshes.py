@@ -41,16 +41,12 @@ class MeshArrays:
 
     Attributes
     ----------
-    kind : str
-        ``"triangle"``, ``"quad"``, ``"tetra"`` or ``"hexahedron"``.
-    points : ndarray, shape (d, n)
-        Coordinates of the corners in the unit of the file.
-    cells : ndarray of int, shape (elements, corners)
-        Corners in the order of VTK.
+    kind : str, ``"triangle"``, ``"quad"``, ``"tetra"`` or ``"hexahedron"``
+    points : ndarray, shape (d, n), coordinates of the corners in the unit of the file
+    cells : ndarray of int, shape (elements, corners), corners in the order of VTK
     boundaries : dict of str to ndarray of int, shape (facets, corners)
         Corners of the facets of every named boundary.
-    volumes : dict of str to ndarray of int, shape (elements,)
-        Elements of every named set of them.
+    volumes : dict of str to ndarray of int, shape (elements,), elements of every named set of them
     middles : ndarray, shape (d, elements, nodes), optional
         Coordinates of the nodes between the corners of elements of second order, in the order of
         VTK: of edges, of faces and inside.
@@ -69,8 +65,7 @@ def open_mesh(path: Path) -> "Mesh":
 
     Parameters
     ----------
-    path : Path
-        A file of any format that meshio reads.
+    path : Path, a file of any format that meshio reads
 
     Raises
     ------
@@ -96,12 +91,9 @@ def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArra
 
     Parameters
     ----------
-    path : Path
-        A ``.msh`` file of gmsh or any other file that meshio reads.
-    volume : str
-        Named group of solid elements that is read; all of them if not given.
-    curved : bool
-        Whether elements of second order are read, too.
+    path : Path, a ``.msh`` file of gmsh or any other file that meshio reads
+    volume : str, named group of solid elements that is read; all of them if not given
+    curved : bool, whether elements of second order are read, too
 
     Returns
     -------

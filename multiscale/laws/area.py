@@ -107,8 +107,7 @@ class ErrorFunctionArea:
 
     Parameters
     ----------
-    pressure_scale : float
-        Pressure :math:`p_A > 0` of (1), Pa.
+    pressure_scale : float, pressure :math:`p_A > 0` of (1), Pa
 
     Raises
     ------

@@ -17,8 +17,7 @@ class ConvexDecreasing(NormalLaw):
 
     Parameters
     ----------
-    knot : ndarray, shape (terms,)
-        Gaps :math:`s_1 < \dots < s_n` at which the terms vanish, m.
+    knot : ndarray, shape (terms,), gaps :math:`s_1 < \dots < s_n` at which the terms vanish, m
     coefficient : ndarray, shape (terms,)
         :math:`c_k`, Pa m\ :sup:`-3`. Single coefficients may be negative, see (2).
     gap, pressure_range

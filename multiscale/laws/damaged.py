@@ -16,10 +16,8 @@ class Damaged(NormalLaw):
 
     Parameters
     ----------
-    law : NormalLaw
-        Law of the sound interface, with its gap.
-    damage : float
-        Damage :math:`D`, from 0 to below 1, dimensionless.
+    law : NormalLaw, law of the sound interface, with its gap
+    damage : float, damage :math:`D`, from 0 to below 1, dimensionless
 
     Raises
     ------

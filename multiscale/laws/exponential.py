@@ -16,10 +16,8 @@ class Exponential(NormalLaw):
 
     Parameters
     ----------
-    pressure_scale : float
-        Pressure :math:`p_c > 0` at zero gap, Pa.
-    decay_length : float
-        Decay length :math:`u_0 > 0`, m.
+    pressure_scale : float, pressure :math:`p_c > 0` at zero gap, Pa
+    decay_length : float, decay length :math:`u_0 > 0`, m
     gap, pressure_range
         As of :class:`NormalLaw`.
 

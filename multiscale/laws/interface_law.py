@@ -43,8 +43,7 @@ class Sliding:
         energy, J/m²: never negative, and the dissipation by slip to first order in the step.
     stored : ndarray, shape (...)
         Energy stored by the tangential traction at the end of the step, J/m².
-    state : ndarray, shape (n_state, ...)
-        Internal variables at the end of the step.
+    state : ndarray, shape (n_state, ...), internal variables at the end of the step
     """
 
     slipping: np.ndarray
@@ -120,17 +119,14 @@ class InterfaceLaw(ABC):
 
         Parameters
         ----------
-        source : ndarray, shape (d, ...)
-            Right-hand side :math:`b`, Pa.
+        source : ndarray, shape (d, ...), right-hand side :math:`b`, Pa
         stiffness : float or ndarray
             Stiffness :math:`k > 0` of the search direction, Pa/m; broadcasts against ``source``.
-        state : ndarray, shape (n_state, ...)
-            Last committed state.
+        state : ndarray, shape (n_state, ...), last committed state
 
         Returns
         -------
-        ndarray, shape (d, ...)
-            Jump, m.
+        ndarray, shape (d, ...), jump, m
 
         Raises
         ------

@@ -16,12 +16,9 @@ class PowerLaw(NormalLaw):
 
     Parameters
     ----------
-    pressure_scale : float
-        Pressure :math:`p_c > 0` at zero gap, Pa.
-    support : float
-        Gap :math:`s > 0` at which contact begins, m.
-    exponent : float
-        Exponent :math:`m \ge 1`, dimensionless.
+    pressure_scale : float, pressure :math:`p_c > 0` at zero gap, Pa
+    support : float, gap :math:`s > 0` at which contact begins, m
+    exponent : float, exponent :math:`m \ge 1`, dimensionless
     gap, pressure_range
         As of :class:`NormalLaw`.
 

@@ -17,10 +17,8 @@ class RigidContact(InterfaceLaw):
 
     Parameters
     ----------
-    friction : float
-        Friction coefficient :math:`\mu \ge 0`, dimensionless.
-    gap : float, default 0.0
-        Initial gap :math:`g_0`, m.
+    friction : float, friction coefficient :math:`\mu \ge 0`, dimensionless
+    gap : float, default 0.0, initial gap :math:`g_0`, m
 
     Raises
     ------

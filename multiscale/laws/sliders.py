@@ -35,10 +35,8 @@ class Sliders(InterfaceLaw):
 
     Parameters
     ----------
-    normal : NormalLaw or HystereticLaw
-        Law of the pressure p and normal stiffness K at a gap.
-    friction : float
-        Friction coefficient :math:`\mu \ge 0`, dimensionless.
+    normal : NormalLaw or HystereticLaw, law of the pressure p and normal stiffness K at a gap
+    friction : float, friction coefficient :math:`\mu \ge 0`, dimensionless
     stiffness_ratio : float
         Tangential over normal stiffness, :math:`\kappa > 0`; :math:`2(1-\nu)/(2-\nu)` for contact
         spots far apart; dimensionless.

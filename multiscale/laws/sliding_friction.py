@@ -44,8 +44,7 @@ class Coulomb(FrictionLaw):
 
     Parameters
     ----------
-    friction_coefficient : float
-        Coefficient :math:`\mu \ge 0`, dimensionless.
+    friction_coefficient : float, coefficient :math:`\mu \ge 0`, dimensionless
 
     Raises
     ------
@@ -78,8 +77,7 @@ class DecayingFriction(FrictionLaw):
     static_coefficient, kinetic_coefficient : float
         Coefficients :math:`\mu_s \ge 0` at rest and :math:`\mu_k \ge 0` at high speed,
         dimensionless.
-    decay_speed : float
-        Speed :math:`v_c > 0` of the decay, m/s.
+    decay_speed : float, speed :math:`v_c > 0` of the decay, m/s
 
     Raises
     ------
@@ -121,8 +119,7 @@ class BellFriction(FrictionLaw):
     ----------
     peak_coefficient : float
         Coefficient :math:`\mu_m \ge 0` at peak speed and reference pressure, dimensionless.
-    peak_speed : float
-        Speed :math:`v_m > 0` of the peak at the reference pressure, m/s.
+    peak_speed : float, speed :math:`v_m > 0` of the peak at the reference pressure, m/s
     rise_exponent, fall_exponent : float
         Powers :math:`r, f > 0` of the speed far below and far above the peak, dimensionless.
     pressure_exponent : float
@@ -130,8 +127,7 @@ class BellFriction(FrictionLaw):
     speed_exponent : float
         Exponent :math:`c`, positive if the speed of the peak increases with the pressure,
         dimensionless.
-    reference_pressure : float
-        Pressure :math:`p_0 > 0`, Pa.
+    reference_pressure : float, pressure :math:`p_0 > 0`, Pa
 
     Raises
     ------

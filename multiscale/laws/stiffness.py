@@ -24,12 +24,10 @@ class PowerStiffness(StiffnessLaw):
 
     Parameters
     ----------
-    stiffness_scale : float
-        Stiffness :math:`K_0 > 0` at the reference pressure, Pa/m.
+    stiffness_scale : float, stiffness :math:`K_0 > 0` at the reference pressure, Pa/m
     exponent : float
         Exponent :math:`m \ge 0`, dimensionless; 1 if the stiffness is proportional to the pressure.
-    reference_pressure : float
-        Pressure :math:`p_0 > 0`, Pa.
+    reference_pressure : float, pressure :math:`p_0 > 0`, Pa
 
     Raises
     ------

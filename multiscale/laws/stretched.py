@@ -16,16 +16,12 @@ class StretchedLaw(NormalLaw):
 
     Parameters
     ----------
-    law : NormalLaw
-        Law of the pressure :math:`p_0`.
-    factor : float
-        Factor :math:`f > 0` of the distance of all gaps to the centre, dimensionless.
+    law : NormalLaw, law of the pressure :math:`p_0`
+    factor : float, factor :math:`f > 0` of the distance of all gaps to the centre, dimensionless
     gap : float, default 0.0
         Initial gap between the mean planes, m; the gap of the other law is not used.
-    centre : float, default 0.0
-        Gap :math:`g_c` that is not stretched, m.
-    shift : float, default 0.0
-        Increase :math:`d` of all gaps, m.
+    centre : float, default 0.0, gap :math:`g_c` that is not stretched, m
+    shift : float, default 0.0, increase :math:`d` of all gaps, m
 
     Raises
     ------

@@ -12,16 +12,14 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
 
     Parameters
     ----------
-    temperature, reference : float
-        Temperature :math:`T` and reference temperature :math:`T_r`, K.
+    temperature, reference : float, temperature :math:`T` and reference temperature :math:`T_r`, K
     c1, c2 : float
         Constants :math:`c_1`, dimensionless, and :math:`c_2`, K; the defaults hold for many
         polymers with the glass transition as reference.
 
     Returns
     -------
-    float
-        Ratio :math:`a_T` of the relaxation times at T and at the reference, dimensionless.
+    float, ratio :math:`a_T` of the relaxation times at T and at the reference, dimensionless
 
     Raises
     ------

@@ -8,7 +8,7 @@ from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, new
 from multiscale.laws.parameters import check_parameter
 from multiscale.laws.power import PowerLaw
 
-__all__ = ["HystereticLaw", "UnloadingBranch"]
+__all__ = ["HystereticLaw"]
 
 
 @dataclass(frozen=True)
@@ -17,13 +17,11 @@ class HystereticLaw(InterfaceLaw):
 
     Parameters
     ----------
-    loading : NormalLaw
-        Pressure :math:`p_\ell(g)` of the first loading; its initial gap is used.
+    loading : NormalLaw, pressure :math:`p_\ell(g)` of the first loading; its initial gap is used
     stiffness_ratio : float
         Ratio :math:`\beta \ge 1` of the stiffnesses at the start of unloading and of loading,
         dimensionless.
-    exponent : float
-        Exponent :math:`n \ge 1` of the unloading branch, dimensionless.
+    exponent : float, exponent :math:`n \ge 1` of the unloading branch, dimensionless
 
     Raises
     ------
@@ -95,20 +93,20 @@ class HystereticLaw(InterfaceLaw):
         r"""Return :math:`x = (g - g_m) / \ell_m` of (1), and its scales :math:`p_m, \ell_m`."""
         peak = state[0]
         branch = self.branch(np.where(peak > 0.0, peak, 1.0))  # without loading the force is zero
-        return np.maximum(gap - branch.corner, 0.0) / branch.length, peak, branch.length
+        length = np.asarray(branch.support)
+        return np.maximum(gap - self.loading.gap + branch.gap, 0.0) / length, peak, length
 
-    def branch(self, peak_pressure: np.ndarray) -> "UnloadingBranch":
-        """Return the unloading branch (1) from a largest pressure :math:`p_m > 0`, Pa."""
+    def branch(self, peak_pressure: np.ndarray) -> PowerLaw:
+        """Return (1) from largest pressures :math:`p_m > 0`, Pa, with the gap :math:`g - g_m`."""
         peak = np.asarray(peak_pressure, dtype=float)
-        gap = self.loading.gap_at(peak)
-        length = self.exponent * peak / (self.stiffness_ratio * self.loading.stiffness(gap))
-        return UnloadingBranch(peak, gap, length, self.exponent, self.loading.gap)
+        corner = self.loading.gap_at(peak)
+        length = self.exponent * peak / (self.stiffness_ratio * self.loading.stiffness(corner))
+        own = self.loading.gap - corner
+        return PowerLaw(peak, length, self.exponent, own)  # type: ignore[arg-type]  # point by point
 
     def recovery(self, pressure: np.ndarray, peak_pressure: np.ndarray) -> np.ndarray:
         """Return the recovery :math:`g - g_m`, m, of (1) at a pressure, Pa."""
-        branch = self.branch(peak_pressure)
-        share = np.asarray(pressure) / branch.peak
-        return np.asarray(branch.length * (1.0 - share ** (1.0 / self.exponent)))
+        return self.branch(peak_pressure).gap_at(pressure)
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Evaluate (1) or the loading law; the new state is the largest pressure."""
@@ -137,38 +135,7 @@ class HystereticLaw(InterfaceLaw):
         back = self.loading.pressure(jump[0] + self.loading.gap) < state[0]
         if np.any(back):
             branch = self.branch(state[0][back])
-            corner = branch.corner - self.loading.gap
             jump[:, back] = newton_from_the_left(
-                branch, source[:, back], k[:, back], state[:, back], corner
+                branch, source[:, back], k[:, back], state[:, back], -np.asarray(branch.gap)
             )
         return jump
-
-
-@dataclass(frozen=True)
-class UnloadingBranch(InterfaceLaw):
-    r"""Unloading branch (1) of :class:`HystereticLaw` at a fixed largest pressure.
-
-    Parameters
-    ----------
-    peak : ndarray, shape (...), largest pressure :math:`p_m`, Pa
-    corner : ndarray, shape (...), gap :math:`g_m` at this pressure, m
-    length : ndarray, shape (...), elastic recovery :math:`\ell_m`, m
-    exponent : float, exponent :math:`n`, dimensionless
-    gap : float, initial gap, m
-    """
-
-    peak: np.ndarray
-    corner: np.ndarray
-    length: np.ndarray
-    exponent: float
-    gap: float
-
-    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
-        """Evaluate (1)."""
-        share = np.maximum(0.0, 1.0 - (jump[0] + self.gap - self.corner) / self.length)
-        slope = self.peak * self.exponent / self.length
-        traction = np.zeros(jump.shape)
-        traction[0] = -self.peak * share**self.exponent  # (1)
-        tangent = np.zeros((jump.shape[0], *jump.shape))
-        tangent[0, 0] = np.where(share > 0.0, slope * share ** (self.exponent - 1.0), 0.0)
-        return Response(traction, tangent, state)

@@ -20,7 +20,6 @@ from multiscale.macro.discrete.description import link_dataset
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
-from multiscale.macro.link_energy import EnergyStep, account_links
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.numerics.factorisation import Solve
 
@@ -54,15 +53,13 @@ def simulate(
         Increasing times, s. The first belongs to the initial state.
     mass : ndarray, shape (nodes,), or float
         Mass of each node, kg; with beams in (nodes, 6), the last three in kg m2.
-    load_factor : callable
-        Factor :math:`\alpha(t)` of the loads of the system, dimensionless.
+    load_factor : callable, factor :math:`\alpha(t)` of the loads of the system, dimensionless
     support_motion : callable, optional
         Displacement of the nodes at a time, shape (nodes, c), m; used at fixed components.
     start : tuple of ndarray, shape (nodes, c), optional
         Displacement, m, and velocity, m/s, at the first time; at rest in the prestressed
         configuration if not given.
-    theta : float
-        From 1/2 (second order, no numerical damping) to 1 (fully implicit).
+    theta : float, from 1/2 (second order, no numerical damping) to 1 (fully implicit)
     restitution : float
         Coefficient of restitution of inextensible links that become taut, from 0 to 1.
 
@@ -192,6 +189,28 @@ class _State:
     tension: np.ndarray
     impulse: np.ndarray
     mean: np.ndarray
+
+
+@dataclass(frozen=True)
+class _EnergyStep:
+    r"""Energy balance of a step, J.
+
+    Attributes
+    ----------
+    kinetic, elastic : float, energies at the end of the step, J
+    work : float, work of loads and moving supports, J
+    numerical : float
+        Dissipation by the scheme, :math:`(\theta - 1/2)\, \mathrm{d}v^T M\, \mathrm{d}v`, J.
+    link : float, dissipation in the links, summed link by link, J
+    smallest_link : float, smallest term of this sum, J
+    """
+
+    kinetic: float
+    elastic: float
+    work: float
+    numerical: float
+    link: float
+    smallest_link: float
 
 
 @dataclass(frozen=True)
@@ -341,33 +360,43 @@ class _Scheme:
         entries[self.tangent.diagonal] += self.mass
         return self.tangent.factorise(entries)
 
-    def energy(self, old: _State, new: _State) -> EnergyStep:
-        """Return the energy balance of a step."""
+    def energy(self, old: _State, new: _State) -> _EnergyStep:
+        r"""Return the energy balance of a step, summed link by link.
+
+        From the equation of the step, with :math:`T` kinetic and :math:`V` elastic energy,
+
+        .. math::
+            \Delta T + \Delta V = W - (\theta - \tfrac12)\, \mathrm{d}v^T M\, \mathrm{d}v
+            - \sum_l \left( \tau_l\, \Delta e_l - \Delta V_l \right);    \tag{4}
+
+        with :func:`mean_tension`, or :math:`\theta = 1`, each term of the sum is at least zero
+        because :math:`V_l` is convex.
+        """
         force = self.theta * self.load(new.time) + (1.0 - self.theta) * self.load(old.time)
-        work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
         growth, change = new.elongation - old.elongation, new.v - old.v
         if self.restitution > 0.0:  # impulses of (3) act at the mean of both rates
             mean = 0.5 * new.step * self.model.elongate(old.v + new.v)
             growth = np.where(self.extensible, growth, mean + new.support - old.support)
             change = change + self.model.gather(new.impulse) / self.mass
-        return account_links(
-            self.mass,
-            (new.v, change),
-            (self.stored(old.tension), self.stored(new.tension)),
-            new.mean,
-            growth,
-            work,
-            self.theta,
+        before, after = self.stored(old.tension), self.stored(new.tension)
+        lost = new.mean * growth - (after - before)
+        return _EnergyStep(
+            kinetic=0.5 * float(new.v @ (self.mass * new.v)),
+            elastic=float(np.sum(after)),
+            work=float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support)),
+            numerical=(self.theta - 0.5) * float(change @ (self.mass * change)),  # (4)
+            link=float(np.sum(lost)),
+            smallest_link=float(np.min(lost)),
         )
 
     def report(
-        self, state: _State, energy: EnergyStep | None, residual: float, seconds: float
+        self, state: _State, energy: _EnergyStep | None, residual: float, seconds: float
     ) -> dict[str, Any]:
         """Return the variables of a step."""
         links = self.system.n_links
         tension = np.where(self.extensible, state.tension, state.impulse / state.step)[:links]
         own = float(np.sum(self.stored(state.tension)))
-        energy = energy or EnergyStep(
+        energy = energy or _EnergyStep(
             0.5 * float(state.v @ (self.mass * state.v)), own, 0.0, 0.0, 0.0, 0.0
         )
         displacement = self.model.at_nodes(state.u)

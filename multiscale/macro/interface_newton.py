@@ -14,29 +14,20 @@ the traction of the law at y by :math:`k (j - y)` per area, so that one residual
 traction and the jump are from the solution, however stiff the law is.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status
 from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.numerics.line_search import step_length
-from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = [
     "FLOOR",
     "GROWTH",
     "PATIENCE",
     "ROUNDS",
-    "Equations",
-    "InterfaceIterate",
     "face_stiffness",
-    "find_equilibrium",
     "go_on_along_law",
     "soften_tangent",
     "tangent_traction",
@@ -62,83 +53,6 @@ GROWTH, ROUNDS = 1e4, 8
 """Factor of the residual beyond which a whole step has left all that is known of the law, and steps
 without a smaller residual after which the iteration may go round in circles: the energy then tells
 the length of the step."""
-
-
-@dataclass(frozen=True, eq=False)
-class InterfaceIterate:
-    """The equations at one value of their unknowns.
-
-    Attributes
-    ----------
-    value, gradient : ndarray, shape (n,)
-        The unknowns, and the derivative of the total energy by each of them.
-    force : ndarray
-        Nodal force of the interface, N.
-    tangent : ndarray, shape (..., points)
-        Tangent of the law, times the weights of the points, N/m.
-    """
-
-    value: np.ndarray
-    gradient: np.ndarray
-    force: np.ndarray
-    tangent: np.ndarray
-
-
-class Equations(Protocol):
-    """Equilibrium of bodies and interface, in full or condensed."""
-
-    def linearise(self, value: np.ndarray) -> InterfaceIterate:
-        """Evaluate the law."""
-
-    def residual(self, here: InterfaceIterate) -> float:
-        """Fault that the tolerance bounds, dimensionless."""
-
-    def direction(self, here: InterfaceIterate, floor: float) -> np.ndarray | None:
-        """Newton direction, the normal tangent raised by a share of the stiffness of the bodies.
-
-        None if the matrix is singular.
-        """
-
-
-@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
-def find_equilibrium(equations: Equations, start: np.ndarray, limits: Limits) -> Solution:
-    """Solve the equations from a start; the value holds their unknowns.
-
-    The law derives from a convex potential: the derivative of the total energy along a Newton step
-    decides the length of the step, so that any start converges.
-    """
-    here = equations.linearise(start)
-    residual, run = equations.residual(here), NewtonRun(limits, PATIENCE)
-    while run.goes_on(residual):
-        direction = _descent(equations, here)
-        if direction is None:
-            run.stop(Status.STALLED)
-            break
-        there, slope = _along(equations, here.value, direction)
-        step = step_length(slope, float(direction @ here.gradient))
-        here = there(step)
-        residual = equations.residual(here)
-
-    return run.solution(here.value)
-
-
-def _descent(equations: Equations, here: InterfaceIterate) -> np.ndarray | None:
-    """Newton direction; with a floor under the tangent where it is singular."""
-    fallback = None
-    for floor in (0.0, FLOOR):
-        direction = equations.direction(here, floor)
-        if direction is not None and direction @ here.gradient < 0.0:
-            return direction
-        fallback = fallback if direction is None else direction
-    return fallback
-
-
-def _along(
-    equations: Equations, value: np.ndarray, direction: np.ndarray
-) -> tuple[Callable[[float], InterfaceIterate], Callable[[float], float]]:
-    """Iterate after a step, evaluated once for the same step in a row, and slope of the energy."""
-    there = lru_cache(maxsize=1)(lambda step: equations.linearise(value + step * direction))
-    return there, lambda step: float(direction @ there(step).gradient)
 
 
 def soften_tangent(response: Response, stiffness: float) -> Response:
@@ -172,10 +86,8 @@ def go_on_along_law(
     law : InterfaceLaw
     at, jump : ndarray, shape (d, points)
         Jump of the tangent, and jump of the bodies after a step with it, m.
-    stiffness : float
-        Stiffness of the bodies per area, :math:`k`, Pa/m.
-    state : ndarray, shape (law.n_state, points)
-        Committed state of the law.
+    stiffness : float, stiffness of the bodies per area, :math:`k`, Pa/m
+    state : ndarray, shape (law.n_state, points), committed state of the law
     """
     traction = tangent_traction(soften_tangent(law.respond(at, state), stiffness), at, jump)
     try:

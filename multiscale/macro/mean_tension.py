@@ -9,11 +9,7 @@ __all__ = ["mean_tension"]
 
 @compiled
 def mean_tension(
-    before: np.ndarray,
-    after: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    theta: float,
+    before: np.ndarray, after: np.ndarray, lower: np.ndarray, upper: np.ndarray, theta: float
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Return the weighted mean of the final tension of a step and its average over the elongation.
 

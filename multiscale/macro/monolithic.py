@@ -76,14 +76,11 @@ def solve_interface(
     stiffness : csr_array or ndarray, shape (n, n)
         :math:`K` of the bodies, N/m, supports already taken out. It may be singular as long as
         the closed interface holds the bodies.
-    load : ndarray, shape (n,)
-        External force :math:`f`, N.
+    load : ndarray, shape (n,), external force :math:`f`, N
     jump_operator : csr_array, shape (d * points, n)
         :math:`B`, dimensionless: all normal jumps first, then each tangent. Opening positive.
-    weight : ndarray, shape (points,)
-        Quadrature weights :math:`w`, m².
-    law : InterfaceLaw
-        Gives :math:`t` and its tangent, Pa and Pa/m.
+    weight : ndarray, shape (points,), quadrature weights :math:`w`, m²
+    law : InterfaceLaw, gives :math:`t` and its tangent, Pa and Pa/m
     start : ndarray, shape (n,), optional
         First :math:`u`, m; zero if not given.
     jump : ndarray, shape (d, points), optional
@@ -93,13 +90,11 @@ def solve_interface(
         ``law.respond`` at the solution.
     flexible : FlexibleBodies, optional
         Of the same full matrices, for many laws and loads; see :func:`prepare_flexible`.
-    max_iterations : int
-        Iteration limit.
+    max_iterations : int, iteration limit
     tolerance : float
         Bound on the norm of (1) relative to ``norm(load)`` (without load: relative to the first
         residual); dimensionless. What rounding makes unavoidable is allowed for, up to 1e-8.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
     -------
@@ -173,14 +168,11 @@ class _Tangent:
     ----------
     value, gradient : ndarray, shape (n,)
         Unknowns, m, and forces out of balance with the tangent, N.
-    jump, at : ndarray, shape (d, points)
-        Jump of the bodies, and jump on the law, m.
+    jump, at : ndarray, shape (d, points), jump of the bodies, and jump on the law, m
     tangent : ndarray, shape (d, d, points)
         Tangent of the law, times the weights of the points, N/m.
-    imbalance : float
-        Norm of the forces out of balance with the traction of the law, N.
-    softened : bool
-        Whether the law is stiffer than its tangent somewhere, so that it must go on.
+    imbalance : float, norm of the forces out of balance with the traction of the law, N
+    softened : bool, whether the law is stiffer than its tangent somewhere, so that it must go on
     """
 
     value: np.ndarray

@@ -129,6 +129,11 @@ class PeriodicLayer:
         return self.surface.heights.shape[0], self.surface.heights.shape[1]
 
     @property
+    def grid_spacing(self) -> tuple[float, float]:
+        """Distance of points along x and y of the gap, m."""
+        return self.surface.spacing
+
+    @property
     def bodies(self) -> tuple["PeriodicLayer", ...]:
         """The deformable bodies."""
         return (self,)
@@ -535,6 +540,11 @@ class MeshCell:
     def field_shape(self) -> tuple[int, int] | None:
         """Points along x and y of the fields that can be kept, if any."""
         return self.points if self.layer is None else self.layer.field_shape
+
+    @property
+    def grid_spacing(self) -> tuple[float, float] | None:
+        """Distance of points along x and y of the gap, m; none without a surface."""
+        return None if self.layer is None else self.layer.grid_spacing
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the results, one sentence each."""

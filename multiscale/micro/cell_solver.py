@@ -14,6 +14,7 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import CellProblem, ContactState, average_contact
+from multiscale.micro.gap_flow import gap_flow, open_gap
 from multiscale.micro.path import Path
 from multiscale.schema import MICRO_RESPONSE
 
@@ -37,6 +38,7 @@ def solve_cell(
     *,
     keep_fields: bool = False,
     keep_spots: bool = False,
+    keep_flow: bool = False,
     recover_stress: bool = False,
     tolerance: float = 1e-8,
     checkpoint: Checkpoint | None = None,
@@ -52,6 +54,9 @@ def solve_cell(
     keep_spots : bool
         Keep area and share in the averages of every contact spot, largest first, as
         ``spot_area``, ``spot_traction`` and ``spot_traction_by_normal``; NaN beyond the last spot.
+    keep_flow : bool
+        Keep what the gap lets through along x and y, as ``hydraulic_aperture`` and
+        ``percolating_share``; see :func:`~.gap_flow.gap_flow`.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
@@ -84,14 +89,23 @@ def solve_cell(
                 "points, or leave it out"
             )
         shapes |= dict.fromkeys(("pressure", "gap"), cell.field_shape[::-1])
+    if keep_flow:
+        if cell.grid_spacing is None:
+            raise CaseError(
+                "keep_flow lets a liquid through the gap of a surface, and this general mesh has "
+                "none; leave it out"
+            )
+        shapes |= dict.fromkeys(("hydraulic_aperture", "percolating_share"), (2,))
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
     with threadpool_limits(1, user_api="blas"):  # its threads would wait for the kernels' and spin
         follow = _follower(cell, path, recover_stress)
-        kept = {"fields": keep_fields, "spots": keep_spots}
+        kept = {"fields": keep_fields or keep_flow, "spots": keep_spots}
         steps = follow(path, **kept, tolerance=tolerance, checkpoint=checkpoint)
     if keep_spots:
         _pad_spots(steps)
+    if keep_flow:
+        steps = [step | _let_through(step, cell.grid_spacing) for step in steps]
     return _dataset(steps, path, shapes)
 
 
@@ -211,6 +225,18 @@ def _compiled() -> Iterator[None]:
             f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
             f"can be written to"
         ) from error
+
+
+def _let_through(step: dict[str, Any], spacing: tuple[float, float] | None) -> dict[str, Any]:
+    """Return what the gap of a step lets through along x and y; nothing if the step failed."""
+    if "gap" not in step or spacing is None:
+        return {}
+    free = open_gap(step["gap"].T, step["pressure"].T)
+    flows = [gap_flow(free, spacing, axis) for axis in (0, 1)]
+    return {
+        "hydraulic_aperture": [one.aperture for one in flows],
+        "percolating_share": [one.share for one in flows],
+    }
 
 
 def _pad_spots(steps: Steps) -> None:

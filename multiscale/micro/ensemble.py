@@ -36,6 +36,7 @@ def run_ensemble(
     identity: str = "",
     keep_fields: bool = False,
     keep_spots: bool = False,
+    keep_flow: bool = False,
     progress: Callable[[int], None] = lambda finished: None,
 ) -> "xr.Dataset":
     """Solve many cells along one path.
@@ -57,8 +58,9 @@ def run_ensemble(
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
         Keep the heights and the local fields of realisation 0, in its file.
-    keep_spots : bool
-        Keep the contact spots of all realisations, as :func:`solve_cell` does.
+    keep_spots, keep_flow : bool
+        Keep the contact spots, and what the gap lets through, of all realisations, as
+        :func:`solve_cell` does.
     progress : callable
         Gets the number of finished realisations.
 
@@ -80,8 +82,11 @@ def run_ensemble(
             (
                 cell,
                 path,
-                keep_fields and k == 0,
-                keep_spots,
+                {
+                    "keep_fields": keep_fields and k == 0,
+                    "keep_spots": keep_spots,
+                    "keep_flow": keep_flow,
+                },
                 folder and Checkpoint(_steps_of(_file_of(folder, k)), identity),
             )
             for k, cell in enumerate(cells)
@@ -206,11 +211,9 @@ def _steps_of(file: FilePath) -> FilePath:
 def _solve_realisation(
     cell: AnyCell,
     path: Path,
-    keep_fields: bool,
-    keep_spots: bool,
+    kept: dict[str, bool],
     checkpoint: Checkpoint | None,
 ) -> "xr.Dataset":
     """Solve one cell and add its statistics."""
-    kept = {"keep_fields": keep_fields, "keep_spots": keep_spots}
     response = solve_cell(cell, path, **kept, checkpoint=checkpoint)
-    return MICRO_RESPONSE.assign(response, cell.surface_record(heights=keep_fields))
+    return MICRO_RESPONSE.assign(response, cell.surface_record(heights=kept["keep_fields"]))

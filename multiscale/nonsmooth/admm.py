@@ -14,6 +14,9 @@ __all__ = ["admm"]
 CHECK_EVERY = 5
 """Iterations between two checks of the error."""
 
+PENALTY = 0.1
+"""Penalty rho, relative to the diagonal of W."""
+
 GROWTH = 1.5
 """Defect, relative to the last, above which an accelerated step is dropped."""
 
@@ -23,14 +26,12 @@ def admm(
     reaction: np.ndarray,
     progress: Recorder,
     max_iterations: int = 4000,
-    penalty: float = 0.1,
     memory: int = 10,
 ) -> np.ndarray:
     r"""Solve a friction problem by alternating directions with Anderson acceleration.
 
     Parameters
     ----------
-    penalty : float, :math:`\rho`, relative to the diagonal of :math:`W`
     memory : int, steps that the acceleration looks back
 
     Notes
@@ -45,7 +46,7 @@ def admm(
     where :math:`u = -\rho \xi`, so that De Saxcé's term follows at once. An accelerated step
     whose defect :math:`\|x - z\|` grows by half is dropped, and the memory with it.
     """
-    solve = factorise_blocks(problem, np.tile(penalty * np.eye(3), (len(reaction), 1, 1)))
+    solve = factorise_blocks(problem, np.tile(PENALTY * np.eye(3), (len(reaction), 1, 1)))
     if solve is None:
         return reaction
     friction, q = problem.friction, problem.velocity
@@ -54,13 +55,13 @@ def admm(
         """Next v by (1)."""
         z = project_friction_cone(v.T, friction).T
         xi = v - z
-        right = penalty * (z - xi) - q
-        right[:, 0] -= penalty * friction * np.hypot(xi[:, 1], xi[:, 2])
+        right = PENALTY * (z - xi) - q
+        right[:, 0] -= PENALTY * friction * np.hypot(xi[:, 1], xi[:, 2])
         return np.asarray(solve(right) + xi)
 
     u = problem.respond(reaction)
     u[:, 0] += friction * np.hypot(u[:, 1], u[:, 2])
-    v = reaction - u / penalty
+    v = reaction - u / PENALTY
     image = advance(v)
     acceleration = Anderson(memory)
     for iteration in range(1, max_iterations + 1):

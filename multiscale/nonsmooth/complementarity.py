@@ -56,15 +56,13 @@ def verify_lcp(
     ----------
     matrix : csr_array, ndarray or Delassus, shape (n, n)
         :math:`M`, or the bodies and directions behind it, which adds the check of equilibrium.
-    vector : ndarray, shape (n,)
-        :math:`q`.
+    vector : ndarray, shape (n,), :math:`q`
     value : ndarray, shape (n,)
         :math:`z` to be judged; nothing but the data is used to judge it.
 
     Returns
     -------
-    Verification
-        ``residual`` is what a tolerance is compared with.
+    Verification, ``residual`` is what a tolerance is compared with
 
     Raises
     ------

@@ -28,10 +28,7 @@ def shifted_velocity(velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
 
 
 def natural_map(
-    velocity: np.ndarray,
-    reaction: np.ndarray,
-    friction: np.ndarray,
-    step: np.ndarray | float = 1.0,
+    velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
     r"""Residual of Coulomb's law; zero exactly where the law holds.
 
@@ -108,14 +105,11 @@ def verify_friction(
 
     Parameters
     ----------
-    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
-        :math:`W`, 1/kg.
+    delassus : csr_array or ndarray, shape (d * contacts, d * contacts), :math:`W`, 1/kg
     velocity : ndarray, shape (d * contacts,)
         :math:`q`, the relative velocity without contact impulses, m/s.
-    friction : ndarray, shape (contacts,)
-        :math:`\mu`, dimensionless.
-    reaction : ndarray, shape (d * contacts,)
-        The answer :math:`r`, N s.
+    friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
+    reaction : ndarray, shape (d * contacts,), the answer :math:`r`, N s
     tolerance : float
         Bound on every number of the verdict; dimensionless.
     motion : tuple (mass, transfer, momentum, body_velocity), optional
@@ -124,8 +118,7 @@ def verify_friction(
 
     Returns
     -------
-    Verdict
-        ``accepted`` says whether the answer stands.
+    Verdict, ``accepted`` says whether the answer stands
 
     Notes
     -----

@@ -86,10 +86,8 @@ def solve_friction(
         :math:`W`, 1/kg, positive semi-definite; d = 2 or 3 components per contact, normal first.
     velocity : ndarray, shape (d * contacts,)
         :math:`q`, the relative velocity without impulses, m/s; opening positive.
-    friction : ndarray, shape (contacts,)
-        :math:`\mu \ge 0`, dimensionless.
-    method : str
-        ``"auto"``, or one of ``FRICTION_METHODS`` alone.
+    friction : ndarray, shape (contacts,), :math:`\mu \ge 0`, dimensionless
+    method : str, ``"auto"``, or one of ``FRICTION_METHODS`` alone
     tolerance : float
         Bound on the natural-map error, the penetration and the cone violation, relative to the
         data as :func:`multiscale.nonsmooth.coulomb.verify_friction` defines it; dimensionless.
@@ -97,8 +95,7 @@ def solve_friction(
         First :math:`r`, N s; zero if not given. Interior points start from their centre.
     max_iterations : int, optional
         Iteration limit of each method; each has its own if not given.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
     -------

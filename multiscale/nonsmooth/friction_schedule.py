@@ -23,10 +23,7 @@ FULL, LARGE = 15.0, 200
 
 
 def run_schedule(
-    problem: ScaledFriction,
-    reaction: np.ndarray,
-    progress: Progress,
-    max_iterations: int = 5000,
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 5000
 ) -> None:
     """Go from cheap to robust methods until ``progress`` is content.
 

@@ -25,10 +25,7 @@ MANY = 3000
 
 
 def gauss_seidel(
-    problem: ScaledFriction,
-    reaction: np.ndarray,
-    progress: Recorder,
-    max_iterations: int = 20000,
+    problem: ScaledFriction, reaction: np.ndarray, progress: Recorder, max_iterations: int = 20000
 ) -> np.ndarray:
     r"""Solve a friction problem by sweeps over its contacts.
 

@@ -91,8 +91,7 @@ def solve_lcp(
     matrix : csr_array, ndarray or Delassus, shape (n, n)
         :math:`M`, in any unit; or the bodies and directions behind it. Symmetric ones must be
         positive semidefinite, and may be singular (redundant constraints, hyperstatic stacks).
-    vector : ndarray, shape (n,)
-        :math:`q`, in the unit of w.
+    vector : ndarray, shape (n,), :math:`q`, in the unit of w
     method : str
         ``"auto"`` takes projected gradients (Gauss-Seidel if M is not symmetric), Newton-min, an
         interior point, pivoting and the conic solver in this order, each for as long as the
@@ -105,8 +104,7 @@ def solve_lcp(
         factorisation, or per n / 20 pivots.
     tolerance : float
         Bound on the residual of :func:`verify_lcp`, relative to the data; dimensionless.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
     -------

@@ -6,6 +6,7 @@ from itertools import islice
 import numpy as np
 
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
+from multiscale.nonsmooth.lorentz import longest_positive
 from multiscale.nonsmooth.newton_min import iterate_newton_min
 from multiscale.numerics.factorisation import Solve
 
@@ -110,8 +111,4 @@ def _step(
 
 def _longest(x: np.ndarray, w: np.ndarray, dx: np.ndarray, dw: np.ndarray) -> float:
     """Longest step that keeps x and w positive."""
-    longest = np.inf
-    for value, change in ((x, dx), (w, dw)):
-        falling = change < 0.0
-        longest = min(longest, float(np.min(-value[falling] / change[falling], initial=np.inf)))
-    return longest
+    return min(longest_positive(x, dx), longest_positive(w, dw))

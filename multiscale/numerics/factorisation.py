@@ -171,10 +171,7 @@ def _has_symmetric_pattern(matrix: csc_array) -> bool:
 def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:
     """SuperLU factors in an order for symmetric patterns, unless a pivot is below its share."""
     return splu(
-        matrix,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=pivot,
-        options={"SymmetricMode": True},
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, options={"SymmetricMode": True}
     )
 
 

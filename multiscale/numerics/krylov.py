@@ -24,16 +24,11 @@ def conjugate_gradients(
 
     Parameters
     ----------
-    apply, precondition : callable
-        :math:`A` and a symmetric positive approximation of its inverse.
-    right_hand_side : ndarray
-        :math:`b`.
-    goal : float
-        Norm of the residual at which to stop.
-    limit : int
-        Most iterations.
-    start : ndarray, optional
-        First :math:`x`; zero if not given.
+    apply, precondition : callable, :math:`A` and a symmetric positive approximation of its inverse
+    right_hand_side : ndarray, :math:`b`
+    goal : float, norm of the residual at which to stop
+    limit : int, most iterations
+    start : ndarray, optional, first :math:`x`; zero if not given
 
     Returns
     -------

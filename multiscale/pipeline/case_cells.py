@@ -26,6 +26,8 @@ __all__ = [
     "coating_caution",
     "composite_coating",
     "composite_material",
+    "flat_bodies",
+    "flat_composite",
     "flat_pair",
     "longest_wave",
     "make_cells",
@@ -158,7 +160,13 @@ def _metal(case: Case) -> J2 | None:
     return J2(*composite_material(case), case.yield_stress, hardening)
 
 
-def flat_pair(case: Case, surface: Surface, opposite: Surface | None = None) -> FlatCell:
+def flat_pair(
+    case: Case,
+    surface: Surface,
+    opposite: Surface | None = None,
+    *,
+    depth: float | None = None,
+) -> FlatCell:
     """Build the flat cell of both bodies, whose compliances add up exactly.
 
     Parameters
@@ -166,8 +174,10 @@ def flat_pair(case: Case, surface: Surface, opposite: Surface | None = None) -> 
     case : Case
     surface, opposite : Surface
         Of both bodies, heights out of each; a composite surface has no opposite one.
+    depth : float, optional
+        Of both bodies, m; the depth of the case's cells if not given.
     """
-    depth, layers = case.cell.given_depth, case.cell.layers
+    depth, layers = depth or case.cell.given_depth, case.cell.layers
     lower, upper = (
         SecondBody(depth, layers, Elastic(body.youngs_modulus, body.poissons_ratio), body.stack)
         for body in case.bodies
@@ -183,6 +193,22 @@ def flat_pair(case: Case, surface: Surface, opposite: Surface | None = None) -> 
         second=upper,
         coating=lower.coating,
     )
+
+
+def flat_bodies(case: Case) -> FlatCell:
+    """Build the flat cell of both bodies below their coatings, in the first realisation.
+
+    The bodies of conforming cells, whose depth has an error of its own, are half-spaces here.
+    """
+    bare = case.without_coatings()
+    depth = case.cell.given_depth if case.cell.geometry == "flat" else max(case.cell.size)
+    return flat_pair(bare, *two_surfaces(bare)[0], depth=depth)
+
+
+def flat_composite(case: Case) -> FlatCell:
+    """Build the flat cell of the body that stands for both, as :func:`flat_bodies`."""
+    surface = composite(*two_surfaces(case)[0])
+    return FlatCell(surface, max(case.cell.size), 2, Elastic(*composite_material(case)))
 
 
 def composite_coating(case: Case) -> tuple[Coating, ...]:

@@ -5,6 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, Strict, field_validator, model_validator
 
 from multiscale.pipeline.toml_model import (
@@ -17,6 +18,8 @@ from multiscale.pipeline.toml_model import (
     Ratio,
     Settings,
     must_rise,
+    quantity,
+    with_unit,
 )
 from multiscale.upscaling.control_variates import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
@@ -28,6 +31,7 @@ __all__ = [
     "GridSettings",
     "LawSettings",
     "MicroSettings",
+    "SealSettings",
     "ShearSettings",
     "SlideSettings",
     "VolumeSettings",
@@ -36,6 +40,7 @@ __all__ = [
 ABSENT: Any = None
 """Default of tables that a case need not have: what reads them runs only where they are given."""
 
+Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
 
 
@@ -242,6 +247,11 @@ class MicroSettings(Settings):
         False,
         description="Whether the response keeps area and force of every contact spot.",
     )
+    leakage: bool = Field(
+        False,
+        description="Whether the law has the hydraulic aperture of the gap along x and y, at every "
+        "pressure; [seal] asks for it.",
+    )
     shear: ShearSettings = ABSENT
 
     _rise = field_validator("pressures")(must_rise)
@@ -345,6 +355,43 @@ class LawSettings(Settings):
     def quick(self) -> Self:
         """Return the same fit with few samples."""
         return self.model_copy(update={"samples": min(40, self.samples)})
+
+
+class SealSettings(Settings):
+    """A ring that is pressed on a face by the pressures of the cells, against a liquid."""
+
+    diameter: Length = Field(description="Mean diameter of the ring, m.")
+    width: Length = Field(description="Width of its contact, over which the liquid leaks, m.")
+    viscosity: Viscosity = Field(description="Dynamic viscosity of the liquid, Pa s.")
+    pressure_difference: Pressure = Field(
+        description="Pressure of the liquid on one side above that on the other, Pa."
+    )
+    direction: Literal["x", "y"] | None = Field(
+        None,
+        description="Axis of the cells across the ring, along which the liquid leaks; both are "
+        "taken as alike if not given.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.width >= self.diameter:
+            raise ValueError(
+                f"width is {1e3 * self.width:g} mm, which no ring of a mean diameter of "
+                f"{1e3 * self.diameter:g} mm has; correct one of them"
+            )
+        return self
+
+    def leak_rate(self, aperture: np.ndarray) -> np.ndarray:
+        r"""Volume that leaks in a time through a hydraulic aperture, m, in m3/s.
+
+        Notes
+        -----
+        With the length :math:`\pi D` of the ring across the flow and its width b along it,
+
+        .. math:: Q = \frac{h^3}{12\, \eta} \frac{\Delta p}{b} \pi D.    \tag{1}
+        """
+        gradient = self.pressure_difference / self.width
+        return aperture**3 / (12.0 * self.viscosity) * gradient * np.pi * self.diameter
 
 
 class SlideSettings(Settings):

@@ -184,8 +184,8 @@ class JointLaw(LawSource):
         CaseError
             If nothing tells the friction or, in a strict case, anything is assumed.
         """
-        known, said = tangential_values(law), str(law.attrs.get("branches", ""))
-        if strict and told_branches(said).get("shear", "").startswith("assumed"):
+        known = tangential_values(law)
+        if strict and told_branches(law).get("shear", "").startswith("assumed"):
             known = {}
         if self.friction is None and "friction" not in known and "sliding_friction" in law:
             law = take_sliding_friction(law, pressure)

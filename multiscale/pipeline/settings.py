@@ -17,6 +17,7 @@ from multiscale.pipeline.case_tables import (
     CellSettings,
     LawSettings,
     MicroSettings,
+    SealSettings,
     SlideSettings,
 )
 from multiscale.pipeline.grain_settings import (
@@ -95,6 +96,9 @@ BESIDE = {"realisations", "coarser", "shear", "control", "control_realisations"}
 CELLS = ("body_1", "body_2", "cell", "micro")
 """Tables of cells, of which a case has all, or none of the last two."""
 
+OF_CELLS = ("cell", "micro", "law", "slide", "seal", "accuracy")
+"""Tables that only a case with cells has."""
+
 WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "grains", "motion")
 """Tables that a kind of structure may ask for."""
 
@@ -118,6 +122,7 @@ class Case(Settings):
     micro: MicroSettings = ABSENT
     law: LawSettings = ABSENT
     slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
+    seal: SealSettings = ABSENT
     accuracy: AccuracySettings | None = Field(
         None, description="Target of a planner, which then chooses the cells."
     )
@@ -133,7 +138,9 @@ class Case(Settings):
     @model_validator(mode="before")
     @classmethod
     def _fit_law_of_cells(cls, given: Any) -> Any:
-        """Ask for a law wherever there are cells."""
+        """Ask for a law wherever there are cells, and for its apertures wherever a ring leaks."""
+        if "seal" in given and isinstance(given.get("micro"), dict):
+            given = given | {"micro": {"leakage": True} | given["micro"]}
         return {"law": {}} | given if "micro" in given else given
 
     @field_validator("interface", "statics", "cycles", mode="before")
@@ -146,7 +153,7 @@ class Case(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        asked = [name for name in ("cell", "micro", "law", "slide", "accuracy") if self._has(name)]
+        asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
         if missing and (asked or self.structure is None):
             raise ValueError(
@@ -205,6 +212,7 @@ class Case(Settings):
         self._check_shear()
         self._check_coarser()
         self._check_control()
+        self._check_leakage()
         if self.slide is not None:
             self._check_slide(self.slide)
         target = self.accuracy
@@ -297,6 +305,26 @@ class Case(Settings):
             raise ValueError(
                 "control_realisations in [micro] and a target in [accuracy] exclude each other: a "
                 "planner chooses their number itself"
+            )
+
+    def _check_leakage(self) -> None:
+        """Refuse a gap that nothing flows through, or that no cell keeps."""
+        if not self.micro.leakage:
+            if self.seal is not None:
+                raise ValueError(
+                    "[seal] leaks through the gap of the cells, and leakage = false in [micro] "
+                    "leaves that out; leave out one of them"
+                )
+            return
+        if self.cell.mesh is not None:
+            raise ValueError(
+                "leakage in [micro] is of the gap above a surface, and mesh in [cell] may overhang "
+                "or have pores; leave out one of them"
+            )
+        if self.accuracy is not None:
+            raise ValueError(
+                "leakage in [micro] and a target in [accuracy] exclude each other: a planner keeps "
+                "no gaps of its cells"
             )
 
     def _check_coarser(self) -> None:
@@ -538,8 +566,7 @@ class Case(Settings):
             raise CaseError(
                 f"{self.title}: the structure has no joint that the law {law} could be of"
             )
-        away = ("cell", "micro", "law", "slide", "accuracy")
-        changes = dict.fromkeys((*away, *(() if self.structure.of_bodies else CELLS[:2])))
+        changes = dict.fromkeys((*OF_CELLS, *(() if self.structure.of_bodies else CELLS[:2])))
         if source is not None:
             own = {"extrapolate": self.extrapolate} | ({} if law is None else {"law": law})
             changes["interface"] = (self.interface or source()).model_copy(update=own)
@@ -573,7 +600,7 @@ class Case(Settings):
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
-        after = ("structure", "substructures", "accuracy", *WITH_STRUCTURE)
+        after = ("structure", "substructures", "seal", "accuracy", *WITH_STRUCTURE)
         return self.model_copy(update=dict.fromkeys(after))
 
     def quick(self) -> Self:

@@ -1,6 +1,6 @@
 """How stages that solve a structure are made."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,7 +11,8 @@ import numpy as np
 from multiscale.errors import ConvergenceError
 from multiscale.macro.substructures import JointSize, choose_method
 from multiscale.macro.substructures.method_choice import MethodChoice
-from multiscale.needs import Needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import Table, list_cycles, list_facts
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -24,7 +25,7 @@ from multiscale.pipeline.stage import (
     format_table,
     list_cautions,
 )
-from multiscale.schema import MACRO_RESULT, Schema, with_cautions
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Schema, with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,6 +57,35 @@ def choose_solver(case: Case, size: JointSize, team: "ProcessGroup | None" = Non
     """Choose the solver of bodies; ``[substructures]`` and many processes ask for LATIN."""
     asks = case.substructures is not None or (team is not None and team.size > 1)
     return choose_method(size, case.cut.method(team) if asks else None)
+
+
+def solver_needs(chosen: MethodChoice, size: JointSize, slabs: int) -> Needs:
+    """Return what the chosen solver of bodies needs, and why it was chosen."""
+    taken = chosen.taken
+    needs = cut_needs(
+        size.unknowns,
+        joint_points=size.joint_points,
+        substructures=taken.substructures,
+        coarse=taken.method.coarse,
+        slabs=slabs,
+    )
+    told = Choice("method", chosen.explain())
+    return replace(needs, memory=taken.memory, choices=(told, *needs.choices))
+
+
+def with_law_cautions(
+    result: "xr.Dataset", case: Case, found: Datasets, laws: "Mapping[str, xr.Dataset]"
+) -> "xr.Dataset":
+    """Add the cautions of laws, by their names, once each.
+
+    Those of the law of the case's own cells stand beside those of the structure.
+    """
+    told = list_cautions(found[INTERFACE_LAW.name]) if case.has_cells else []
+    for name, law in laws.items():
+        further = [one for one in list_cautions(law) if one not in told]
+        told += further
+        result = with_cautions(result, *(f"{name}: {one}" for one in further))
+    return result
 
 
 def structure_stage(

@@ -48,6 +48,7 @@ from multiscale.plotting.law_figures import (
     plot_shear_law,
     plot_unloading,
 )
+from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
 from multiscale.plotting.link_figures import (
     draw_links,
     plot_deformed_links,
@@ -95,6 +96,7 @@ __all__ = [
     "plot_deformed_links",
     "plot_energies",
     "plot_error_budget",
+    "plot_flow_channels",
     "plot_footprint",
     "plot_force_network",
     "plot_friction_bell",
@@ -106,6 +108,7 @@ __all__ = [
     "plot_joint_life",
     "plot_joint_plan",
     "plot_joint_stiffness",
+    "plot_leakage",
     "plot_load_paths",
     "plot_measured_heights",
     "plot_road",

@@ -1,6 +1,7 @@
 """Figures of bodies under named loads: their interfaces, loads and bolts.
 
-A ``result`` follows ``MACRO_RESULT`` and is of :func:`multiscale.macro.substructures.follow_loads`.
+A ``result`` follows ``MACRO_RESULT`` and is of
+:func:`multiscale.macro.substructures.follow_cut_loads`.
 """
 
 from collections.abc import Callable

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.plotting.figure import add_colour_bar, axes_or_current
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import law_band
-from multiscale.upscaling.rubber_friction import friction_at
+from multiscale.upscaling.reading import friction_at
 
 if TYPE_CHECKING:
     import xarray as xr

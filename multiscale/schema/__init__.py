@@ -10,20 +10,16 @@ from multiscale.schema.cell_schema import (
     MICRO_RESPONSE,
     SHEAR_RESPONSE,
     SLIDING_RESPONSE,
+    SURFACE_STATISTICS,
     UNLOADING,
     branch_of,
 )
 from multiscale.schema.damage_schema import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
-from multiscale.schema.end_to_end_schema import END_TO_END
-from multiscale.schema.granulate_schema import GRANULATE
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
-from multiscale.schema.stability_schema import STABILITY
-from multiscale.schema.stored_cells_schema import STORED_CELLS
-from multiscale.schema.structure_schema import HOMOGENISED, MACRO_RESULT
-from multiscale.schema.surface_schema import SURFACE_STATISTICS
+from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT, SEAL
+from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
 from multiscale.schema.sweep_schema import SWEEP
-from multiscale.schema.work_precision_schema import WORK_PRECISION
 
 __all__ = [
     "COARSER_RESPONSE",
@@ -45,6 +41,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "RVE_STIFFNESS",
     "SCHEMAS",
+    "SEAL",
     "SHEAR_RESPONSE",
     "SLIDING_RESPONSE",
     "STABILITY",
@@ -75,6 +72,7 @@ SCHEMAS = {
         ERROR_BUDGET,
         LAW_COMPARISON,
         HOMOGENISED,
+        SEAL,
         GRANULATE,
         END_TO_END,
         STORED_CELLS,

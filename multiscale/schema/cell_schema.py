@@ -1,4 +1,4 @@
-"""Datasets of cells: responses and fields."""
+"""Datasets of surfaces and cells: statistics, responses and fields."""
 
 from dataclasses import replace
 from functools import partial
@@ -17,6 +17,7 @@ __all__ = [
     "MICRO_RESPONSE",
     "SHEAR_RESPONSE",
     "SLIDING_RESPONSE",
+    "SURFACE_STATISTICS",
     "UNLOADING",
     "branch_of",
 ]
@@ -30,8 +31,7 @@ def branch_of(load: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    load : ndarray, shape (steps,)
-        Pressure, Pa, or approach, m, in order; nothing touches up to 0.
+    load : ndarray, shape (steps,), pressure, Pa, or approach, m, in order; nothing touches up to 0
 
     Returns
     -------
@@ -47,6 +47,7 @@ def branch_of(load: np.ndarray) -> np.ndarray:
 
 _cell = partial(Variable, ("realisation", "step"))
 _vector = partial(Variable, ("realisation", "step", "component"))
+_flow = partial(Variable, ("realisation", "step", "direction"))
 _step = partial(Variable, ("step",))
 _surface = partial(Variable, ("realisation",))
 _stage = partial(Variable, ("body", "stage"))
@@ -70,8 +71,7 @@ MICRO_RESPONSE = Schema(
         "real_pressure": _cell("Pa", "mean pressure on the real contact area"),
         "recovered_traction": _vector("Pa", "averaged traction from the recovered Cauchy stress"),
         "traction_by_normal": _vector(
-            "Pa",
-            "part of the averaged traction that the local normal tractions make, eqs (2)-(3)",
+            "Pa", "part of the averaged traction that the local normal tractions make, eqs (2)-(3)"
         ),
         "spot_area": Variable(
             ("realisation", "step", "spot"), "m2", "real area of each contact spot"
@@ -86,6 +86,8 @@ MICRO_RESPONSE = Schema(
             "Pa",
             "part of this share that the local normal tractions make",
         ),
+        "hydraulic_aperture": _flow("m", "hydraulic aperture of the gap along x and y"),
+        "percolating_share": _flow("1", "share of the cell in paths of the gap that lead through"),
         "slip_fraction": _cell("1", "share of the contact nodes that slip"),
         "friction_work": _cell("J m-2", "work of friction since the start, per area"),
         "flowing_fraction": _cell("1", "share of the Gauss points that flow"),
@@ -172,4 +174,43 @@ FIELDS = Schema(
         "gap": Variable(("step", "y", "x"), "m", "local gap"),
     },
     optional={"nominal_pressure": _step("Pa", "prescribed mean pressure")},
+)
+
+_number = partial(Variable, ())
+
+SURFACE_STATISTICS = Schema(
+    name="surface_statistics",
+    version=1,
+    variables={
+        "height": Variable(("y", "x"), "m", "height without trend, at some of the points"),
+        "wavenumber": Variable(("bin",), "rad m-1", "wavenumber", coordinate=True),
+        "bearing_share": Variable(
+            ("level",), "1", "share of points at or above a height", coordinate=True
+        ),
+        "bearing_height": Variable(("level",), "m", "height above the mean"),
+        "dimensions": _number("1", "2 for a map and 1 for a line scan"),
+        "size": Variable(("direction",), "m", "edge lengths along x and y"),
+        "rms_height": _number("m", "root mean square height"),
+        "rms_slope": _number("1", "root mean square slope"),
+        "longest_wave": _number("m", "wave beyond which a hundredth of the mean square height is"),
+        "shortest_wave": _number("m", "wave below which a hundredth of the mean square slope is"),
+        "longest_reliable": _number("m", "longest reliable wave"),
+        "shortest_reliable": _number("m", "shortest reliable wave"),
+        "skewness": _number("1", "skewness of the heights"),
+        "kurtosis": _number("1", "kurtosis of the heights, 3 if they are Gaussian"),
+        "peak_to_valley": _number("m", "highest less lowest height"),
+        "nayak_parameter": _number("1", "Nayak's parameter of the reliable waves"),
+        "filled_share": _number("1", "share of undefined points, which were filled"),
+        "hurst_exponent": _number("1", "Hurst exponent of the self-affine fit"),
+        "roll_off": _number("m", "wave above which the fit is flat"),
+        "fitted_to": _number("m", "shortest wave of the fit"),
+        "fit_level": _number("1", "density of the flat part, in the unit of the density"),
+        "fit_deviation": _number("1", "rms deviation of the density from the fit, decades"),
+        "lay_angle": _number("rad", "angle of the lay to the x axis"),
+        "lay_ratio": _number("1", "rms slope across the lay over the slope along it"),
+    },
+    optional={
+        "power_spectral_density": Variable(("bin",), "m4", "radially averaged spectral density"),
+        "profile_density": Variable(("bin",), "m3", "spectral density of the line scan"),
+    },
 )

@@ -29,7 +29,7 @@ DAMAGE_SECTIONS = Schema(
         "box_size": Variable(("axis",), "m", "size of the representative volume"),
     },
     optional={
-        "resolution_error": _number("1", "change of the largest damage from half the resolution"),
+        "resolution_error": _number("1", "change of the largest damage from half the resolution")
     },
 )
 

@@ -37,8 +37,7 @@ class Schema:
     ----------
     name, version
         Written into every file; :mod:`multiscale.io` refuses another version.
-    variables : mapping of str to Variable
-        What must be there.
+    variables : mapping of str to Variable, what must be there
     optional : mapping of str to Variable
         What may be there, and then in this form. Coordinates are listed here too.
     news : str

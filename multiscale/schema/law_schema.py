@@ -7,6 +7,7 @@ from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 __all__ = ["ERROR_BUDGET", "INTERFACE_LAW", "LAW_COMPARISON"]
 
 _step = partial(Variable, ("step",))
+_flow = partial(Variable, ("direction", "step"))
 _number = partial(Variable, ())
 _down = partial(Variable, ("unloading_step",))
 _sheared = partial(Variable, ("shear_step", "tangent"))
@@ -86,6 +87,11 @@ INTERFACE_LAW = Schema(
         ),
         "electrical_conductance_ratio": _number(
             "S m-1 Pa-1", "electrical conductance over the stiffness of loading"
+        ),
+        "hydraulic_aperture": _flow("m", "hydraulic aperture of the interface"),
+        "percolating_cells": _flow("1", "share of the cells that a path of the gap leads through"),
+        "hydraulic_aperture_mean_law": Variable(
+            ("limit", "direction", "step"), "m", "95 % interval of the hydraulic aperture"
         ),
         "interface_damage": _number(
             "1", "mean damage of the sections parallel to the interface, eq (1)"

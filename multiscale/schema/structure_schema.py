@@ -1,10 +1,10 @@
-"""Datasets of structures: results, and substructures condensed on resultants."""
+"""Datasets of structures: results, substructures condensed on resultants, grains in motion."""
 
 from functools import partial
 
 from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 
-__all__ = ["HOMOGENISED", "MACRO_RESULT"]
+__all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT", "SEAL"]
 
 _step = partial(Variable, ("step",))
 _face = partial(Variable, ("step", "interface"))
@@ -58,8 +58,7 @@ MACRO_RESULT = Schema(
             "1", "guaranteed bound on the error of the tensions relative to their change"
         ),
         "error_indicator": _step(
-            "1",
-            "heuristic indicator, no bound, of the error of joints relative to their forces",
+            "1", "heuristic indicator, no bound, of the error of joints relative to their forces"
         ),
         "tangent_eigenvalue": _step("N m-1", "smallest eigenvalue of the tangent"),
         "stability_eigenvalue": _step("N m-1", "smallest eigenvalue with the geometric stiffness"),
@@ -165,6 +164,20 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "secant_stiffness",
 )
 
+SEAL = Schema(
+    name="seal",
+    version=1,
+    variables={
+        "nominal_pressure": _step("Pa", "mean pressure of a ring on its face"),
+        "leak_rate": _step("m3 s-1", "volume of liquid that leaks across the ring in a time"),
+        "leak_rate_mean_law": Variable(("limit", "step"), "m3 s-1", "95 % interval of leak_rate"),
+        "hydraulic_aperture": _step("m", "hydraulic aperture of the interface across the ring"),
+        "percolating_cells": _step("1", "share of the cells that a path of the gap leads through"),
+        "mean_gap": _step("m", "mean gap of the interface"),
+        "contact_fraction": _step("1", "real over nominal contact area"),
+    },
+)
+
 HOMOGENISED = Schema(
     name="homogenised",
     version=1,
@@ -183,5 +196,56 @@ HOMOGENISED = Schema(
             "coarse motion in three translations, and in three rotations times m",
         ),
         "slack_links": Variable(("substructure",), "1", "number of slack links"),
+    },
+)
+
+_GRAIN = ("frame", "grain", "component")
+_wall = partial(Variable, ("step", "wall", "component"))
+_cell = partial(Variable, ("step", "component"))
+
+GRANULATE = Schema(
+    name="granulate",
+    version=1,
+    variables={
+        "time": _step("s", "time at the end of the step"),
+        "converged": _step("1", "whether the contact solver met its tolerance"),
+        "residual": _step("1", "natural-map error relative to the velocities of closing contacts"),
+        "iterations": _step("1", "sweeps over the contacts"),
+        "penetration": _step("1", "largest overlap over the smaller radius"),
+        "n_contacts": _step("1", "number of contacts that carry a force"),
+        "kinetic_energy": _step("J", "kinetic energy"),
+        "elastic_energy": _step("J", "energy that overlaps and rebounds bring back"),
+        "work": _step("J", "work of gravity, walls and cell since the start"),
+        "contact_dissipation": _step("J", "energy the contacts took since the start"),
+        "numerical_dissipation": _step(
+            "J", "energy lost in impacts and to the time scheme since the start"
+        ),
+        "damping_dissipation": _step("J", "energy damped since the start"),
+        "search_time": _step("s", "wall time of the neighbour search"),
+        "wall_time": _step("s", "wall time of the step"),
+        "radius": Variable(("grain",), "m", "radius"),
+        "mass": Variable(("grain",), "kg", "mass"),
+        "frame_step": Variable(("frame",), "1", "step that a frame shows, -1 for the start"),
+        "position": Variable(_GRAIN, "m", "centres"),
+        "velocity": Variable(_GRAIN, "m s-1", "velocities"),
+        "contact_frame": Variable(("contact",), "1", "frame that a contact belongs to"),
+        "contact_ends": Variable(
+            ("contact", "end"), "1", "grain, and grain or number of grains plus number of the wall"
+        ),
+        "contact_force": Variable(
+            ("contact", "component"), "N", "mean force of the step on the first end"
+        ),
+        "branch": Variable(("contact", "component"), "m", "first centre minus second or contact"),
+    },
+    optional={
+        "spin": Variable(_GRAIN, "rad s-1", "angular velocities"),
+        "time_step": _step("s", "length of the step"),
+        "wall_force": _wall("N", "force of the grains on a wall"),
+        "wall_position": _wall("m", "point of a wall"),
+        "wall_direction": Variable(("wall", "component"), "1", "normal or axis of a wall"),
+        "wall_radius": Variable(("wall",), "m", "radius of a cylinder, zero for a plane"),
+        "period": _cell("m", "edges of the periodic cell"),
+        "stress": _cell("Pa", "mean normal stresses of the cell, tension positive"),
+        "strain": _cell("1", "logarithmic strain of the cell since the start"),
     },
 )

@@ -31,16 +31,13 @@ class CellLaw(NormalLaw):
 
     Parameters
     ----------
-    cell : FlatCell
-        Without hardness.
+    cell : FlatCell, without hardness
     spacing : float, optional
         Distance of the gaps at which cells are solved, m; between them the law is a cubic with
         the pressures and stiffnesses of both. A tenth of the root mean square height costs some
         thirty cells and changes pressures by up to 2 %, where nearly all is closed; a twentieth
         sixty cells and 0.5 %. Much coarser ones need not be convex. Without it a cell is solved at
         every gap that the structure asks for.
-    gap : float, default 0.0
-        Initial gap between the mean planes, m.
 
     Attributes
     ----------
@@ -91,7 +88,6 @@ class CellLaw(NormalLaw):
 
     cell: FlatCell
     spacing: float | None = None
-    gap: float = 0.0
     _held: "GapCell" = field(init=False, repr=False)
     _memory: "_Memory" = field(init=False, repr=False)
 
@@ -123,7 +119,7 @@ class CellLaw(NormalLaw):
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Evaluate the law and its derivative; every gap is looked up once."""
-        pressure, stiffness = self._answer(jump[0] + self.gap)
+        pressure, stiffness = self._answer(jump[0])
         traction = np.zeros(jump.shape)
         traction[0] = -pressure
         tangent = np.zeros((jump.shape[0], *jump.shape))

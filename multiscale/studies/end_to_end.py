@@ -51,14 +51,11 @@ class EndToEndCase:
 
     Parameters
     ----------
-    ratio : float
-        :math:`\varepsilon`, longest wave over the length of the structure.
-    cells : int
-        Cells of four longest waves that the law is fitted to.
+    ratio : float, :math:`\varepsilon`, longest wave over the length of the structure
+    cells : int, cells of four longest waves that the law is fitted to
     realisations : int
         Structures resolved, and cells as large as the structure with the same surfaces.
-    points_per_wave : int
-        Grid points per shortest wave, of cells and structures alike.
+    points_per_wave : int, grid points per shortest wave, of cells and structures alike
 
     Raises
     ------
@@ -90,23 +87,18 @@ CASES = (
 
 
 def end_to_end(
-    cases: Sequence[EndToEndCase] = CASES,
-    *,
-    report: Callable[[str], None] = lambda line: None,
+    cases: Sequence[EndToEndCase] = CASES, *, report: Callable[[str], None] = lambda line: None
 ) -> "xr.Dataset":
     r"""Compare the sequential way with the direct one, and part the difference.
 
     Parameters
     ----------
-    cases : sequence of EndToEndCase
-        Ten minutes in all, if not given.
-    report : callable
-        Gets a line after each case.
+    cases : sequence of EndToEndCase, ten minutes in all, if not given
+    report : callable, gets a line after each case
 
     Returns
     -------
-    Dataset
-        Follows ``END_TO_END``.
+    Dataset, follows ``END_TO_END``
 
     Notes
     -----

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -61,11 +61,22 @@ class RoughStructure(ABC):
         :math:`\varepsilon = \lambda_l / \ell \le 1/4`, longest wave of the roughness over the
         length of the structure; one over a whole number. The band ends at :math:`\lambda_l / 4`.
 
+    Attributes
+    ----------
+    length, rms_height : float, of the structure and of the roughness, m
+    points : int, of the structure with a law
+    areal : bool, whether the roughness varies in both directions, or is of a profile
+
     Raises
     ------
     CaseError
         If the ratio is not one over a whole number of at least 4.
     """
+
+    length: ClassVar[float]
+    rms_height: ClassVar[float]
+    points: ClassVar[int]
+    areal: ClassVar[bool] = True
 
     ratio: float
 
@@ -81,21 +92,6 @@ class RoughStructure(ABC):
     def waves(self) -> int:
         """Longest waves of the roughness along the structure."""
         return round(1.0 / self.ratio)
-
-    @property
-    @abstractmethod
-    def length(self) -> float:
-        """Length of the structure, m."""
-
-    @property
-    @abstractmethod
-    def rms_height(self) -> float:
-        """Root mean square height of the roughness, m."""
-
-    @property
-    @abstractmethod
-    def points(self) -> int:
-        """Points of the structure with a law."""
 
     @property
     @abstractmethod
@@ -131,11 +127,6 @@ class RoughStructure(ABC):
             short_cutoff=self.ratio * self.length / BAND,
             rms_height=self.rms_height,
         )
-
-    @property
-    def areal(self) -> bool:
-        """Whether the roughness varies in both directions, or is that of a profile."""
-        return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,12 +174,9 @@ def solve_sequential(
     Parameters
     ----------
     structure : RoughStructure
-    seeds : sequence of int
-        Of the cells.
-    points_per_wave : int
-        Grid points of the cells per shortest wave.
-    waves : int
-        Longest waves along an edge of a cell.
+    seeds : sequence of int, of the cells
+    points_per_wave, waves : int
+        Grid points of the cells per shortest wave, and longest waves along an edge of a cell.
     """
     begin = perf_counter()
     cells = [structure.cell(structure.surface(seed, points_per_wave, waves)) for seed in seeds]
@@ -214,12 +202,9 @@ def answer_of(structure: RoughStructure, response: "xr.Dataset", refined: int = 
 
 
 def checked(answer: Answer, law: NormalLaw) -> Answer:
-    """Refuse an answer that rests on pressures far outside the data of its law.
+    """Refuse an answer that rests on pressures far outside the data of its law, by a ``CaseError``.
 
-    Raises
-    ------
-    CaseError
-        If more than 5 % of the load lies beyond a factor of 2 outside.
+    That is where more than 5 % of the load lies beyond a factor of 2 outside.
     """
     even = np.ones(answer.pressure.size)
     far = float(load_shares(answer.pressure[None], even, law.pressure_range)[2, 0])

@@ -36,12 +36,9 @@ class Effort:
 
     Parameters
     ----------
-    ratio : float
-        :math:`\varepsilon`, longest wave over the length of the structure.
-    realisations : int
-        Structures, and so errors, at least 2.
-    finest : int
-        Points per shortest wave of the reference: 4 times a power of 2, at least 8.
+    ratio : float, :math:`\varepsilon`, longest wave over the length of the structure
+    realisations : int, structures, and so errors, at least 2
+    finest : int, points per shortest wave of the reference: 4 times a power of 2, at least 8
 
     Raises
     ------
@@ -85,17 +82,13 @@ def three_ways(
     scenes : sequence of str
         Of ``"rough wave"`` and ``"joint of two blocks"``; see :class:`RoughWave` and
         :class:`TiltedJoint`.
-    cells : int
-        Cells, of four longest waves, that a law is fitted to.
-    points_per_wave : int
-        Grid points of cells per shortest wave.
-    report : callable
-        Gets a line after each way.
+    cells : int, cells, of four longest waves, that a law is fitted to
+    points_per_wave : int, grid points of cells per shortest wave
+    report : callable, gets a line after each way
 
     Returns
     -------
-    Dataset
-        Follows ``WORK_PRECISION``.
+    Dataset, follows ``WORK_PRECISION``
 
     Raises
     ------

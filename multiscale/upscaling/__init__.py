@@ -1,7 +1,12 @@
 """From micro responses to interface laws with their uncertainty."""
 
 from multiscale.upscaling.admissibility import admissibility
-from multiscale.upscaling.branches import fit_branches, hysteretic_from_dataset, with_unloading
+from multiscale.upscaling.branches import (
+    fit_branches,
+    hysteretic_from_dataset,
+    with_damage,
+    with_unloading,
+)
 from multiscale.upscaling.budget import error_budget, with_budget
 from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
 from multiscale.upscaling.comparison import compare_laws
@@ -12,15 +17,15 @@ from multiscale.upscaling.conductance import (
     elastic_dependence,
     with_conductance,
 )
-from multiscale.upscaling.damage_branch import with_damage
-from multiscale.upscaling.ensemble_statistics import (
-    ensemble_average,
-    required_realisations,
-    size_trend,
-)
 from multiscale.upscaling.export import write_law_table, write_pressure_overclosure
 from multiscale.upscaling.family import FAMILIES, Family, Parameter, unloading_family
 from multiscale.upscaling.fit import fit_law
+from multiscale.upscaling.leakage import (
+    effective_permeability,
+    say_sealing,
+    sealing_pressures,
+    with_leakage,
+)
 from multiscale.upscaling.observation_tables import read_observations
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import (
@@ -28,6 +33,7 @@ from multiscale.upscaling.reading import (
     areas_from_dataset,
     fitted_law,
     fitted_laws,
+    friction_at,
     law_band,
     law_from_dataset,
     require_law,
@@ -39,12 +45,10 @@ from multiscale.upscaling.response_observations import (
     normal_observations,
     unloading_observations,
 )
-from multiscale.upscaling.rubber_friction import friction_at
 from multiscale.upscaling.scales import (
     cell_share,
     compare_scales,
     effective_cells,
-    pressure_length,
     pressure_length_of_points,
 )
 from multiscale.upscaling.shear_branch import (
@@ -94,8 +98,8 @@ __all__ = [
     "conductance_ratios",
     "conductances",
     "effective_cells",
+    "effective_permeability",
     "elastic_dependence",
-    "ensemble_average",
     "error_budget",
     "estimate_grid_error",
     "fit_branches",
@@ -113,13 +117,12 @@ __all__ = [
     "normal_observations",
     "observe",
     "over_steps",
-    "pressure_length",
     "pressure_length_of_points",
     "read_observations",
     "require_law",
-    "required_realisations",
+    "say_sealing",
+    "sealing_pressures",
     "shear_errors",
-    "size_trend",
     "sliders_from_dataset",
     "sliding_friction_at",
     "state_shear",
@@ -133,6 +136,7 @@ __all__ = [
     "with_conductance",
     "with_damage",
     "with_intervals",
+    "with_leakage",
     "with_scales",
     "with_shear",
     "with_sliding",

@@ -147,12 +147,12 @@ def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) ->
     """Check the loading law, and what its unloading branches give back, eq. (2) of the law."""
     loading = _check_normal(law.loading, pressure_range)
     peak = np.geomspace(*pressure_range, POINTS)
-    branch = law.branch(peak)
+    corner, length = law.loading.gap_at(peak), law.branch(peak).support
     share = np.linspace(0.0, 1.0, 41)[:, None]
-    gap = branch.corner + share * branch.length
+    gap = corner + share * length
     p = peak * (1.0 - share) ** law.exponent
-    returned = peak * branch.length / (law.exponent + 1.0)
-    rate = np.diff(returned) / -np.diff(branch.corner)  # per approach
+    returned = peak * length / (law.exponent + 1.0)
+    rate = np.diff(returned) / -np.diff(corner)  # per approach
     return (
         *(Check(f"loading, {check.name}", check.worst) for check in loading),
         Check("unloading below loading", _worst(p - law.loading.pressure(gap), peak)),

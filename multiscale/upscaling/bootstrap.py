@@ -2,7 +2,7 @@
 
 import numpy as np
 
-__all__ = ["FEWEST_REALISATIONS", "draw_counts", "most_confident", "widening"]
+__all__ = ["FEWEST_REALISATIONS", "draw_counts", "half_range", "most_confident", "widening"]
 
 FEWEST_REALISATIONS = 3
 """Below, the interval of a mean is too wide to be of use and there are no samples."""
@@ -28,17 +28,10 @@ def draw_counts(
 def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) -> float:
     r"""Factor that gives a percentile interval of few data the width of Student's.
 
-    Parameters
-    ----------
-    freedom, confidence
-        Degrees of freedom :math:`\nu \ge 1`, and :math:`c` of the interval.
-    n : int, optional
-        Number :math:`N` of independent data whose variance the bootstrap takes with divisor N, if
-        that is not corrected elsewhere.
+    .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}    \tag{1}
 
-    Notes
-    -----
-    .. math:: \sqrt{N/(N-1)}\; t_{(1+c)/2,\,\nu} / z_{(1+c)/2}.    \tag{1}
+    for :math:`\nu` degrees of freedom and the confidence c; the root only if n, the number N of
+    independent data whose variance the bootstrap takes with divisor N, is given.
     """
     from scipy.stats import norm, t
 
@@ -55,3 +48,8 @@ def most_confident(n_realisations: int) -> float:
     :math:`(1-c)/2 \ge N^{-N}`.
     """
     return 1.0 - 2.0 * float(n_realisations) ** -n_realisations
+
+
+def half_range(samples: np.ndarray) -> np.ndarray:
+    """Half-width of the 95 % interval between percentiles of samples, along their first axis."""
+    return np.asarray(0.5 * np.ptp(np.nanpercentile(samples, [2.5, 97.5], axis=0), axis=0))

@@ -1,12 +1,14 @@
-"""Both branches of the law of cells that have flowed: loading, and unloading from any pressure."""
+"""Branches of a law beside the loading: of unloading from any pressure, of shear and of damage."""
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import DAMAGE_SECTIONS, with_cautions
 from multiscale.upscaling.family import unloading_family
-from multiscale.upscaling.fit import fit_law, say_branches, say_control
+from multiscale.upscaling.fit import fit_law, say_control, with_branch
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 from multiscale.upscaling.shear_branch import with_sliding
@@ -15,7 +17,10 @@ from multiscale.upscaling.shear_fit import with_shear
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["fit_branches", "hysteretic_from_dataset", "with_unloading"]
+__all__ = ["fit_branches", "hysteretic_from_dataset", "with_damage", "with_unloading"]
+
+PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degrees
+SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
 
 def fit_branches(
@@ -35,23 +40,17 @@ def fit_branches(
     response : Dataset
         Follows ``MICRO_RESPONSE``; gives the loading, and the unloading if cells have flowed and
         were unloaded.
-    control : Dataset, optional
-        Many cheap cells, as of :func:`fit_law`.
-    shear : Dataset, optional
-        Follows ``MICRO_RESPONSE``; gives the tangential branch, see :func:`with_shear`.
-    sliding : Dataset, optional
-        Follows ``SLIDING_RESPONSE``; gives friction over pressure, see :func:`with_sliding`.
-    apart : bool, optional
-        As of :func:`with_shear`.
-    n_samples : int
-        Of each branch.
-    **options
+    shear, sliding : Dataset, optional
+        Give the tangential branch and friction over pressure, see :func:`with_shear` and
+        :func:`with_sliding`.
+    apart : bool, optional, as of :func:`with_shear`
+    n_samples : int, of each branch
+    control, **options
         As of :func:`~multiscale.upscaling.fit_law`.
 
     Returns
     -------
-    Dataset
-        Follows ``INTERFACE_LAW``.
+    Dataset, follows ``INTERFACE_LAW``
     """
     flows = "flowing_fraction" in response.variables
     loading = loading_branch(response) if flows else response
@@ -74,27 +73,20 @@ def with_unloading(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``: the normal law of the loading branch.
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, loaded and unloaded.
-    control : Dataset, optional
-        Many cheap cells, as of :func:`unloading_observations`.
+    law : Dataset, follows ``INTERFACE_LAW``: the normal law of the loading branch
+    response, control : Dataset, as of :func:`unloading_observations`
 
     Returns
     -------
     Dataset
-        Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the law of it.
+        Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the
+        :class:`~multiscale.laws.HystereticLaw` of it. Samples are of the spring back alone: the
+        loading law has its own.
 
     Raises
     ------
     CaseError
         If no step unloads.
-
-    Notes
-    -----
-    :class:`~multiscale.laws.HystereticLaw` describes the branches. Samples are of the spring back
-    alone: the loading law has its own.
     """
     loading = law_from_dataset(law)
     seen = unloading_observations(response, control)
@@ -111,10 +103,9 @@ def with_unloading(
     if control is not None:
         told = f"{law.attrs['control']}; {say_control('spring back', seen)}"
         law = law.assign_attrs(control=told)
-    return INTERFACE_LAW.assign(law, values).assign_attrs(
+    return with_branch(law, "unloading", "measured", values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],
-        branches=say_branches({"unloading": "measured"}, str(law.attrs.get("branches", ""))),
     )
 
 
@@ -136,3 +127,47 @@ def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) ->
     found = (pick(dataset, name, [sample], of="unloading")[0] for name in names)
     ratio, exponent = map(float, found)
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)
+
+
+def with_damage(law: "xr.Dataset", sections: "xr.Dataset") -> "xr.Dataset":
+    """Add the damage of the material near an interface to its law.
+
+    Parameters
+    ----------
+    law : Dataset, follows ``INTERFACE_LAW``
+    sections : Dataset
+        Follows ``DAMAGE_SECTIONS``, of :func:`multiscale.micro.damage.max_damage`: a volume of the
+        material near the surface, whose axis z is the normal of the interface.
+
+    Returns
+    -------
+    Dataset
+        With ``interface_damage``, the mean of eq. (1) over the sections parallel to the interface,
+        since it may lie at any of them, and the ends of 95 of 100 sections.
+
+    Raises
+    ------
+    CaseError
+        If no section of the volume is parallel to the interface, or all of one has been lost.
+    """
+    DAMAGE_SECTIONS.check(sections)
+    cosine = np.abs(sections["normal"].to_numpy()[:, 2])
+    nearest = int(np.argmax(cosine))
+    if cosine[nearest] < PARALLEL:
+        raise CaseError(
+            f"no section of the volume is parallel to the interface, whose normal is its axis "
+            f"z: the nearest one is {np.degrees(np.arccos(cosine[nearest])):.3g} "
+            f"degrees off; take more directions"
+        )
+    lost = sections["damage"].to_numpy()[nearest]
+    lost = lost[np.isfinite(lost)]
+    mean, (low, high) = float(lost.mean()), np.percentile(lost, SPAN)
+    if not mean < 1.0:
+        raise CaseError("nothing is left of the sections parallel to the interface")
+    values = {"interface_damage": mean, "interface_damage_band": [low, high]}
+    return with_cautions(
+        with_branch(law, "damage", "measured", values),
+        f"the interface carries what a damage of {mean:.3g} leaves, the mean of {lost.size} "
+        f"sections parallel to it, of which 95 % lie from {low:.3g} to {high:.3g}; the error "
+        f"budget does not have this range",
+    )

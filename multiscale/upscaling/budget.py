@@ -1,6 +1,6 @@
 """How wrong a law is: every term estimated and none assumed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -20,11 +20,10 @@ from multiscale.upscaling.budget_terms import (
     separation_term,
     slope_term,
 )
-from multiscale.upscaling.cell_size import size_term
+from multiscale.upscaling.cell_size import size_term, surface_term
 from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
-from multiscale.upscaling.surface_error import surface_term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,18 +81,15 @@ def error_budget(
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``.
-    law : Dataset
-        Follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`.
+    response : Dataset, follows ``MICRO_RESPONSE``
+    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`
     resolutions : mapping of float to Dataset, optional
         From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
         the same realisations on a coarser grid.
     sizes : mapping of float to Dataset, optional
         From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
         response of cells with the same spectrum.
-    scales : ScaleSeparation, optional
-        From :func:`compare_scales`.
+    scales : ScaleSeparation, optional, from :func:`compare_scales`
     apart : bool, default False
         Whether resolutions and sizes, two at least of each, are ensembles of their own that are
         compared among themselves: the same small cells on several grids, and many cells of
@@ -103,8 +99,7 @@ def error_budget(
         :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
         same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
         the law under 1; may be empty.
-    control : Dataset, optional
-        As of :func:`fit_law`.
+    control : Dataset, optional, as of :func:`fit_law`
 
     Returns
     -------
@@ -124,27 +119,12 @@ def error_budget(
 
     Notes
     -----
-    - *sampling*: Student's interval of the mean, with a control the one of residuals and cheap
-      cells together; of the stiffness, the one of the compliances of single realisations. Two
-      realisations give an interval, one gives none;
-    - *fit*: from the root mean square, over the steps, of the error at a step that the fit has not
-      seen, by its decay with the spacing, and for the stiffness at the ends from how it bends
-      there;
-    - *cell size*: with the mean :math:`m(L) = m_\infty + b L^{-q}` through the sizes, weighted
-      by their uncertainty, the bias :math:`b L^{-q}`, averaged over :math:`1 \le q \le 3` by
-      their likelihood, and the interval about it;
-    - *micro discretisation*: :func:`estimate_grid_error` of the means of the same realisations;
-    - *increments*: of cells that flow, what halved increments of one realisation tell, of first
-      order; nothing where no body flows;
-    - *small slopes*: of flat cells, what the expansion of their compliance in the slopes changes in
-      one realisation; nothing where the mesh follows the surface;
-    - *surface*: what the cells lack of the height and the slope of measured maps, see
-      :func:`~.surface_error.surface_term`; nothing where surfaces were made from a spectrum;
-    - *scale separation*: the pressure is not even over a wave, with
-      :math:`\varepsilon = \lambda_l/\ell` :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of a
-      quantity :math:`f`;
-    - *few cells*: the interface of one structure, of the edge :math:`\ell`, holds only
-      :math:`(\ell/L)^2` cells, :math:`1.96\, \mathrm{CoV}\, L / \ell`; see :func:`mean_law_error`.
+    How a term is estimated stands with its function: :func:`~.budget_terms.sampling_term`,
+    :func:`~.budget_terms.fit_term`, :func:`~.cell_size.size_term`,
+    :func:`~.budget_terms.grid_term` (micro discretisation),
+    :func:`~.budget_terms.increment_term`, :func:`~.budget_terms.slope_term`,
+    :func:`~.cell_size.surface_term`, :func:`~.budget_terms.separation_term` and, for few cells,
+    :func:`~.budget_terms.scatter_term`; see :func:`mean_law_error`.
 
     Terms are independent of each other. With the sum :math:`b` of the biases and the standard
     deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
@@ -207,16 +187,11 @@ def error_budget(
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
     r"""Bound that an error with a bias keeps with a probability of 95 %.
 
-    Parameters
-    ----------
-    bias, half_width : ndarray
-        Mean of the error and half-width of its 95 % interval about it, one shape and unit.
-
     Returns
     -------
     ndarray
-        :math:`w` with :math:`P(|b + s\, \mathcal{N}(0, 1)| \le w) = 0.95` for the half-width
-        :math:`1.96\, s`.
+        :math:`w` with :math:`P(|b + s\, \mathcal{N}(0, 1)| \le w) = 0.95` for the bias b and the
+        half-width :math:`1.96\, s` of the 95 % interval about it, of one shape and unit.
     """
     from scipy.special import chndtrix
 
@@ -229,26 +204,14 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
 def mean_law_error(budget: "xr.Dataset") -> np.ndarray:
     """Total of a budget without what one part has by its few cells: the error of the mean part.
 
-    Parameters
-    ----------
-    budget : Dataset
-        Follows ``ERROR_BUDGET``, or a law or macro result that carries one. Its own total is the
-        error of one part.
-
-    Returns
-    -------
-    ndarray, shape (quantities, steps)
-        Relative to the value; NaN where the total is not known.
+    It is relative to the value, shape (quantities, steps); NaN where the total, which is the error
+    of one part, is not known.
     """
-    half, total = budget["error_half_width"], budget["error_total"].to_numpy()
-    given = half.notnull().any(("quantity", "step")).drop_sel(error_term=FEW_CELLS)
-    rest, bias = (
-        budget[name].drop_sel(error_term=FEW_CELLS).to_numpy()
-        for name in ("error_half_width", "error_bias")
-    )
-    counted = given.to_numpy() | np.isin(given["error_term"].to_numpy(), ALWAYS)
-    error = total_error(bias.sum(axis=1), np.sqrt(np.sum(rest[:, counted] ** 2, axis=1)))
-    return np.asarray(np.where(np.isfinite(total), error, np.nan))
+    half, bias = (budget[name].to_numpy().copy() for name in ("error_half_width", "error_bias"))
+    few = budget["error_term"].to_numpy() == FEW_CELLS
+    half[:, few] = bias[:, few] = 0.0
+    error = add_up(half, bias, np.isfinite(half).any(axis=(0, 2)))
+    return np.where(np.isfinite(budget["error_total"]), error, np.nan)
 
 
 def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
@@ -276,12 +239,12 @@ def how_attribute(term: str) -> str:
     return "how_" + term.replace(" ", "_")
 
 
-def add_up(half: np.ndarray, bias: np.ndarray, given: Sequence[bool]) -> np.ndarray:
+def add_up(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Totals of half-widths and biases (quantity, term, step), with the terms that were given.
 
     NaN where one of these, or of :data:`ALWAYS`, is not known.
     """
-    counted = [term in ALWAYS or one for term, one in zip(ERROR_TERMS, given, strict=True)]
+    counted = np.isin(ERROR_TERMS, ALWAYS) | given
     return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))
 
 
@@ -306,7 +269,8 @@ def assemble_budget(
         for k, term in enumerate(ERROR_TERMS)
         if np.all(np.isnan(half[:, k])) and not terms[term].how.startswith("not in a law")
     ]
-    total = add_up(half, bias, [terms[term].half_width is not None for term in ERROR_TERMS])
+    given = np.array([terms[term].half_width is not None for term in ERROR_TERMS])
+    total = add_up(half, bias, given)
     values = {"error_half_width": half, "error_bias": bias, "error_total": total}
     if pressure is not None:
         values["nominal_pressure"] = pressure

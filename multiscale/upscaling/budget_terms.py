@@ -11,7 +11,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.upscaling.fit import stiffness_of_each
-from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
 from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
 from multiscale.upscaling.response_observations import area_observations, normal_observations
@@ -25,16 +24,16 @@ __all__ = [
     "NORMAL",
     "Sampling",
     "Term",
-    "each_value",
+    "compared_values",
     "fit_term",
     "grid_term",
     "increment_term",
-    "same_steps",
     "sampling_term",
     "scatter_term",
     "separation_term",
     "slope_term",
     "students",
+    "values_of_cells",
 ]
 
 FIT_ERRORS = {
@@ -58,13 +57,11 @@ class Term:
 
     Attributes
     ----------
-    how : str
-        How it was estimated, or what would tell it.
+    how : str, how it was estimated, or what would tell it
     half_width : ndarray, shape (quantities, steps), or None
         Half-width of the 95 % interval, relative to the value; NaN where it is not known, None if
         nothing was given to estimate it from.
-    bias : ndarray, shape (quantities, steps), or 0
-        Part whose sign is known, relative to the value.
+    bias : ndarray, shape (quantities, steps), or 0, part whose sign is known, relative to the value
     """
 
     how: str
@@ -108,19 +105,16 @@ def sampling_term(
     """
     from scipy.stats import t
 
-    observed = same_steps(response, sizes or {}, apart=bool(sizes))
     gap = normal_observations(response, control)
     parts = [
         [(one.masked, freedom) for one, freedom in gap.parts],
         [(one.masked, freedom) for one, freedom in area_observations(response, control).parts],
         [(1.0 / stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
     ]
-    others: dict[float, list[np.ndarray]] = {}
+    others: dict[float, tuple[np.ndarray, ...]] = {}
     if sizes and gap.control is None:
-        found = each_value(observed.by_ratio)
-        for ratio in observed.by_ratio:
-            own_gap, own_area, stiffness = (one[ratio] for one in found)
-            others[ratio] = [own_gap, own_area, 1.0 / stiffness]
+        for ratio, (g, a, k) in compared_values(response, sizes, apart=True).items():
+            others[ratio] = g, a, 1.0 / k
     half, scatter = np.full((2, 3, gap.pressure.size), np.nan)
     for k, ensembles in enumerate(parts):
         sums = [_squares(one, len(one) - freedom) for one, freedom in ensembles]
@@ -202,50 +196,33 @@ def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
     return float(abs(own[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """Gaps and areas of one response."""
-
-    gap: Observations
-    area: Observations
+def values_of_cells(response: "xr.Dataset") -> np.ndarray:
+    """Gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
+    gap, area = normal_observations(response), area_observations(response)
+    return np.array([gap.masked, area.masked, stiffness_of_each(gap)])
 
 
-@dataclass(frozen=True, eq=False)
-class PressedAlike:
-    """A response, and by their ratios all responses that are compared."""
-
-    own: Observed
-    by_ratio: dict[float, Observed]
-
-
-def same_steps(
+def compared_values(
     response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
-) -> PressedAlike:
-    """Observe a response and all that are compared, which were pressed alike."""
-    own = Observed(normal_observations(response), area_observations(response))
+) -> dict[float, np.ndarray]:
+    """Values of all responses that are compared, by their ratios: they were pressed alike.
+
+    The response itself, of the ratio 1, is one of them unless the others are apart from it.
+    """
     if apart and len(others) < 2:
         raise CaseError(
             f"ensembles apart from the response are compared among themselves, so that two are "
             f"needed, got {len(others)}"
         )
-    found = {} if apart else {1.0: own}
+    own = normal_observations(response).pressure
     for ratio, other in others.items():
-        found[ratio] = Observed(normal_observations(other), area_observations(other))
-        p = found[ratio].gap.pressure
-        if p.size != own.gap.pressure.size or not np.allclose(p, own.gap.pressure, rtol=1e-6):
+        p = normal_observations(other).pressure
+        if p.size != own.size or not np.allclose(p, own, rtol=1e-6):
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
-    return PressedAlike(own, found)
-
-
-def each_value(observed: Mapping[float, Observed]) -> list[dict[float, np.ndarray]]:
-    """Values (realisations, steps) of gap, area and stiffness by ratio; NaN where missing."""
-    return [
-        {ratio: one.gap.masked for ratio, one in observed.items()},
-        {ratio: one.area.masked for ratio, one in observed.items()},
-        {ratio: stiffness_of_each(one.gap) for ratio, one in observed.items()},
-    ]
+    both = others if apart else {1.0: response, **others}
+    return {ratio: values_of_cells(one) for ratio, one in both.items()}
 
 
 def grid_term(
@@ -259,9 +236,9 @@ def grid_term(
     the interval of the differences is added, and its variance taken out of the square of the mean,
     which holds it.
     """
-    found = same_steps(response, resolutions, apart=apart).by_ratio
+    found = compared_values(response, resolutions, apart=apart)
     finest, next_finest = sorted(found)[:2]
-    n = {ratio: one.gap.n_realisations for ratio, one in found.items()}
+    n = {ratio: one.shape[1] for ratio, one in found.items()}
     for ratio in found:
         if n[ratio] != n[finest]:
             raise CaseError(
@@ -270,7 +247,8 @@ def grid_term(
             )
     near = min(found, key=lambda ratio: abs(np.log(ratio)))
     rows, how = [], ""
-    for values in each_value(found):
+    for quantity in range(3):
+        values = {ratio: one[quantity] for ratio, one in found.items()}
         mean = {ratio / finest: np.nanmean(one, axis=0) for ratio, one in values.items()}
         size = np.abs(mean[1.0])
         estimate = estimate_grid_error(mean.pop(1.0), mean)
@@ -290,7 +268,7 @@ def grid_term(
 
 
 def increment_term(response: "xr.Dataset") -> Term:
-    """Half-widths from the increments of a body that flows, and how they were told."""
+    """Half-widths from the increments of a body that flows, by halved ones of one realisation."""
     gap = normal_observations(response)
     if "flowing_fraction" not in response.variables:
         nothing = np.zeros((3, gap.pressure.size))
@@ -302,7 +280,10 @@ def increment_term(response: "xr.Dataset") -> Term:
 
 
 def slope_term(response: "xr.Dataset") -> Term:
-    """Half-widths from slopes that the cells take as small, and how they were told."""
+    """Half-widths from slopes that the cells take as small, which their expansion in them tells.
+
+    Conforming cells take them as small where their one body stands for two.
+    """
     if "mean_gap_slope_error" not in response.variables:
         return Term("not known: solve one flat cell with slope_order 1 and 2, or conforming cells")
     return _term_of_errors(response, "slope", str(response.attrs["small_slopes"]))
@@ -339,16 +320,20 @@ def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 
 
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    """Half-widths from the few cells that the interface of one structure holds.
+    r"""Half-widths from the few cells of the edge L that one interface of :math:`\ell` holds.
 
-    The scatter is the coefficient of variation of single cells, (3, steps); a scatter that is
-    not finite, as the one of one realisation, counts as none.
+    They are :math:`1.96\, \mathrm{CoV}\, L/\ell` with the coefficients of variation of cells,
+    (3, steps); a scatter that is not finite, as the one of one realisation, counts as none.
     """
     return np.asarray(NORMAL * np.nan_to_num(scatter, posinf=0.0) * scales.cell_ratio)
 
 
 def separation_term(law: "xr.Dataset", p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
-    """Half-widths from pressure that is not even over the longest wave."""
+    r"""Half-widths from pressure that is not even over the longest wave.
+
+    They are :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of each quantity :math:`f`, with
+    :math:`\varepsilon = \lambda_l/\ell`.
+    """
     mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
     functions: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
         mean_law.gap_at,

@@ -1,4 +1,4 @@
-"""What is left out by cells that are too small, and responses less that."""
+"""What a law lacks by its cells: by their size, and by the waves of a measured surface."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -6,15 +6,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.budget_terms import NORMAL, Term, each_value, same_steps, students
+from multiscale.upscaling.budget_terms import (
+    NORMAL,
+    Term,
+    compared_values,
+    students,
+    values_of_cells,
+)
+from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 from multiscale.upscaling.response_observations import normal_observations
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["at_rms_height", "size_term", "without_size_bias"]
+__all__ = ["at_rms_height", "size_term", "surface_term", "without_size_bias"]
 
 SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # of what a finite cell leaves out
+FEWEST_HELD = 0.5
+"""Share of height or slope below which a law would be read at less than half its pressures."""
 
 
 def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
@@ -22,8 +31,7 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation.
+    response : Dataset, follows ``MICRO_RESPONSE``, with the ``rms_height`` of every realisation
     rms_height : float
         Root mean square height of the surface at large, m: of a patch that holds many of its
         longest waves, of which only the heights have to be made. It is kept as the attribute
@@ -68,12 +76,12 @@ def size_term(
     as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
     from it are free of that.
     """
-    observed = same_steps(response, sizes, apart=apart)
-    ratios = np.array(sorted(observed.by_ratio))
+    found = compared_values(response, sizes, apart=apart)
+    ratios = np.array(sorted(found))
     shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
     biases, rows, powers = [], [], []
-    answers = [one[1.0] for one in each_value({1.0: observed.own})]
-    for values, answer in zip(each_value(observed.by_ratio), answers, strict=True):
+    for quantity, answer in enumerate(values_of_cells(response) if apart else found[1.0]):
+        values = {ratio: one[quantity] for ratio, one in found.items()}
         mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
         n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
         error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
@@ -114,6 +122,47 @@ def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"
     }
     corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
     return response.assign(corrected).assign_attrs(size_bias=f"taken out: {term.how}")
+
+
+def surface_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> Term:
+    r"""Half-widths from the height and the slope of measured maps that the cells lack.
+
+    The gap of an elastic surface over its height, and its contact fraction, are functions of
+    :math:`p / (E^* h'_\mathrm{rms})` and of the form of the spectrum. Cells that hold the shares
+    :math:`s_h` of the height and :math:`s_g` of the slope thus stand, for one form, for
+
+    .. math::
+        \bar g(s_g\, p) / s_h, \qquad A(s_g\, p), \qquad
+        s_h\, k(s_g\, p) / s_g \qquad\text{instead of}\qquad
+        \bar g(p), \quad A(p), \quad k(p) = -\mathrm{d}p / \mathrm{d}\bar g.
+
+    The changes by :math:`s_h` and by :math:`s_g` are added, not set off against each other. As the
+    lost waves change the form too, which similarity does not tell, they count twice.
+    """
+    if "body_rms_height" not in response:
+        nothing = np.zeros((3, p.size))
+        return Term("nothing: the surfaces of the cells are not parts of maps", nothing)
+    held = []  # of height and slope; squares of independent bodies add
+    for name in ("rms_height", "rms_slope"):
+        body = response[f"body_{name}"]
+        lost = body.sel(stage="map").to_numpy() ** 2 - body.sel(stage="cells").to_numpy() ** 2
+        square = float(np.mean(response[name].to_numpy() ** 2))
+        # windows that are rougher than their map lack nothing
+        held.append(float(np.sqrt(square / (square + np.sum(np.maximum(lost, 0.0))))))
+    height, slope = held
+    how = f"the cells hold {height:.3g} of the rms height and {slope:.3g} of the rms slope measured"
+    if min(held) < FEWEST_HELD:
+        unknown = np.full((3, p.size), np.nan)
+        return Term(f"not known: {how}, too little to infer the rest from", unknown)
+    mean_law, area_law = law_from_dataset(law), area_from_dataset(law)
+    gap, area = mean_law.gap_at, area_law.contact_fraction
+    similar = mean_law.stiffness(gap(slope * p)) / slope
+    rows = [
+        1.0 / height - 1.0 + np.abs(gap(slope * p) / gap(p) - 1.0),
+        np.abs(area(slope * p) / area(p) - 1.0),
+        1.0 - height + np.abs(similar / mean_law.stiffness(gap(p)) - 1.0),
+    ]
+    return Term(how, 2.0 * np.array(rows))
 
 
 def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarray, float]:

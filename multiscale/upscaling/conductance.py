@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, with_cautions
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.reading import law_from_dataset, require_law
 from multiscale.upscaling.structure_errors import Dependence
 
@@ -35,13 +36,11 @@ def with_conductance(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
     conductivities : mapping of str to tuple of float
         Conductivities :math:`k_1, k_2` of both bodies, positive, by a name of
         :data:`CONDUCTANCES`: thermal, W m-1 K-1, or electrical, S m-1.
-    contact_modulus : float
-        :math:`E^*` of both bodies, Pa.
+    contact_modulus : float, :math:`E^*` of both bodies, Pa
     flows : bool
         Whether a body of the cells flows. The elastic stiffness is then the stiffness at the start
         of unloading; a law without that branch has a caution.
@@ -82,19 +81,9 @@ def with_conductance(
 
 
 def conductances(law: "xr.Dataset", pressure: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the conductances of a law, as far as it has them.
+    """Return the conductances of a law at pressures of the interface, Pa, as far as it has them.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    pressure : ndarray, shape (steps,)
-        Nominal pressure of the interface, Pa.
-
-    Returns
-    -------
-    dict
-        By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
+    By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
     """
     normal = law_from_dataset(law)
     stiffness = normal.stiffness(normal.gap_at(pressure))
@@ -110,12 +99,7 @@ def conductance_ratios(law: "xr.Dataset") -> dict[str, float]:
 def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
     """Let answers that are conductances be as wrong as the start of unloading.
 
-    Parameters
-    ----------
-    law : Dataset
-        With conductances.
-    answers : ndarray of bool, shape (answers, steps)
-        Which of the answers are conductances.
+    ``answers``, shape (answers, steps), says which of the answers are conductances.
     """
     require_law(law, "conductance_branch")
     half = 0.0
@@ -123,6 +107,5 @@ def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
         half = np.nan
         if law.sizes.get("unloading_sample"):
             drawn = law["unloading_stiffness_ratio_sample"].to_numpy()
-            half = 0.5 * np.ptp(np.nanpercentile(drawn, [2.5, 97.5]))
-            half /= float(law["unloading_stiffness_ratio"])
+            half = float(half_range(drawn) / law["unloading_stiffness_ratio"])
     return Dependence(answers.astype(float), {"sampling": half})

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.upscaling.bootstrap import widening
 
-__all__ = ["FEWEST_PAIRS", "Control", "best_ratio", "variance_ratio"]
+__all__ = ["FEWEST_PAIRS", "Control", "best_ratio"]
 
 CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
 FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
@@ -74,8 +74,7 @@ class Control:
         Parameters
         ----------
         dear, cheap : ndarray, shape (R, points) and (M, points)
-            The first R rows of the second belong to the rows of the first; NaN where there is no
-            value.
+            The first R rows of the second belong to those of the first; NaN where no value is.
         """
         paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
         n = paired.sum(axis=0)
@@ -131,17 +130,9 @@ class Control:
 def best_ratio(correlation: float, cost_ratio: float) -> float:
     r"""Return how many cheap cells to solve for each dear one.
 
-    Parameters
-    ----------
-    correlation : float
-        :math:`\rho` of dear and cheap values.
-    cost_ratio : float
-        Time of a dear cell over the time of a cheap one, :math:`c`.
-
-    Notes
-    -----
     The variance for a given time is smallest at
-    :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}`; see [2]_ of :class:`Control`, (3.6).
+    :math:`M/R = \sqrt{c\, \rho^2 / (1 - \rho^2)}` for the correlation :math:`\rho` and c times the
+    time of a cheap cell for a dear one; see [2]_ of :class:`Control`, (3.6).
 
     Examples
     --------
@@ -150,8 +141,3 @@ def best_ratio(correlation: float, cost_ratio: float) -> float:
     """
     square = min(correlation**2, 1.0 - 1e-6)
     return float(np.sqrt(cost_ratio * square / (1.0 - square)))
-
-
-def variance_ratio(correlation: np.ndarray | float, n: int, n_cheap: int) -> np.ndarray:
-    """Variance with control over the variance of the mean of the dear values alone."""
-    return np.asarray(1.0 - np.square(correlation) * (1.0 - n / n_cheap))

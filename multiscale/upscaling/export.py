@@ -31,6 +31,7 @@ SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
 MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+TABLE_POINTS = 41  # pressures of a CSV table, even in the logarithm over the data
 BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
 
@@ -40,8 +41,7 @@ class ChordTable:
 
     Attributes
     ----------
-    pressure, overclosure : ndarray, shape (points,)
-        Pa and m; zero first, rising.
+    pressure, overclosure : ndarray, shape (points,), Pa and m; zero first, rising
     first_contact : float
         Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
         smallest pressure reaches zero.
@@ -60,8 +60,7 @@ def pressure_overclosure(
     Parameters
     ----------
     law : NormalLaw
-    pressure_range : tuple of float
-        Smallest and largest pressure of the table, Pa.
+    pressure_range : tuple of float, smallest and largest pressure of the table, Pa
     tolerance : float
         Bound on the error of the pressure between the points, relative to the pressure.
 
@@ -105,14 +104,11 @@ def write_pressure_overclosure(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    path : path
-        An input file, to be included before the steps with ``*INCLUDE, INPUT=...``.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    path : path, an input file, to be included before the steps with ``*INCLUDE, INPUT=...``
     name, length_unit, pressure_unit : str
         Name of the surface interaction, and the units of the model.
-    tolerance : float
-        See :func:`pressure_overclosure`.
+    tolerance : float, see :func:`pressure_overclosure`
     friction_for : {"abaqus", "calculix"}, optional
         Write friction and stick stiffness too, which the two codes read in different words. The
         law needs a tangential branch.
@@ -226,7 +222,7 @@ def write_law_table(
     *,
     length_unit: str = "um",
     pressure_unit: str = "MPa",
-    n_points: int = 41,
+    leakage: bool = False,
 ) -> None:
     """Write a normal law, with its band and its area law if there are, as CSV.
 
@@ -236,11 +232,21 @@ def write_law_table(
     ----------
     dataset, path, length_unit, pressure_unit
         As of :func:`write_pressure_overclosure`; the units stand in the head of each column.
-    n_points : int
-        Number of pressures, even in the logarithm over the range of the data.
+    leakage : bool
+        Write the hydraulic apertures too, along x, y and both, with the ends of their 95 %
+        intervals, and all columns at the pressures of the data alone; zero is tight.
+
+    Raises
+    ------
+    CaseError
+        If apertures are asked of a law that has none.
     """
     require_law(dataset, "pressure_min", "pressure_max")
-    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], n_points)
+    p = np.geomspace(dataset.attrs["pressure_min"], dataset.attrs["pressure_max"], TABLE_POINTS)
+    if leakage:
+        if "hydraulic_aperture" not in dataset:
+            raise CaseError("the law has no hydraulic aperture; set leakage = true in [micro]")
+        p = dataset["fit_pressure"].to_numpy()
     law = law_from_dataset(dataset)
     gap = law.gap_at(p)
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
@@ -255,6 +261,14 @@ def write_law_table(
         low, high = law_band(dataset, lambda one: one.gap_at(p), confidence=0.95)
         columns[f"gap low 95 % ({length_unit})"] = low / length
         columns[f"gap high 95 % ({length_unit})"] = high / length
+    for name in map(str, dataset["direction"].to_numpy() if leakage else ()):
+        one = dataset.sel(direction=name)
+        ends = [
+            one["hydraulic_aperture"].to_numpy(),
+            *one["hydraulic_aperture_mean_law"].to_numpy(),
+        ]
+        for told, aperture in zip(("", " low 95 %", " high 95 %"), ends, strict=True):
+            columns[f"aperture {name}{told} ({length_unit})"] = aperture / length
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode())

@@ -45,8 +45,7 @@ class Family:
     make : callable
         The law, from the parameters and the held values, as keywords. A normal law gets the
         pressures of the data as its ``pressure_range``.
-    start : callable
-        Estimates of the parameters, SI, inside their ranges, from observations.
+    start : callable, estimates of the parameters, SI, inside their ranges, from observations
     held : callable, optional
         Keywords of ``make`` that the data decide and the fit leaves alone, such as a reference
         pressure, with their units: from observations to a mapping of name to (value, unit).
@@ -81,7 +80,7 @@ class Family:
 
 def _gaps(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
     """Pressures and gaps that a normal law is started from; a stiffness is integrated."""
-    mean = observations.means()[0][0]
+    mean = observations.mean
     p = observations.pressure
     if observations.quantity == "normal_stiffness":
         return p, integrate_stiffness(p, mean)
@@ -137,7 +136,7 @@ def _start_error_function(observations: Observations) -> dict[str, float]:
     """Inverse of the mean area at each pressure."""
     from scipy.special import erfinv
 
-    area = np.clip(observations.means()[0][0], 1e-6, 0.999)
+    area = np.clip(observations.mean, 1e-6, 0.999)
     return {"pressure_scale": float(np.median(observations.pressure / erfinv(area)))}
 
 
@@ -149,13 +148,13 @@ def _reference(observations: Observations) -> dict[str, tuple[float, str]]:
 def _start_stiffness(observations: Observations) -> dict[str, float]:
     """Line in logarithms."""
     x = np.log(observations.pressure / _reference(observations)["reference_pressure"][0])
-    slope, level = np.polyfit(x, np.log(observations.means()[0][0]), 1)
+    slope, level = np.polyfit(x, np.log(observations.mean), 1)
     return {"stiffness_scale": float(np.exp(level)), "exponent": max(float(slope), 0.05)}
 
 
 def _start_decaying(observations: Observations) -> dict[str, float]:
     """Take both ends of the range of speeds, and where the coefficient is half way."""
-    mean, speed = observations.means()[0][0], observations.conditions[1]
+    mean, speed = observations.mean, observations.conditions[1]
     order = np.argsort(speed)
     share = max(1, mean.size // 5)
     slow, fast = mean[order[:share]].mean(), mean[order[-share:]].mean()
@@ -171,7 +170,7 @@ def _start_decaying(observations: Observations) -> dict[str, float]:
 
 def _start_bell(observations: Observations) -> dict[str, float]:
     """Take the peak, and the mean slopes of the logarithm down to the slowest and the fastest."""
-    mean, speed = observations.means()[0][0], observations.conditions[1]
+    mean, speed = observations.mean, observations.conditions[1]
     x = np.log(np.maximum(speed, speed[speed > 0.0].min()))
     level = np.log(np.maximum(mean, 1e-3 * mean.max()))
     peak, slowest, fastest = np.argmax(mean), np.argmin(x), np.argmax(x)
@@ -230,7 +229,7 @@ _FAMILIES = (
         ("friction_coefficient",),
         {"friction_coefficient": Parameter("1")},
         Coulomb,
-        lambda observations: {"friction_coefficient": float(np.mean(observations.means()[0]))},
+        lambda observations: {"friction_coefficient": float(np.mean(observations.mean))},
     ),
     _built_in(
         "decaying",

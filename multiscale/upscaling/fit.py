@@ -33,10 +33,10 @@ __all__ = [
     "FREE_FORM",
     "fit_law",
     "laws_of_each",
-    "say_branches",
     "say_control",
     "stiffness_of_each",
     "told_branches",
+    "with_branch",
 ]
 
 BRANCHES = {
@@ -85,12 +85,10 @@ def fit_law(
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
         have free form and are the default; the others are in ``FAMILIES``, or a user's own.
-    fixed : mapping of str to float, optional
-        Parameters of the family that keep a value, SI.
+    fixed : mapping of str to float, optional, parameters of the family that keep a value, SI
     weights : ndarray, shape (points,), optional
         Weight of each step of the response, or of each point, not negative; 1 if not given.
-    n_terms : int
-        Number of knots of the normal law of free form, at least 6.
+    n_terms : int, number of knots of the normal law of free form, at least 6
     n_samples : int
         Number of bootstrap samples. With fewer than three realisations the scatter is not known,
         and the dimension ``sample`` has size 0; if the points are independent measurements, the
@@ -194,7 +192,7 @@ def fit_law(
         if control is not None:
             told = say_control("mean gap", observations), say_control("contact fraction", area)
             attributes |= {"control": "; ".join(told), "n_control": control.sizes["realisation"]}
-        attributes["branches"] = say_branches(BRANCHES)
+        attributes["branches"] = _say_branches(BRANCHES)
     return _build(observations, chosen, values, attributes | found.attributes | {"seed": seed})
 
 
@@ -203,16 +201,22 @@ def say_control(name: str, seen: Observations) -> str:
     return f"{name}: {seen.control or 'none, since they follow each other by chance alone'}"
 
 
-def say_branches(told: Mapping[str, str], before: str = "") -> str:
-    """Say of each branch of a law whether it is measured, after what was said before."""
-    return "; ".join(
-        f"{branch}: {how}" for branch, how in {**told_branches(before), **told}.items()
-    )
+def with_branch(
+    law: "xr.Dataset", branch: str, how: str, values: Mapping[str, Any]
+) -> "xr.Dataset":
+    """Add a branch to a law: its values, and whether it is measured."""
+    told = _say_branches({**told_branches(law), branch: how})
+    return INTERFACE_LAW.assign(law, values).assign_attrs(branches=told)
 
 
-def told_branches(said: str) -> dict[str, str]:
-    """Return what was said of each branch by :func:`say_branches`."""
+def told_branches(law: "xr.Dataset") -> dict[str, str]:
+    """Return what a law says of each of its branches."""
+    said = str(law.attrs.get("branches", ""))
     return dict(part.split(": ", 1) for part in said.split("; ") if part)
+
+
+def _say_branches(told: Mapping[str, str]) -> str:
+    return "; ".join(map(": ".join, told.items()))
 
 
 def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> list[Any]:
@@ -220,18 +224,16 @@ def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) ->
 
     Parameters
     ----------
-    observations : Observations
-        Observed gaps.
+    observations : Observations, observed gaps
     law : Dataset, optional
         Follows ``INTERFACE_LAW``: the laws are of its family, with the same parameters fixed; of
         free form if not given.
 
     Returns
     -------
-    list of NormalLaw or None
-        None where a fit does not settle.
+    list of NormalLaw or None, None where a fit does not settle
     """
-    mean, counted = observations.means()[0][0], observations.counted
+    mean, counted = observations.mean, observations.counted
     gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)
     family = FREE_FORM["gap"] if law is None else str(law.attrs["family"])
     if law is None or family == FREE_FORM["gap"]:
@@ -248,7 +250,7 @@ def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = Non
     NaN where a realisation has no value or its fit does not settle.
     """
     counted = observations.counted
-    gap = np.where(counted, observations.values, observations.means()[0][0])
+    gap = np.where(counted, observations.values, observations.mean)
     stiffness = np.full(gap.shape, np.nan)
     for k, one in enumerate(laws_of_each(observations, law)):
         if one is not None:
@@ -279,7 +281,7 @@ def _build(
 ) -> "xr.Dataset":
     """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
     quantity, told = QUANTITIES[observations.quantity], {**observations.attributes, **attributes}
-    mean, p = observations.means()[0][0], observations.pressure
+    mean, p = observations.mean, observations.pressure
     cautions, steps = [str(told.get("cautions", ""))], np.unique(p).size - 1
     if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
         cautions.append(

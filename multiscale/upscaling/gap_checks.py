@@ -59,7 +59,7 @@ def odd_gaps(response: "xr.Dataset", found: "Observations") -> Iterator[str]:
         return
     kept = response.isel(step=found.order)
     area = kept["contact_fraction"].where(kept["converged"] == 1).mean("realisation").to_numpy()
-    share = found.means()[0][0] / float(response["rms_height"].mean())
+    share = found.mean / float(response["rms_height"].mean())
     p = [readable(f"{one:.3g} Pa") for one in found.pressure]
     most = np.sqrt(1.0 / np.where(area > 0.0, area, np.nan) - 1.0)
     if np.any(share > most):

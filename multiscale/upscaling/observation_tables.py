@@ -36,8 +36,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         ``pressure (MPa), stiffness (MPa/um), specimen``: the columns of the quantity, in any order,
         and optionally ``specimen`` (any text); further columns are ignored. Without specimens the
         k-th value at a pressure belongs to the k-th of them. Each is a realisation.
-    quantity : str
-        See :func:`observe`; for instance ``"normal_stiffness"``.
+    quantity : str, see :func:`observe`; for instance ``"normal_stiffness"``
 
     Raises
     ------

@@ -18,14 +18,10 @@ class Quantity:
 
     Attributes
     ----------
-    unit : str
-        UDUNITS spelling.
-    conditions : mapping of str to str
-        Names and units of what the values depend on, pressure first.
-    predict : callable
-        The value that a law gives, from the law and the conditions.
-    variable : str
-        Name of the mean values in a dataset of the law.
+    unit : str, UDUNITS spelling
+    conditions : mapping of str to str, names and units of what the values depend on, pressure first
+    predict : callable, the value that a law gives, from the law and the conditions
+    variable : str, name of the mean values in a dataset of the law
     """
 
     unit: str
@@ -65,17 +61,13 @@ class Observations:
 
     Parameters
     ----------
-    quantity : str
-        A key of ``QUANTITIES``.
-    conditions : tuple of ndarray, shape (points,)
-        In the order of the quantity, SI.
-    values, counted : ndarray, shape (realisations, points)
-        SI, and which values exist.
+    quantity : str, a key of ``QUANTITIES``
+    conditions : tuple of ndarray, shape (points,), in the order of the quantity, SI
+    values, counted : ndarray, shape (realisations, points), SI, and which values exist
     scale : ndarray, shape (points,)
         What an error of the mean value is measured by, SI: the value itself, or for a gap the
         distance over which the pressure changes by its own size.
-    attributes : mapping
-        What the data say of the surface, carried into the law.
+    attributes : mapping, what the data say of the surface, carried into the law
     order : ndarray of int, shape (points,)
         Place of each point in what the observations were made from.
     independent : bool
@@ -135,26 +127,21 @@ class Observations:
         n = self.n_realisations
         return widening(n - 1, n=n) if self.control is None else 1.0
 
-    def means(self, counts: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Mean values of samples, and their weights.
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean values, shape (points,), SI."""
+        return np.nanmean(self.masked, axis=0) if self.control is None else self.control.mean
 
-        Parameters
-        ----------
-        counts : ndarray, shape (samples, realisations), optional
-            How often each realisation, and then each further cheap value of a control, counts;
-            once if not given.
+    def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean values of samples, and their weights, (samples, points).
 
-        Returns
-        -------
-        mean, weight : ndarray, shape (samples, points)
-            The weight is the share of the values that the sample has, 1 on average; the mean is 0
-            where it has none.
+        ``counts``, shape (samples, realisations), say how often each realisation, and then each
+        further cheap value of a control, counts. The weight is the share of the values that the
+        sample has, 1 on average; the mean is 0 where it has none.
         """
         if self.control is not None:
-            mean = self.control.mean[None]
-            return (mean, np.ones(mean.shape)) if counts is None else self.control.means(counts)
-        n = self.n_realisations
-        counts = np.ones((1, n)) if counts is None else counts[:, :n]
+            return self.control.means(counts)
+        counts = counts[:, : self.n_realisations]
         total = counts @ self.counted
         mean = counts @ np.where(self.counted, self.values, 0.0) / np.maximum(total, 1.0)
         return mean, total / self.counted.sum(axis=0)

@@ -39,11 +39,10 @@ def fit_family(
         independent, the residuals are resampled instead.
     weights, fixed
         See :func:`~.regression.regression_of`.
-    n_samples, seed : int
-        Number and seed of the resampled residuals.
+    n_samples, seed : int, number and seed of the resampled residuals
     """
     regression = regression_of(family, observations, fixed, weights)
-    mean = observations.means()[0][0]
+    mean = observations.mean
     ones = np.ones(mean.size)
     best = regression.solve(mean, ones)
     if observations.quantity not in ("gap", "recovery"):
@@ -79,7 +78,7 @@ def _sample_means(
     seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean values of the samples and their weights, (samples, points)."""
-    mean = observations.means()[0]
+    mean = observations.mean[None]
     if len(counts):
         sample, weight = observations.means(counts)
         return mean + observations.widening * np.where(weight > 0.0, sample - mean, 0.0), weight

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import AreaLaw, ConvexDecreasing, NormalLaw
+from multiscale.laws import AreaLaw, BellFriction, ConvexDecreasing, NormalLaw, wlf_shift
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling.bootstrap import most_confident, widening
 from multiscale.upscaling.family import FAMILIES, Family
@@ -20,6 +20,8 @@ __all__ = [
     "areas_from_dataset",
     "fitted_law",
     "fitted_laws",
+    "friction_at",
+    "frictions_at",
     "law_band",
     "law_from_dataset",
     "pick",
@@ -29,24 +31,15 @@ __all__ = [
 
 
 def law_from_dataset(
-    dataset: "xr.Dataset",
-    sample: int | None = None,
-    *,
-    gap: float = 0.0,
-    family: Family | None = None,
+    dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
 ) -> NormalLaw:
     """Make the normal law of a dataset.
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    sample : int, optional
-        Which bootstrap sample; the mean law if not given.
-    gap : float, default 0.0
-        Initial gap between the mean planes, m.
-    family : Family, optional
-        The user's own family, if the law is not of a built-in one.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    sample : int, optional, which bootstrap sample; the mean law if not given
+    family : Family, optional, the user's own family, if the law is not of a built-in one
 
     Raises
     ------
@@ -58,19 +51,13 @@ def law_from_dataset(
         raise CaseError(
             f"the dataset holds a law of {dataset.attrs.get('quantity')}, expected a normal law"
         )
-    return replace(law, gap=gap) if gap != 0.0 else law  # type: ignore[type-var]
+    return law
 
 
 def fitted_law(
     dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
 ) -> Any:
-    """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`.
-
-    Raises
-    ------
-    CaseError
-        If the family is unknown, or the dataset lacks its parameters.
-    """
+    """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`."""
     return fitted_laws(dataset, [sample], family=family)[0]
 
 
@@ -112,14 +99,29 @@ def fitted_laws(
         ) from None
 
 
-def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
-    """Make the area law of a dataset; arguments as for :func:`law_from_dataset`.
+def friction_at(law: "xr.Dataset", temperature: float) -> BellFriction:
+    """Friction law at a temperature, K, from a fitted bell; other laws are refused."""
+    return frictions_at(law, temperature, [None])[0]
 
-    Raises
-    ------
-    CaseError
-        If the dataset holds none, or not this sample.
-    """
+
+def frictions_at(
+    law: "xr.Dataset", temperature: float, samples: Sequence[int | None]
+) -> list[BellFriction]:
+    """Make the mean law (None) and samples of it; see :func:`friction_at`."""
+    bells = fitted_laws(law, samples)
+    if not isinstance(bells[0], BellFriction):
+        raise CaseError(
+            f"the dataset holds a law of the family {law.attrs.get('family')!r}, expected a bell "
+            f"of friction; pass the law of a run of rubber on a road"
+        )
+    names = ("reference_temperature", "wlf_c1", "wlf_c2")
+    require_law(law, *names)
+    shift = wlf_shift(temperature, *(float(law.attrs[name]) for name in names))
+    return [replace(bell, peak_speed=bell.peak_speed / shift) for bell in bells]
+
+
+def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
+    """Make the area law of a dataset; see :func:`law_from_dataset`."""
     return areas_from_dataset(dataset, [sample])[0]
 
 
@@ -142,19 +144,14 @@ def law_band(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``.
-    evaluate : callable
-        From a law to an array, for instance ``lambda law: law.gap_at(pressures)``.
-    confidence : float
-        Between 0 and 1.
-    family : Family, optional
-        See :func:`law_from_dataset`.
+    dataset : Dataset, follows ``INTERFACE_LAW``
+    evaluate : callable, from a law to an array, for instance ``lambda law: law.gap_at(pressures)``
+    confidence : float, between 0 and 1
+    family : Family, optional, see :func:`law_from_dataset`
 
     Returns
     -------
-    low, high : ndarray
-        Ends of the interval, shaped as the answer.
+    low, high : ndarray, shaped as the answer
 
     Raises
     ------
@@ -198,13 +195,7 @@ def refuse_band(dataset: "xr.Dataset", confidence: float = 0.95) -> str:
 
 
 def require_law(dataset: "xr.Dataset", *names: str) -> None:
-    """Refuse a law that lacks variables or attributes, as one of an earlier version may.
-
-    Raises
-    ------
-    CaseError
-        With the names of all that are missing.
-    """
+    """Refuse a law that lacks variables or attributes, as one of an earlier version may."""
     missing = [name for name in names if name not in {**dataset.variables, **dataset.attrs}]
     if missing:
         place = dataset.encoding.get("source", "the law")

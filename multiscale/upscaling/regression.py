@@ -1,6 +1,6 @@
 """Least squares for the parameters of a family; plain arrays."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from math import isinf
@@ -10,13 +10,17 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.upscaling.family import Family, Parameter
-from multiscale.upscaling.least_squares import solve_many
-from multiscale.upscaling.observations import QUANTITIES, Observations, Quantity
+from multiscale.upscaling.observations import QUANTITIES, Observations
 
 __all__ = ["Regression", "regression_of"]
 
 FARTHEST = 60.0  # a parameter moves at most e^60 times in one fit
 REFUSED = 1e6  # relative error of a law that cannot be made
+
+DIFFERENCE = 1e-7  # of a coordinate, for the derivative
+SMALLEST = 1e-300
+SETTLED = 1e-8  # largest step, in the coordinates, of a problem that is settled
+MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,17 +30,12 @@ class Regression:
     Attributes
     ----------
     family : Family
-    quantity : Quantity
-    conditions : tuple of ndarray, shape (points,)
+    observations : Observations, whose conditions count
     scale, weights : ndarray, shape (points,)
         Scales :math:`s_j` of the observations, and weights :math:`w_j \ge 0`, dimensionless.
-    held : mapping of str to float
-        Values that the data decide or the user fixed, SI.
+    held : mapping of str to float, values that the data decide or the user fixed, SI
     free : tuple of str
-    start : mapping of str to float
-        Where the fit of the mean starts, SI.
-    datum : bool
-        Whether the zero of the gap is open.
+    start : mapping of str to float, where the fit of the mean starts, SI
 
     Notes
     -----
@@ -52,14 +51,12 @@ class Regression:
     """
 
     family: Family
-    quantity: Quantity
-    conditions: tuple[np.ndarray, ...]
+    observations: Observations
     scale: np.ndarray
     weights: np.ndarray
     held: Mapping[str, float]
     free: tuple[str, ...]
     start: Mapping[str, float]
-    datum: bool
 
     def solve(
         self, mean: np.ndarray, weight: np.ndarray, start: Mapping[str, float] | None = None
@@ -101,15 +98,14 @@ class Regression:
 
         Returns
         -------
-        list
-            Parameters of each sample; nothing where the iteration does not settle.
+        list, parameters of each sample; nothing where the iteration does not settle
         """
         if not (self.free and len(means)):
             return [dict(start) for _ in means]
         found: list[dict[str, float] | None] = [None] * len(means)
         if self.family.broadcasts:
             share = np.sqrt(self.weights * weights)
-            x, settled = solve_many(
+            x, settled = _solve_many(
                 lambda x: self._residual(x, start, means, share), (len(means), len(self.free))
             )
             columns = {
@@ -130,24 +126,28 @@ class Regression:
 
     def predict(self, parameters: Mapping[str, Any]) -> np.ndarray:
         """Values at the conditions, SI."""
-        return np.asarray(self.quantity.predict(self.law(parameters), *self.conditions))
+        seen = self.observations
+        value = QUANTITIES[seen.quantity].predict(self.law(parameters), *seen.conditions)
+        return np.asarray(value)
 
     def _residual(
         self, x: np.ndarray, origin: Mapping[str, float], mean: np.ndarray, share: np.ndarray
     ) -> np.ndarray:
         """Terms of (1) before they are squared; one row for each row of x and mean."""
         parameters = self._parameters(x, origin)
+        open_datum = self.observations.quantity == "normal_stiffness"
         try:
             error = share * (self.predict(parameters) - mean) / self.scale
         except CaseError:  # outside what the law accepts
-            return np.full((*mean.shape[:-1], mean.shape[-1] + self.datum), REFUSED)
+            return np.full((*mean.shape[:-1], mean.shape[-1] + open_datum), REFUSED)
         if not np.all(np.isfinite(error)):
             error = np.nan_to_num(error, nan=REFUSED, posinf=REFUSED, neginf=-REFUSED)
-        if not self.datum:
+        if not open_datum:
             return np.asarray(error)
-        law, last = self.law(parameters), int(np.argmax(self.conditions[0]))
-        decay = self.conditions[0][last] / mean[..., last : last + 1]
-        gap = law.gap_at(self.conditions[0][last : last + 1])  # type: ignore[attr-defined]
+        law, p = self.law(parameters), self.observations.pressure
+        last = int(np.argmax(p))
+        decay = p[last] / mean[..., last : last + 1]
+        gap = law.gap_at(p[last : last + 1])  # type: ignore[attr-defined]
         return np.concatenate([error, gap / decay], axis=-1)
 
     def _parameters(self, x: np.ndarray, origin: Mapping[str, float]) -> dict[str, np.ndarray]:
@@ -176,10 +176,8 @@ def regression_of(
     ----------
     family : Family
     observations : Observations
-    fixed : mapping of str to float
-        Parameters that keep a value, SI.
-    weights : ndarray, shape (points,)
-        Dimensionless.
+    fixed : mapping of str to float, parameters that keep a value, SI
+    weights : ndarray, shape (points,), dimensionless
 
     Raises
     ------
@@ -207,14 +205,12 @@ def regression_of(
         )
     return Regression(
         family,
-        QUANTITIES[observations.quantity],
-        observations.conditions,
+        observations,
         observations.scale,
         weights,
         {name: value for name, (value, _) in family.held(observations).items()},
         free,
         {**family.start(observations), **fixed},
-        observations.quantity == "normal_stiffness",
     )
 
 
@@ -229,3 +225,54 @@ def _move(parameter: Parameter, origin: float, step: np.ndarray) -> np.ndarray:
     share = min(max((origin - low) / (high - low), 1e-9), 1.0 - 1e-9)
     odds = share / (1.0 - share) * np.exp(step)
     return np.asarray(low + (high - low) * odds / (1.0 + odds))
+
+
+def _solve_many(
+    residual: Callable[[np.ndarray], np.ndarray], shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Minimise the squares of many residuals of one form by the method of Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    residual : callable
+        From the coordinates, shape (problems, coordinates), to the residuals, shape (problems,
+        points); dimensionless, finite.
+    shape : tuple of int
+        Number of problems and of coordinates. All start at zero, which should be close.
+
+    Returns
+    -------
+    coordinates : ndarray, shape (problems, coordinates)
+    settled : ndarray of bool, shape (problems,)
+
+    Notes
+    -----
+    With the derivative :math:`J` of the residual :math:`r` by differences, a step :math:`s` solves
+
+    .. math:: (J^T J + \lambda\, \mathrm{diag}\, J^T J)\, s = -J^T r,    \tag{1}
+
+    and each problem has its own :math:`\lambda`, divided by ten after a step that lowers its
+    squares and multiplied by ten after one that does not and is taken back.
+    """
+    n, k = shape
+    x, damping, settled = np.zeros(shape), np.full(n, 1e-4), np.zeros(n, dtype=bool)
+    r = residual(x)
+    for _ in range(MAX_ITERATIONS):
+        moved = [residual(x + DIFFERENCE * axis) for axis in np.eye(k)]
+        jacobian = (np.stack(moved, axis=-1) - r[..., None]) / DIFFERENCE
+        normal = np.einsum("spi,spj->sij", jacobian, jacobian)
+        diagonal = np.einsum("sii->si", normal)
+        floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + SMALLEST
+        damped = normal + np.eye(k) * (damping[:, None] * np.maximum(diagonal, floor))[:, None]
+        gradient = np.einsum("spi,sp->si", jacobian, r)
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]  # (1)
+        trial = residual(x + step)
+        small = np.max(np.abs(step), axis=1) <= SETTLED
+        better = np.sum(trial**2, axis=1) <= np.sum(r**2, axis=1)
+        x = np.where((better & ~settled)[:, None], x + step, x)
+        r = np.where((better & ~settled)[:, None], trial, r)
+        damping *= np.where(better, 0.1, 10.0)
+        settled |= small
+        if np.all(settled):
+            break
+    return x, settled

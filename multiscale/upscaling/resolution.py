@@ -22,14 +22,10 @@ class GridEstimate:
 
     Attributes
     ----------
-    error : ndarray, shape (steps,)
-        Estimated error of the answer, answer minus limit, in its unit.
-    half_width : ndarray, shape (steps,)
-        About a 95 % bound on its size, same unit.
-    order : float
-        Observed order, one for all steps; NaN if the grids tell none.
-    how : str
-        The estimate in words.
+    error : ndarray, shape (steps,), estimated error of the answer, answer minus limit, in its unit
+    half_width : ndarray, shape (steps,), about a 95 % bound on its size, same unit
+    order : float, observed order, one for all steps; NaN if the grids tell none
+    how : str, the estimate in words
     """
 
     error: np.ndarray
@@ -43,8 +39,7 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
     Parameters
     ----------
-    answer : ndarray, shape (steps,)
-        On the finest grid; any unit.
+    answer : ndarray, shape (steps,), on the finest grid; any unit
     coarser : mapping of float to ndarray, shape (steps,)
         From the ratio :math:`r > 1` of the spacings to the answer there; one or two grids, the
         second with :math:`r^2`.

@@ -35,8 +35,7 @@ def normal_observations(
 
     Parameters
     ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``; one loading branch.
+    response : Dataset, follows ``MICRO_RESPONSE``; one loading branch
     control : Dataset, optional
         Follows ``MICRO_RESPONSE``: many cheap cells at the same pressures. Those with the numbers
         of the realisations of the response have their surfaces. See :class:`Control`.
@@ -123,17 +122,10 @@ def _observe_response(
 def paired_first(
     control: "xr.Dataset", numbers: np.ndarray, variable: str, pressure: np.ndarray
 ) -> np.ndarray:
-    """Values of cheap cells under rising pressures, those with the given numbers first.
+    """Values of cheap cells under rising pressures, those with the given numbers first; SI.
 
-    Returns
-    -------
-    ndarray, shape (cheap cells, pressures)
-        NaN where a cell has none; SI.
-
-    Raises
-    ------
-    CaseError
-        If the cheap cells lack a number or a pressure.
+    Shape (cheap cells, pressures), NaN where a cell has none. A ``CaseError`` says which numbers or
+    pressures the cheap cells lack.
     """
     loading = loading_branch(control)
     own = loading["nominal_pressure"].to_numpy()

@@ -1,4 +1,4 @@
-"""Whether the scales are apart, in space and in time: what the two-scale scheme stands on."""
+"""Whether the scales are apart: what the two-scale scheme stands on."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,10 @@ __all__ = [
     "cell_share",
     "compare_scales",
     "effective_cells",
-    "pressure_length",
     "pressure_length_of_points",
 ]
 
 FARTHEST_CELL = 1.0  # cell over macro length
-DISTINCT_TIMES = 10.0  # ratio of times that counts as apart
 
 
 @dataclass(frozen=True)
@@ -29,23 +27,18 @@ class ScaleSeparation:
         :math:`\varepsilon = \lambda_l / \ell`, longest wavelength over macro length.
     cell_ratio : float
         Size of the cell over the extent of the structure, which averages over its cells.
-    time_ratio : float
-        Relaxation time over loading time; NaN if no times were given.
-    cautions : tuple of str
-        A sentence for each scale that is not separate; empty if all are.
+    cautions : tuple of str, a sentence for each scale that is not separate; empty if all are
     """
 
     wavelength_ratio: float
     cell_ratio: float
-    time_ratio: float
     cautions: tuple[str, ...]
 
     def __str__(self) -> str:
         """Return the report as text."""
-        time = "" if np.isnan(self.time_ratio) else f", times {self.time_ratio:.3g}"
         head = (
             f"longest wavelength {self.wavelength_ratio:.3g} of the length over which the pressure "
-            f"varies, cell {self.cell_ratio:.3g} of the interface{time}"
+            f"varies, cell {self.cell_ratio:.3g} of the interface"
         )
         return "; ".join([head, *self.cautions])
 
@@ -55,13 +48,7 @@ class ScaleSeparation:
 
 
 def compare_scales(
-    wavelength: float,
-    cell_size: float,
-    macro_length: float,
-    *,
-    extent: float | None = None,
-    relaxation: float | None = None,
-    loading: float | None = None,
+    wavelength: float, cell_size: float, macro_length: float, *, extent: float | None = None
 ) -> ScaleSeparation:
     """Compare the scales of a cell and of the structure.
 
@@ -70,24 +57,20 @@ def compare_scales(
     wavelength, cell_size : float
         Longest wavelength of the roughness and edge of the representative cell, m.
     macro_length : float
-        Length over which the pressure of the structure varies, m; see :func:`pressure_length`.
-    extent : float, optional
-        Edge of the loaded interface, m; the macro length if not given.
-    relaxation, loading : float, optional
-        Slowest relaxation of the cell and time over which the structure is loaded, s.
+        Length over which the pressure of the structure varies, m; see
+        :func:`pressure_length_of_points`.
+    extent : float, optional, edge of the loaded interface, m; the macro length if not given
 
     Raises
     ------
     CaseError
-        If a length or time is not positive, or only one of the times is given.
+        If a length is not positive.
     """
+    whole = macro_length if extent is None else extent
     lengths = {"wavelength": wavelength, "cell_size": cell_size, "macro_length": macro_length}
-    times = {"relaxation": relaxation, "loading": loading}
-    for name, value in {**lengths, "extent": extent, **times}.items():
-        if value is not None and not (value > 0.0 and np.isfinite(value)):
+    for name, value in {**lengths, "extent": whole}.items():
+        if not (value > 0.0 and np.isfinite(value)):
             raise CaseError(f"{name} must be positive and finite, got {value:g}")
-    if (relaxation is None) != (loading is None):
-        raise CaseError("times are compared in pairs: give both relaxation and loading (s)")
     cautions = []
     if cell_size / macro_length > FARTHEST_CELL:
         cautions.append(
@@ -95,20 +78,7 @@ def compare_scales(
             f"m: no point of the structure is loaded as the cell was; resolve the longest waves in "
             f"the structure, and let the cell begin where it ends"
         )
-    ratio = np.nan
-    if relaxation is not None and loading is not None:
-        ratio = relaxation / loading
-        if 1.0 / DISTINCT_TIMES < ratio < DISTINCT_TIMES:
-            cautions.append(
-                f"the cell relaxes in {relaxation:.3g} s while it is loaded over {loading:.3g} s: "
-                f"the response depends on the rate, so that one law for all rates is not enough"
-            )
-    return ScaleSeparation(
-        wavelength / macro_length,
-        cell_size / (macro_length if extent is None else extent),
-        float(ratio),
-        tuple(cautions),
-    )
+    return ScaleSeparation(wavelength / macro_length, cell_size / whole, tuple(cautions))
 
 
 def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> np.ndarray:
@@ -118,22 +88,19 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
     ----------
     weight : ndarray, shape (..., points)
         How much the answer depends on the law at a point, per area: pressure, or energy; any unit.
-    area : ndarray, shape (points,)
-        What a point stands for, m².
-    cell_size : float
-        Edge of a cell, m.
+    area : ndarray, shape (points,), what a point stands for, m²
+    cell_size : float, edge of a cell, m
 
-    Returns
-    -------
-    ndarray, shape (...)
-        The law is a random field, whose mean over a cell of the area :math:`a` has the coefficient
-        of variation c. An answer that changes by :math:`w\, \delta\, \mathrm{d}A` where the
-        law changes by the share :math:`\delta` has the relative scatter :math:`c / \sqrt n` with
+    Notes
+    -----
+    The law is a random field, whose mean over a cell of the area :math:`a` has the coefficient of
+    variation c. An answer that changes by :math:`w\, \delta\, \mathrm{d}A` where the law changes by
+    the share :math:`\delta` has the relative scatter :math:`c / \sqrt n` with
 
-        .. math:: n = \frac{(\int w\, \mathrm{d}A)^2}{a \int w^2\, \mathrm{d}A},    \tag{1}
+    .. math:: n = \frac{(\int w\, \mathrm{d}A)^2}{a \int w^2\, \mathrm{d}A},    \tag{1}
 
-        the area over a under even weight. Waves of the weight shorter than a cell count too, which
-        makes n too small; NaN where there is no weight.
+    the area over a under even weight. Waves of the weight shorter than a cell count too, which
+    makes n too small; NaN where there is no weight.
     """
     square = np.sum(weight**2 * area, axis=-1)
     whole = np.sum(weight * area, axis=-1)
@@ -148,28 +115,6 @@ def cell_share(cell_size: float, extent: float) -> str:
     )
 
 
-def pressure_length(pressure: np.ndarray, spacing: float | tuple[float, float]) -> float:
-    r"""Length over which a pressure field varies.
-
-    Parameters
-    ----------
-    pressure : ndarray, shape (nx,) or (nx, ny)
-        On an even grid of a spacing, m, over the interface, Pa.
-
-    Returns
-    -------
-    float
-        :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, m; infinite for an even
-        pressure. A cosine of wavelength :math:`\lambda` about zero has :math:`\lambda / 2\pi`.
-    """
-    p = np.asarray(pressure, dtype=float)
-    steps = np.broadcast_to(spacing, (p.ndim,))
-    gradient = np.gradient(p, *steps)
-    parts = gradient if isinstance(gradient, tuple | list) else [gradient]
-    square = sum(float(np.mean(part**2)) for part in parts)
-    return float(np.sqrt(np.mean(p**2) / square)) if square > 0.0 else float(np.inf)
-
-
 def pressure_length_of_points(
     position: np.ndarray, pressure: np.ndarray, area: np.ndarray
 ) -> float:
@@ -177,16 +122,14 @@ def pressure_length_of_points(
 
     Parameters
     ----------
-    position : ndarray, shape (points, 2)
-        In the plane, m; five points at least.
-    pressure, area : ndarray, shape (points,)
-        Pa, and what a point stands for, m².
+    position : ndarray, shape (points, 2), in the plane, m; five points at least
+    pressure, area : ndarray, shape (points,), Pa, and what a point stands for, m²
 
     Returns
     -------
     float
-        As :func:`pressure_length`, with the gradient of the plane that fits a point and its eight
-        nearest ones best; infinite for an even pressure.
+        :math:`\ell = \big(\int p^2 / \int |\nabla p|^2\big)^{1/2}`, m, with the gradient of the
+        plane that fits a point and its eight nearest ones best; infinite for an even pressure.
     """
     from scipy.spatial import cKDTree
 

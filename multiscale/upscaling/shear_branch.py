@@ -7,7 +7,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
 from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE, with_cautions
-from multiscale.upscaling.fit import say_branches, told_branches
+from multiscale.upscaling.fit import told_branches, with_branch
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 
 if TYPE_CHECKING:
@@ -24,10 +24,7 @@ __all__ = [
     "with_sliding",
 ]
 
-WORDS = {
-    "friction": "friction coefficient",
-    "stiffness_ratio": "tangential stiffness ratio",
-}
+WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stiffness ratio"}
 """Names of the tangential values in sentences."""
 
 
@@ -38,13 +35,10 @@ def assume_shear(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    friction : float, optional
-        Friction coefficient, dimensionless; the law keeps its own if not given.
-    stiffness_ratio : float, optional
-        Tangential over normal stiffness, for instance 2 (1 - nu) / (2 - nu) between alike bodies;
-        the law keeps its own if not given.
+    law : Dataset, follows ``INTERFACE_LAW``
+    friction, stiffness_ratio : float, optional
+        Friction coefficient, and tangential over normal stiffness, for instance
+        2 (1 - nu) / (2 - nu) between alike bodies; the law keeps its own if not given.
     """
     said, known = _put_shear(law, "assumed", friction, stiffness_ratio)
     both = friction is not None and stiffness_ratio is not None
@@ -112,32 +106,20 @@ def _put_shear(
         values |= {"shear_friction_sample": np.full(n, friction)} if n else {}
         said.append(f"the {WORDS['friction']} of {friction:.3g}")
         short.append(f"friction {friction:.3g}")
-    branches = str(law.attrs.get("branches", ""))
-    before = told_branches(branches).get("shear") if tangential_values(law) else None
+    before = told_branches(law).get("shear") if tangential_values(law) else None
     told = f"{how}, {' and '.join(short)}"
     if before is not None:
         told = f"{before}, but {' and '.join(short)} {how}"
     if values:
-        law = INTERFACE_LAW.assign(law, values).assign_attrs(
-            branches=say_branches({"shear": told}, branches)
-        )
+        law = with_branch(law, "shear", told, values)
     return " and ".join(said), law
 
 
 def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
     """Add the friction coefficient of large sliding over the pressure to a law.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    sliding : Dataset
-        Follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`.
-
-    Raises
-    ------
-    CaseError
-        If no pressure has a steady coefficient.
+    ``sliding`` follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`; it is refused
+    if no pressure has a steady coefficient.
     """
     SLIDING_RESPONSE.check(sliding)
     steady = sliding["steady_friction"].to_numpy()
@@ -152,38 +134,21 @@ def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
         "sliding_pressure": sliding["nominal_pressure"].to_numpy()[known][order],
         "sliding_friction": steady[known][order],
     }
-    return INTERFACE_LAW.assign(law, values).assign_attrs(
-        branches=say_branches({"sliding": "measured"}, str(law.attrs.get("branches", "")))
-    )
+    return with_branch(law, "sliding", "measured", values)
 
 
 def sliding_friction_at(dataset: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
-    """Friction coefficient of large sliding at pressures, Pa; constant beyond the data.
-
-    Raises
-    ------
-    CaseError
-        If the law has none.
-    """
+    """Friction coefficient of large sliding at pressures, Pa; constant beyond the data."""
     require_law(dataset, "sliding_pressure", "sliding_friction")
     p, mu = (dataset[f"sliding_{name}"].to_numpy() for name in ("pressure", "friction"))
     return np.asarray(np.interp(np.log(pressure), np.log(p), mu))
 
 
 def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
-    """Return a law whose sliders have the friction of large sliding at a pressure.
+    """Return a law whose sliders have the friction of large sliding at a pressure, Pa.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``; of :func:`with_sliding`.
-    pressure : float
-        Of the interface, Pa.
-
-    Returns
-    -------
-    Dataset
-        The friction was measured in one cell, so that its error is not known.
+    The law is of :func:`with_sliding`; its friction was measured in one cell, so that the error
+    of the friction is not known.
     """
     friction = float(sliding_friction_at(law, np.array(pressure)))
     how = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
@@ -209,18 +174,14 @@ def sliders_from_dataset(
 
     Parameters
     ----------
-    dataset : Dataset
-        Follows ``INTERFACE_LAW``; of :func:`with_shear` or :func:`assume_shear`.
+    dataset : Dataset, follows ``INTERFACE_LAW``; of :func:`with_shear` or :func:`assume_shear`
     sample : int, optional
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
     normal : NormalLaw or HystereticLaw, optional
         Instead of the normal law of the dataset, such as its law with unloading.
-    along : {0, 1}, optional
-        Direction whose stiffness is taken, x or y; the mean of both if not given.
-    pressures : tuple of float, optional
-        Between which the bed is fine, Pa; those of the data if not given.
-    slabs : int
-        See :class:`~multiscale.laws.Sliders`.
+    along : {0, 1}, optional, direction whose stiffness is taken, x or y; the mean if not given
+    pressures : tuple of float, optional, where the bed is fine, Pa; the data if not given
+    slabs : int, see :class:`~multiscale.laws.Sliders`
 
     Raises
     ------

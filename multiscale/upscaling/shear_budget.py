@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
@@ -43,12 +44,9 @@ def tangential_terms(
 
     Parameters
     ----------
-    terms : mapping of str to Term
-        Half-widths (3, steps).
-    law : Dataset
-        Follows ``INTERFACE_LAW``, with a tangential branch that was measured.
-    p : ndarray, shape (steps,)
-        Pressures of the law, Pa.
+    terms : mapping of str to Term, half-widths (3, steps)
+    law : Dataset, follows ``INTERFACE_LAW``, with a tangential branch that was measured
+    p : ndarray, shape (steps,), pressures of the law, Pa
     coarser : mapping of float to Dataset
         From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
         and sheared on a coarser grid; with that of fewer realisations, on the grid of the law too,
@@ -96,8 +94,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
     ----------
     law : Dataset
         Follows ``INTERFACE_LAW``; carries a budget with the scales of a structure, if any.
-    p : ndarray, shape (steps,)
-        Pressures, Pa.
+    p : ndarray, shape (steps,), pressures, Pa
 
     Returns
     -------
@@ -118,7 +115,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
     for parameter, name in (("friction", "shear_friction"), ("stiffness_ratio", RATIO)):
         values = pick(law, name, [None, *range(n_samples)], of="shear")
         mean, *drawn = (float(np.nanmean(one)) for one in values)
-        half = 0.5 * float(np.ptp(np.percentile(drawn, [2.5, 97.5]))) / mean
+        half = float(half_range(np.array(drawn))) / mean
         scatter = half * np.sqrt(n) / t.ppf(0.975, max(n - 1, 1))
         few = NORMAL * scatter * float(law.attrs.get("cell_ratio", np.nan))
         found[parameter] = {"sampling": np.full(p.size, half), FEW_CELLS: np.full(p.size, few)}
@@ -135,20 +132,12 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
 
 
 def loss_term(law: "xr.Dataset") -> Term:
-    r"""How wrong the loss of the bed is in a closed cycle, as the cells tell it.
+    """How wrong the loss of the bed is in a closed cycle, as the cells tell it.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-
-    Returns
-    -------
-    Term
-        For one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the ratios
-        of the losses at equal slip and at equal traction, since a joint lies between the two. Its
-        half-width has the samples, half the distance of the two ratios, and half the range over
-        the pressures. NaN where no cells went through closed cycles.
+    The term is of one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the
+    ratios of the losses at equal slip and at equal traction, since a joint lies between the two.
+    Its half-width has the samples, half the distance of the two ratios, and half the range over
+    the pressures. NaN where no cells went through closed cycles.
     """
     if "shear_loss_ratio" not in law.variables:
         told = "of the loss not known: no cells went through closed cycles; shear them so"
@@ -157,7 +146,7 @@ def loss_term(law: "xr.Dataset") -> Term:
     ratio = law["shear_loss_ratio"].to_numpy()
     n_samples = int(law.sizes.get("shear_sample", 0))
     drawn = [one.mean() for one in pick(law, "shear_loss_ratio", range(n_samples), of="shear")]
-    sampling = 0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])) if n_samples else np.nan
+    sampling = half_range(np.array(drawn)) if n_samples else np.nan
     each = law["shear_cycle_loss_ratio"].mean("control").groupby(law["shear_cycle_pressure"])
     parts = [sampling, 0.5 * np.ptp(ratio), 0.5 * float(np.ptp(each.mean().to_numpy()))]
     amplitude = float(law["shear_cycle_amplitude"].mean())
@@ -183,8 +172,7 @@ def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
         m * (p - one.pressure(one.gap_at(p) + k * slip / m))
         for one, k, m in zip(fitted_laws(law, range(n)), ratio[1:], mu[1:], strict=True)
     ]
-    low, high = np.percentile(traction, [2.5, 97.5], axis=0)
-    return np.asarray(np.max(0.5 * (high - low), axis=0) / (mu[0] * p))
+    return np.asarray(np.max(half_range(np.array(traction)), axis=0) / (mu[0] * p))
 
 
 def _grid(
@@ -209,13 +197,8 @@ def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:
 def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
     """Return a law with the error by the grid of what its cells lose in closed cycles.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
-    laws : mapping of float to Dataset
-        From the ratio of the spacings to the law of the same realisations on that grid, as of
-        :func:`tangential_terms`; nothing is known if one was not cycled.
+    ``laws``, by the ratio of the spacings, are of the same realisations, as of
+    :func:`tangential_terms`; nothing is known if one was not cycled.
     """
     name = "shear_loss_ratio"
     if len(laws) < 2 or not all(name in one.variables for one in laws.values()):

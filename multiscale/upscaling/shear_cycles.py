@@ -25,10 +25,8 @@ class LossRatio:
 
     Attributes
     ----------
-    pressure : ndarray, shape (cycles,)
-        Mean pressure, Pa.
-    amplitude : ndarray, shape (cycles,)
-        Of the traction of the mean cell, over full slip.
+    pressure : ndarray, shape (cycles,), mean pressure, Pa
+    amplitude : ndarray, shape (cycles,), of the traction of the mean cell, over full slip
     ratio : ndarray, shape (realisations, cycles, 2)
         With the bed in a cycle of the same slip, and in a cycle of the same traction.
     """
@@ -45,25 +43,19 @@ def measure_loss(
     stiffness_ratio: np.ndarray,
     friction: float,
 ) -> LossRatio | None:
-    r"""Compare the work of friction of cells over closed cycles with the loss of their beds.
+    """Compare the work of friction of cells over closed cycles with the loss of their beds.
 
     Parameters
     ----------
-    shear : Dataset
-        Follows ``MICRO_RESPONSE``, of cells with friction.
-    pressure : ndarray, shape (steps,)
-        Mean pressure of its steps, Pa.
-    laws : list of NormalLaw
-        Normal law of each realisation.
-    stiffness_ratio : ndarray, shape (2,)
-        Of the bed along x and y.
-    friction : float
-        Friction coefficient of the bed.
+    shear : Dataset, follows ``MICRO_RESPONSE``, of cells with friction
+    pressure : ndarray, shape (steps,), mean pressure of its steps, Pa
+    laws : list of NormalLaw, normal law of each realisation
+    stiffness_ratio : ndarray, shape (2,), of the bed along x and y
+    friction : float, friction coefficient of the bed
 
     Returns
     -------
-    LossRatio or None
-        None if the cells went through no closed cycle at a held pressure.
+    LossRatio or None, None if the cells went through no closed cycle at a held pressure
     """
     if "friction_work" not in shear.variables:
         return None
@@ -96,8 +88,6 @@ def bed_loss(
 ) -> float:
     r"""Loss of a bed of sliders in a closed cycle at a constant pressure, J/m2.
 
-    Notes
-    -----
     The first loading :math:`t(u) = \mu [p(g) - p(g + \kappa u / \mu)]` and Masing's rule give
 
     .. math:: W = 8 \int_0^a t\, \mathrm{d}u - 4\, a\, t(a).    \tag{1}
@@ -109,19 +99,9 @@ def bed_loss(
 
 
 def closed_cycles(slip: np.ndarray, pressure: np.ndarray) -> list[tuple[int, list[int]]]:
-    """Find the closed cycles of a path at held pressures.
+    """Find the closed cycles of a path, slips (steps, 2), m, at held pressures, Pa.
 
-    Parameters
-    ----------
-    slip : ndarray, shape (steps, 2)
-        m.
-    pressure : ndarray, shape (steps,)
-        Pa.
-
-    Returns
-    -------
-    list
-        Of each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
+    Of each cycle its direction, 0 or 1, and its steps: first turn, second turn and end.
     """
     ends = np.flatnonzero(np.diff(pressure)) + 1
     found = []

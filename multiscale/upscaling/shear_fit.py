@@ -14,9 +14,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, Sliders
-from multiscale.schema import INTERFACE_LAW, LOADING, MICRO_RESPONSE, with_cautions
+from multiscale.schema import LOADING, MICRO_RESPONSE, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
-from multiscale.upscaling.fit import laws_of_each, say_branches
+from multiscale.upscaling.fit import laws_of_each, with_branch
 from multiscale.upscaling.reading import require_law
 from multiscale.upscaling.response_observations import loading_branch, normal_observations
 from multiscale.upscaling.shear_cycles import closed_cycles, measure_loss
@@ -44,10 +44,8 @@ def with_shear(
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``; fitted to the response.
-    response : Dataset
-        Follows ``MICRO_RESPONSE``: cells that are pressed.
+    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response
+    response : Dataset, follows ``MICRO_RESPONSE``: cells that are pressed
     shear : Dataset
         Follows ``MICRO_RESPONSE``: cells with friction on the surfaces of some of these
         realisations, with the same numbers, that are pressed, sheared until they slip and
@@ -153,28 +151,18 @@ def with_shear(
             "shear_cycle_amplitude": lost.amplitude,
             "shear_cycle_loss_ratio": lost.ratio.mean(axis=0),
         }
-    known = INTERFACE_LAW.assign(law, values).assign_attrs(
-        branches=say_branches({"shear": "measured"}, str(law.attrs.get("branches", ""))),
-        n_sheared=n,
-    )
+    known = with_branch(law, "shear", "measured", values).assign_attrs(n_sheared=n)
     return with_cautions(known, *cautions)
 
 
 def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    """Tangential traction of a bed along paths from rest.
+    """Tangential traction of a bed along paths from rest, Pa, shaped as the slip.
 
     Parameters
     ----------
     bed : Sliders
-    opening : ndarray, shape (steps,)
-        Normal jump, m.
-    slip : ndarray, shape (steps, 2) or (steps, 2, paths)
-        Tangential jumps, m.
-
-    Returns
-    -------
-    ndarray, shaped as the slip
-        Pa.
+    opening : ndarray, shape (steps,), normal jump, m
+    slip : ndarray, shape (steps, 2) or (steps, 2, paths), tangential jumps, m
     """
     paths = slip.reshape(*slip.shape[:2], -1)
     state, traction = np.zeros((bed.n_state, paths.shape[2])), np.empty(paths.shape)

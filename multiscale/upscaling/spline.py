@@ -19,8 +19,7 @@ def place_knots(
 
     Parameters
     ----------
-    pressure, gap : ndarray, shape (n,)
-        The data, pressure increasing and gap decreasing; Pa and m.
+    pressure, gap : ndarray, shape (n,), the data, pressure increasing and gap decreasing; Pa and m
     n_terms, largest_gap
         Number of knots, at least 6, and a gap, m, beyond which the last knot lies.
 
@@ -70,16 +69,12 @@ def fit_spline(
 
     Parameters
     ----------
-    pressure : ndarray, shape (n,)
-        :math:`p_j`, Pa.
-    gap : ndarray, shape (samples, n)
-        :math:`g_j` of every sample, m; below the last knot.
+    pressure : ndarray, shape (n,), :math:`p_j`, Pa
+    gap : ndarray, shape (samples, n), :math:`g_j` of every sample, m; below the last knot
     weight : ndarray, shape (samples, n)
         :math:`w_j`: 1 for a point that counts, 0 for one that is left out; dimensionless.
-    knot, level : ndarray, shape (terms,)
-        From :func:`place_knots`.
-    ridge : float
-        :math:`\rho`, dimensionless.
+    knot, level : ndarray, shape (terms,), from :func:`place_knots`
+    ridge : float, :math:`\rho`, dimensionless
 
     Returns
     -------

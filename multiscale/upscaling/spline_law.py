@@ -46,8 +46,7 @@ def fit_convex_decreasing(
 
     Parameters
     ----------
-    observations : Observations
-        Observed gaps or normal stiffnesses.
+    observations : Observations, observed gaps or normal stiffnesses
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample.
     weights, n_terms, ridge
@@ -59,7 +58,7 @@ def fit_convex_decreasing(
         If the gap does not fall as the pressure rises.
     """
     p, n = observations.pressure, observations.pressure.size
-    mean = observations.means()[0]
+    mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     gap, sample_gap, largest = mean, sample_mean, float(np.nanmax(observations.masked))
     if observations.quantity == "normal_stiffness":
@@ -90,7 +89,7 @@ def fit_convex_decreasing(
 
 def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasing]:
     """Laws of single realisations, whose gaps (realisations, points), m, have no hole."""
-    p, mean = observations.pressure, observations.means()[0][0]
+    p, mean = observations.pressure, observations.mean
     _check_falls(p, mean)
     knot, level = place_knots(p, mean, N_TERMS, float(gap.max()))
     found = fit_spline(p, gap, 1.0 * observations.counted, knot, level, ridge=RIDGE)
@@ -116,11 +115,9 @@ def decay_share(
 
     Parameters
     ----------
-    error : ndarray, shape (fits,)
-        Errors of the fits of :func:`left_out`; NaN where there is none.
+    error : ndarray, shape (fits,), errors of the fits of :func:`left_out`; NaN where there is none
     n : int
-    least : float
-        Smallest share of the error without noise.
+    least : float, smallest share of the error without noise
     noise : ndarray, shape (fits,), optional
         Variance of the error over the realisations, which the sampling error counts.
 
@@ -198,7 +195,7 @@ def _check_falls(p: np.ndarray, gap: np.ndarray) -> None:
 
 def fit_area(observations: Observations, counts: np.ndarray) -> Values:
     """Area law of free form and its samples: mean fractions that never fall."""
-    p, mean = observations.pressure, observations.means()[0]
+    p, mean = observations.pressure, observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     factor = observations.widening
     sample_mean = mean + factor * np.where(sample_weight > 0.0, sample_mean - mean, 0.0)

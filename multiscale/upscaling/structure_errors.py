@@ -9,6 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
@@ -86,12 +87,9 @@ def structure_budget(
     name : str or sequence of str
         Name of the answer, for instance ``"joint_stiffness"``. Several answers have an axis of
         their own before the axis of the steps, here and in the arrays below.
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`.
-    solve : callable
-        From a normal law to the answer, shape (steps,), any unit: a macro solver.
-    answer : ndarray, shape (steps,), optional
-        Answer with the mean law, if it is known.
+    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`
+    solve : callable, from a normal law to the answer, shape (steps,), any unit: a macro solver
+    answer : ndarray, shape (steps,), optional, answer with the mean law, if it is known
     pressure : ndarray, shape (steps,), optional
         Pressure of the interface at each step, Pa, at which the errors of the law count; their
         root mean square over its data if not given.
@@ -150,9 +148,10 @@ def structure_budget(
         samples = np.array([solved(one) for one in fitted_laws(law, range(n))])
     if len(samples):
         rows = np.reshape(samples, (len(samples), *value.shape))
-        low, high = np.nanpercentile(rows, [2.5, 97.5], axis=0)
-        told, half = f"{len(samples)} bootstrap samples of the law", 0.5 * (high - low)
-        terms["sampling"] = replace(terms["sampling"], how=told, half_width=half / np.abs(value))
+        told = f"{len(samples)} bootstrap samples of the law"
+        terms["sampling"] = replace(
+            terms["sampling"], how=told, half_width=half_range(rows) / np.abs(value)
+        )
     if exact:
         terms["macro discretisation"] = Term(exact, np.zeros(value.shape))
     elif coarser:
@@ -204,13 +203,7 @@ def with_intervals(
 
 
 def interval_errors(budget: "xr.Dataset") -> dict[str, np.ndarray]:
-    """Return half-widths of both kinds of intervals relative to the answers of a budget.
-
-    Returns
-    -------
-    dict
-        For ``"mean_law"`` and ``"one_part"``, shape (quantities, steps).
-    """
+    """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps)."""
     return {"mean_law": mean_law_error(budget), "one_part": budget["error_total"].to_numpy()}
 
 
@@ -238,18 +231,9 @@ def _rows(answer: np.ndarray, names: Sequence[str]) -> np.ndarray:
 def changed_laws(law: "xr.Dataset", pressure: np.ndarray | None = None) -> dict[str, NormalLaw]:
     """Return the normal laws with which a structure tells how its answers depend on a law.
 
-    Parameters
-    ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
-    pressure : ndarray, shape (steps,), optional
-        As of :func:`structure_budget`.
-
-    Returns
-    -------
-    dict
-        The law of larger gaps, ``"mean_gap"``, the softer one, ``"stiffness"``, and for each term
-        with a bias, by its name, the law without the bias of its gaps.
+    ``law`` carries its budget; ``pressure`` is as of :func:`structure_budget`. They are the law of
+    larger gaps, ``"mean_gap"``, the softer one, ``"stiffness"``, and for each term with a bias, by
+    its name, the law without the bias of its gaps.
     """
     mean_law, data = law_from_dataset(law), law["fit_pressure"].to_numpy()
     p = data if pressure is None else np.asarray(pressure)
@@ -281,8 +265,7 @@ def add_budgets(budgets: Sequence["xr.Dataset"], names: Sequence[str]) -> "xr.Da
     budgets : sequence of Dataset
         Each follows ``ERROR_BUDGET``. A term that one of them does not know adds nothing of it,
         unless it always counts; the macro discretisation is as the first one tells it.
-    names : sequence of str
-        What each is of, in words.
+    names : sequence of str, what each is of, in words
 
     Returns
     -------
@@ -352,10 +335,7 @@ def _law_terms(
 def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     """Return a law, which carries its budget, with the scale separation of another structure.
 
-    Raises
-    ------
-    CaseError
-        If the budget lacks a term, as a budget of an earlier version may.
+    A budget that lacks a term, as a budget of an earlier version may, is refused.
     """
     require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
     half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
@@ -368,7 +348,7 @@ def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
     for term, rows in terms.items():
         follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
         half.loc[{"error_term": term}] = np.vstack([rows, follow])
-    given = half.notnull().any(("quantity", "step")).to_numpy().tolist()
+    given = half.notnull().any(("quantity", "step")).to_numpy()
     total = law["error_total"].copy(data=add_up(half.to_numpy(), bias.to_numpy(), given))
     unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
     return law.assign(error_half_width=half, error_total=total).assign_attrs(

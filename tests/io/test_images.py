@@ -48,11 +48,12 @@ def test_slices_in_a_folder_are_a_stack(void, tmp_path):
     assert image.spacing == pytest.approx((1.0, 2.0, 3.0))
 
 
-def test_voxels_of_other_edges_need_all_three():
+def test_voxels_of_other_edges_need_all_three(void, tmp_path):
+    path = write_imagej(tmp_path / "stack.tif", void)
     with pytest.raises(CaseError, match=r"three edges along x, y and z \(m\), got \(1, 2\)"):
-        VoxelImage.from_voxels(np.zeros((3, 3, 3)), (1, 2))
+        read_images(path, voxel_size=(1, 2))
     with pytest.raises(CaseError, match="needs three axes"):
-        VoxelImage.from_voxels(np.zeros((3, 3)), 1.0)
+        VoxelImage(np.zeros((3, 3)), (1.0, 1.0, 1.0))
 
 
 def test_the_void_may_be_bright(void, tmp_path):

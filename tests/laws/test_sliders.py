@@ -342,17 +342,17 @@ def test_metal_that_springs_back_has_the_bed_of_its_branch():
     flows = HystereticLaw(Exponential(1e9, 0.2e-6, gap=0.1e-6), 2.5, 1.6)
     peak, rng = 5e7, np.random.default_rng(6)
     branch = flows.branch(np.array(peak))
-    curve = PowerLaw(peak, float(branch.length), 1.6, gap=flows.gap - float(branch.corner))
+    curve, corner = PowerLaw(peak, float(branch.support), 1.6, gap=float(branch.gap)), -branch.gap
     metal, elastic = (
         Sliders(normal, MU, KAPPA, pressures=(1e5, peak), slabs=24) for normal in (flows, curve)
     )
-    start = np.tile(np.array([[float(branch.corner) - flows.gap], [0.0], [0.0]]), (1, 50))
+    start = np.tile(np.array([[corner], [0.0], [0.0]]), (1, 50))
     states = [metal.at_rest(start), elastic.at_rest(start)]
     assert np.all(states[0][0] == pytest.approx(peak))
     for _ in range(20):
         share = rng.uniform(0.01, 0.95, 50)
         shear = rng.normal(0.0, 0.1e-6, (2, 50))
-        jump = np.stack([start[0] + share * branch.length, *shear])
+        jump = np.stack([start[0] + share * branch.support, *shear])
         responses = [
             law.respond(jump, state) for law, state in zip((metal, elastic), states, strict=True)
         ]

@@ -57,9 +57,9 @@ def test_a_cycle_costs_the_area_between_the_branches():
     law = HystereticLaw(Exponential(2.0, 0.4), 2.0, 1.5)
     peak = 1.0
     branch = law.branch(np.array(peak))
-    assert float(branch.length) == pytest.approx(1.5 * 0.4 / 2.0)
+    assert float(branch.support) == pytest.approx(1.5 * 0.4 / 2.0)
     returned, _ = quad(
-        lambda g: walk(law, [g], peak)[0][0], float(branch.corner), float(branch.corner) + 0.3
+        lambda g: walk(law, [g], peak)[0][0], -float(branch.gap), -float(branch.gap) + 0.3
     )
     assert returned == pytest.approx(peak * 0.3 / 2.5, rel=1e-8)
     assert returned < peak * 0.4
@@ -70,7 +70,7 @@ def test_recovery_inverts_the_unloading_branch(law):
     peak = np.array(1.2)
     pressure = np.linspace(0.0, 1.2, 13)
     branch = law.branch(peak)
-    gap = branch.corner + law.recovery(pressure, peak)
+    gap = law.loading.gap - branch.gap + law.recovery(pressure, peak)
     jump = np.vstack([gap - law.loading.gap, 0.0 * gap])
     found = -branch.respond(jump, np.zeros((0, 13))).traction[0]
     np.testing.assert_allclose(found, pressure, atol=1e-12)

@@ -1,7 +1,6 @@
 """Bodies condensed once onto their joints answer as whole ones do, and near paths are short."""
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,10 @@ from multiscale.macro import AssembledNewton, Assembly, Body, Bolt, Interface, s
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     JointLoading,
+    LoadPath,
     condense_assembly,
+    condensed_problem,
+    follow_cut_loads,
     follow_joint,
     load_joint,
     measure_joint,
@@ -25,11 +27,11 @@ LAW = Sliders(NORMAL, 0.3, pressures=(1e6, 1e8), slabs=8)
 PINS = ((0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0))
 
 
-@dataclass(frozen=True)
-class OnWholeBodies(AssembledNewton):
-    """Newton's method that keeps all unknowns of the bodies for every path."""
-
-    condenses: ClassVar[bool] = False
+def load_whole(monkeypatch, *arguments):
+    """Load a joint with all unknowns of the bodies kept."""
+    with monkeypatch.context() as patch:
+        patch.setattr(condensed_problem, "DENSE", 0)
+        return load_joint(*arguments, method=AssembledNewton(), extrapolate=True)
 
 
 def bolted():
@@ -57,13 +59,11 @@ def stacked(law=LAW):
 
 
 @pytest.mark.parametrize("assembly", [bolted(), stacked()], ids=["bolted", "stacked"])
-def test_condensed_bodies_answer_as_whole_ones(assembly):
+def test_condensed_bodies_answer_as_whole_ones(assembly, monkeypatch):
     """Constraint modes and modes of the loads tell every displacement under these loads."""
     loading = JointLoading((10e6, 20e6), 2e6, cycles=1, steps=2, amplitudes=(1e6,))
-    found, whole = (
-        load_joint(assembly, loading, method=method, extrapolate=True)
-        for method in (AssembledNewton(), OnWholeBodies())
-    )
+    found = load_joint(assembly, loading, method=AssembledNewton(), extrapolate=True)
+    whole = load_whole(monkeypatch, assembly, loading)
     assert set(found.variables) == set(whole.variables)
     assert found.sizes == whole.sizes
     assert found.attrs == whole.attrs
@@ -75,12 +75,10 @@ def test_condensed_bodies_answer_as_whole_ones(assembly):
     assert small.n < found.attrs["unknowns"]
 
 
-def test_a_joint_that_slides_away_says_so_on_condensed_bodies():
+def test_a_joint_that_slides_away_says_so_on_condensed_bodies(monkeypatch):
     loading = JointLoading((10e6,), 5e6, cycles=1, steps=2)
-    found, whole = (
-        load_joint(bolted(), loading, method=method, extrapolate=True)
-        for method in (AssembledNewton(), OnWholeBodies())
-    )
+    found = load_joint(bolted(), loading, method=AssembledNewton(), extrapolate=True)
+    whole = load_whole(monkeypatch, bolted(), loading)
     assert found.converged.values.sum() < found.sizes["step"]
     assert "no equilibrium found: the bodies slide on interface 0 under a load" in found.failure
     assert found.failure == whole.failure
@@ -104,3 +102,16 @@ def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
     assert newton[1] < 0.8 * newton[0]
     again = follow_joint(joint, loading, method=method, near=base)
     assert sum(int(run.iterations.sum()) for run in again.cycles) == 0
+
+
+def test_a_body_without_interfaces_follows_its_loads_as_a_bar_does():
+    held = {"left": (0.0, None, None), "front": (None, 0.0, None), "bottom": (None, None, 0.0)}
+    pulled = {"right": (1.0, 0.0, 0.0)}
+    bar = Body(box_mesh((0.1, EDGE, EDGE), (3, 1, 1)), Elastic(E, 0.3), held, pulled)
+    path = LoadPath(("pull",), (EDGE**2,), ((1e6,), (2e6,)))
+    method = AssembledNewton()
+    small = condense_assembly(Assembly((bar,)), method).small
+    found = follow_cut_loads(small, path, method=method)
+    np.testing.assert_allclose(found.load_stiffness[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
+    np.testing.assert_allclose(found.load_secant[:, 0], E * EDGE**2 / 0.1, rtol=1e-9)
+    np.testing.assert_array_equal(found.interface_compliance, 0.0)

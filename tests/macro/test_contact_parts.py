@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.errors import CaseError
-from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.fe.elements import element_response, prepare_elements
 from multiscale.fe.facets import facet_normals, nodal_areas, surface_of
 from multiscale.fe.mortar import couple
@@ -58,7 +58,7 @@ def test_elastic_elements_are_those_of_the_scalar_forms(kind):
     law = Elastic(2.0, 0.3)
     rest = law.initial_state(elements.weight.shape)
     found = element_response(elements, law, np.zeros(elements.size), rest)[1]
-    expected = stiffness_matrix(displacement_basis(mesh, mesh.elem()), 2.0, 0.3)
+    expected = elastic_matrix(displacement_basis(mesh, mesh.elem()), Elastic(2.0, 0.3))
     assert abs(found - expected).max() < 1e-13
 
 

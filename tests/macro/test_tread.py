@@ -46,7 +46,7 @@ def test_load_and_braking_force_are_in_equilibrium(tread):
     mu = BELL.coefficient(p, np.full(p.shape, 0.3))
     assert found.braking_force == pytest.approx(found.weight @ (mu * p), rel=1e-12)
     # forces on the face and on the carcass of the condensed block balance, the latter along z
-    forces = tread.bodies.condensed.blocks[0] @ found.solution.value
+    forces = tread.whole.stiffness @ found.solution.value
     assert forces[-1] == pytest.approx(-found.load, rel=1e-8)
     assert forces[0:-1:3].sum() == pytest.approx(-found.braking_force, rel=1e-8)
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.elasticity import assemble_elasticity, displacement_basis
 from multiscale.laws.bulk import Elastic
+from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.cell import PeriodicLayer
 from multiscale.micro.coating import moduli_by_layer
@@ -29,7 +30,8 @@ def compliance(body, between):
     layer = np.searchsorted(planes, middle) - 1
     moduli = [value[layer] for value in moduli_by_layer(body.coating, below, planes)]
     fold = csr_array((np.ones(own.size), (own, np.arange(own.size))))
-    stiffness = fold @ stiffness_matrix(displacement_basis(mesh), *moduli) @ fold.T
+    whole = assemble_elasticity(displacement_basis(mesh), *lame_parameters(*moduli))
+    stiffness = fold @ whole @ fold.T
     held = np.arange(fold.shape[0]).reshape(-1, 3) // 3 % planes.size == 0
     free = np.flatnonzero(~held.ravel())
     slope_x, slope_y = surface_slopes(between, (spacing, spacing))

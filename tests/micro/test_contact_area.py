@@ -131,7 +131,8 @@ def test_a_metal_that_flows_touches_where_its_even_pressure_carries_the_load():
     even = np.median(pressure[pressure > 0.8 * pressure.max()])
     # the surface of the spots is 5 % wider than before it flowed
     assert 1.05 * 0.004 / even == pytest.approx(areas[1][1], rel=0.02)
-    np.testing.assert_allclose(areas[0], areas[1], rtol=0.06)  # counted: 9 and 8 %
+    fine = (0.1325, 0.2525)  # 64 points, 16 layers; 16 counted have 24 and 14 % more
+    np.testing.assert_allclose(areas, np.tile(fine, (2, 1)), rtol=0.04)
 
 
 def test_rubber_that_slides_has_the_area_of_a_fine_grid():

@@ -5,8 +5,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.bench.friction_scenes import GRAVITY, box_stack
-from multiscale.bench.rigid_bodies import STEP, RigidBodies
+from multiscale.bench.friction_scenes import GRAVITY, STEP, RigidBodies, box_stack
 
 PUSHES = ("each", "top", "sideways", "one", "squeeze")
 """Ways to push a stack: each box by its own weight, the top box alone, all in one direction, one

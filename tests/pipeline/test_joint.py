@@ -13,7 +13,6 @@ from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.schema import INTERFACE_LAW
 from multiscale.studies.rough_structure import Answer, checked
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset
-from multiscale.upscaling.fit import say_branches
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
 
@@ -91,9 +90,7 @@ def test_a_measured_stiffness_ratio_adds_its_own_error(run_folder, result):
         "shear_stiffness_ratio_sample": 0.8 * spread[:, None] * np.ones(2),
         "shear_friction_sample": 0.2 * spread,
     }
-    law = INTERFACE_LAW.assign(law, values).assign_attrs(
-        n_sheared=9, branches=say_branches({"shear": "measured"})
-    )
+    law = INTERFACE_LAW.assign(law, values).assign_attrs(n_sheared=9, branches="shear: measured")
     half = solve_joint(case_of(run_folder), law)["error_half_width"].sel(error_term="sampling")
     assumed = assume_shear(open_law(run_folder / "interface_law.nc"), stiffness_ratio=0.8)
     told = solve_joint(case_of(run_folder), assumed)

@@ -82,8 +82,9 @@ def test_every_figure_of_a_stage_is_one_that_it_names(run_folder):
     for stage in finished.stages:
         sections = stage.sections(finished.found, run_folder)
         drawn = {name for section in sections for name in section.figures}
-        # which need cells that unload, conduct, or are sheared
-        assert drawn == set(stage.pictures) - {"unloading", "conductance", "shear_law"}
+        # which need cells that unload, conduct, leak, or are sheared
+        needed = {"unloading", "conductance", "leakage", "flow_channels", "shear_law"}
+        assert drawn == set(stage.pictures) - needed
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from scipy.stats import t
 from multiscale.errors import CaseError
 from multiscale.upscaling import error_budget, fit_law, law_band, law_from_dataset, observe
 from multiscale.upscaling.bootstrap import draw_counts
-from multiscale.upscaling.control_variates import Control, best_ratio, variance_ratio
+from multiscale.upscaling.control_variates import Control, best_ratio
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
 SIGMA, RHO, SLOPE = 0.3, 0.98, 2.0
@@ -21,6 +21,11 @@ def pairs(random, n, n_cheap, rho=RHO):
     f = random.standard_normal(n_cheap)
     y = 1.0 + SIGMA * (rho * f[:n] + np.sqrt(1.0 - rho**2) * random.standard_normal(n))
     return y[:, None], (5.0 + SIGMA / SLOPE * f)[:, None]
+
+
+def variance_ratio(rho, n, n_cheap):
+    """Variance with control over the variance of the mean of the dear values alone."""
+    return 1.0 - rho**2 * (1.0 - n / n_cheap)
 
 
 def test_the_mean_has_no_bias_and_the_variance_of_theory():
@@ -70,7 +75,7 @@ def test_the_best_split_has_the_least_variance_for_its_time():
 
     def variance(ratio):
         n = 1.0 / (cost + ratio)
-        return float(variance_ratio(rho, n, ratio * n)) / n
+        return variance_ratio(rho, n, ratio * n) / n
 
     found = minimize_scalar(variance, bounds=(1.0, 200.0), method="bounded")
     assert best_ratio(rho, cost) == pytest.approx(found.x, rel=1e-3)

@@ -97,7 +97,7 @@ def test_units_and_names_that_do_not_fit_are_refused(tmp_path, options, sentence
 
 def test_the_table_has_units_in_its_head_and_the_bands_of_the_law(tmp_path):
     law = fit_law(response_of(exponential_gaps(6)), n_samples=100)
-    write_law_table(law, tmp_path / "law.csv", n_points=9)
+    write_law_table(law, tmp_path / "law.csv")
     with (tmp_path / "law.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [

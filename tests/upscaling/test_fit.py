@@ -166,7 +166,6 @@ def test_a_family_with_parameters_is_fitted_with_the_area_beside_it():
     found = law_from_dataset(law)
     assert found.decay_length == float(law["decay_length"])
     assert law_from_dataset(law, 3).decay_length == float(law["decay_length_sample"][3])
-    assert law_from_dataset(law, gap=1e-6).gap == 1e-6
     assert area_from_dataset(law).contact_fraction(PRESSURE[:1]) == pytest.approx(0.01)
     assert law.attrs["cross_validated_error"] < 1e-6
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
-from multiscale.upscaling import size_trend
 
 MODULUS, NU, SLOPE, WAVE = 1e9, 0.3, 0.1, 1e-3
 CONTACT_MODULUS = MODULUS / (1.0 - NU**2)
@@ -52,13 +51,21 @@ def sizes():
 @pytest.mark.parametrize("relative_pressure", [0.02, 0.1])
 def test_scatter_falls_as_the_inverse_of_the_cell(sizes, variable, relative_pressure):
     """40 realisations at each size; the 95 % interval of the slope overlaps [-1.3, -.8]."""
-    pressure = CONTACT_MODULUS * SLOPE * relative_pressure
-    trend = size_trend(sizes, variable, pressure=pressure)
-    low, high = trend.slope_interval
-    assert low <= -0.8, trend
-    assert high >= -1.3, trend
-    assert -1.5 < trend.slope < -0.7
-    assert np.all(np.diff(trend.value) < 0.0)
+    random, scatter, drawn = np.random.default_rng(seed=0), [], []
+    for response in sizes.values():
+        pressure = response["nominal_pressure"] / (CONTACT_MODULUS * SLOPE)
+        step = int(np.argmin(np.abs(pressure.to_numpy() - relative_pressure)))
+        values = response[variable].to_numpy()[:, step]
+        assert response["converged"].to_numpy()[:, step].all()
+        scatter.append(values.std(ddof=1) / values.mean())
+        sample = values[random.integers(0, values.size, (2000, values.size))]
+        drawn.append(sample.std(axis=1, ddof=1) / sample.mean(axis=1))
+    size = np.log(list(sizes))
+    low, high = np.percentile(np.polyfit(size, np.log(drawn), 1)[0], [2.5, 97.5])
+    assert low <= -0.8, scatter
+    assert high >= -1.3, scatter
+    assert -1.5 < np.polyfit(size, np.log(scatter), 1)[0] < -0.7
+    assert np.all(np.diff(scatter) < 0.0)
 
 
 @pytest.mark.long

@@ -22,11 +22,9 @@ from multiscale.upscaling import (
     area_from_dataset,
     at_rms_height,
     compare_scales,
-    ensemble_average,
     error_budget,
     fit_law,
     law_from_dataset,
-    pressure_length,
     structure_budget,
     with_budget,
     with_scales,
@@ -44,6 +42,11 @@ LENGTH = 4.0 * WAVE  # of the macro wave
 AMPLITUDE = 0.01 * LENGTH
 MEAN = np.pi * E_STAR * AMPLITUDE / LENGTH * np.array([0.25, 0.5])
 PRELOAD = E_STAR * SLOPE * np.array([0.05, 0.15])
+
+
+def mean_of(response, name):
+    """Mean of a variable over the realisations that converged, step by step."""
+    return response[name].where(response["converged"] == 1).mean("realisation").to_numpy()
 
 
 def surface(size, seed, *, points, hurst):
@@ -158,7 +161,7 @@ def limit_of(large, grids, hurst):
     height = rms_height(surface(32, 1, points=4, hurst=hurst))
     large = at_rms_height(large, height)
     gap, area = (
-        {n: ensemble_average(grid, name).mean for n, grid in grids.items()}
+        {n: mean_of(grid, name) for n, grid in grids.items()}
         for name in ("mean_gap", "contact_fraction")
     )
     factors = {
@@ -170,9 +173,7 @@ def limit_of(large, grids, hurst):
         large[name] = large[name].copy(data=large[name].values * between)
     law = fit_law(large, n_samples=0)
     one = law_from_dataset(law)
-    gap, area = (
-        ensemble_average(large, name).mean[1::2] for name in ("mean_gap", "contact_fraction")
-    )
+    gap, area = (mean_of(large, name)[1::2] for name in ("mean_gap", "contact_fraction"))
     cells = np.array([gap, area, one.stiffness(one.gap_at(PRESSURE))])
     return Truth(height, cells, joint_stiffness(one, elements=16))
 
@@ -209,7 +210,8 @@ def judge(scene, truth):
     found["joint stiffness"] = (error, joint["error_total"].values[0])
 
     gaps, fields = wave_gaps(mean_law)
-    length = min(pressure_length(np.tile(field, 3), LENGTH / field.size) for field in fields)
+    slopes = [np.gradient(np.tile(field, 3), LENGTH / field.size) for field in fields]
+    length = np.sqrt(np.min(np.mean(fields**2, axis=1) / np.mean(np.square(slopes), axis=1)))
     law = with_scales(law, compare_scales(WAVE, 2.0 * WAVE, length, extent=LENGTH))
     wave = structure_budget(
         "mean_gap",

@@ -70,8 +70,8 @@ OWN = Family(
     {"limit": Parameter("Pa m-1"), "length": Parameter("m")},
     Hardening,
     lambda seen: {
-        "limit": float(np.ptp(seen.pressure) / np.ptp(seen.means()[0][0])),
-        "length": 0.3 * float(np.ptp(seen.means()[0][0])),
+        "limit": float(np.ptp(seen.pressure) / np.ptp(seen.mean)),
+        "length": 0.3 * float(np.ptp(seen.mean)),
     },
     broadcasts=True,
 )

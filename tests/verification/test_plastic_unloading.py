@@ -48,6 +48,6 @@ def test_cells_that_have_flowed_unload_stiffer_than_they_were_loaded():
         fitted, lambda one: one.recovery(*seen.conditions), family=unloading_family(loading)
     )
     law = fitted_law(fitted, family=unloading_family(loading))
-    mean = seen.means()[0][0]
+    mean = seen.mean
     np.testing.assert_allclose(law.recovery(*seen.conditions), mean, rtol=0.25)
     assert np.all(low < high)

@@ -43,6 +43,7 @@ SHOWN = {
     "road_texture": lambda run, ax: plotting.plot_area_law(
         run["micro_response"], run["interface_law"], ax=ax
     ),
+    "seal": lambda run, ax: plotting.plot_flow_channels(run["fields"], ax=ax),
     "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
     "tensegrity_grid": plotting.plot_sorted_tensions,
     "tensegrity_substructures": plotting.plot_deformed_links,
@@ -94,8 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         SHOWN[name](found[name], ax=figure.add_subplot(projection="3d" if space else None))
         save_small(figure, figures / f"{name}.png", colours=32)
     if "ground_steel" in found:
-        fields = open_dataset(results / "ground_steel" / "fields" / "fields.nc", FIELDS)
-        save_small(draw_chain(found["ground_steel"], fields), figures / "chain.png", colours=96)
+        save_small(draw_chain(found["ground_steel"]), figures / "chain.png", colours=96)
     if "bolted_lap" in found:
         answers = draw_answers(found["bolted_lap"]["macro_result"])
         save_small(answers, figures / "joint.png", colours=64)
@@ -120,7 +120,9 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         return run_macro(settings, out / "macro_result.nc", law=law)
     case = load_case(name)
     run(case.quick() if quick else case, out)
-    return {key: node.to_dataset() for key, node in open_run(out).items()}
+    found = {key: node.to_dataset() for key, node in open_run(out).items()}
+    fields = out / "fields" / "fields.nc"
+    return found | ({"fields": open_dataset(fields, FIELDS)} if fields.is_file() else {})
 
 
 def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
@@ -144,12 +146,12 @@ def draw_answers(joint: xr.Dataset) -> Figure:
     return figure
 
 
-def draw_chain(run: "Mapping[str, xr.Dataset]", fields: xr.Dataset) -> Figure:
+def draw_chain(run: "Mapping[str, xr.Dataset]") -> Figure:
     """Draw a run from its surface to its joint."""
     figure = Figure(figsize=(14.0, 3.4), layout="constrained")
     axes = figure.subplots(1, 4)
-    plotting.plot_surface(fields, ax=axes[0]).set_title("1 surface")
-    plotting.plot_contact_map(fields, step=-1, ax=axes[1]).set_title("2 contact of a cell")
+    plotting.plot_surface(run["fields"], ax=axes[0]).set_title("1 surface")
+    plotting.plot_contact_map(run["fields"], step=-1, ax=axes[1]).set_title("2 contact of a cell")
     gap_law = plotting.plot_gap_law(run["micro_response"], run["interface_law"], ax=axes[2])
     gap_law.set_title("3 interface law")
     plotting.plot_joint_stiffness(run["macro_result"], ax=axes[3]).set_title("4 joint")

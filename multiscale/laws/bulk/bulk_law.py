@@ -89,10 +89,8 @@ def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkR
     Parameters
     ----------
     law : BulkLaw
-    gradient : ndarray, shape (3, 3, ...)
-        Deformation gradient :math:`F`, dimensionless.
-    state : ndarray, shape (n_state, ...)
-        Last committed state.
+    gradient : ndarray, shape (3, 3, ...), deformation gradient :math:`F`, dimensionless
+    state : ndarray, shape (n_state, ...), last committed state
     """
     shape = law.respond_shape(gradient, state)
     J, slope = volume_ratio(law, gradient)

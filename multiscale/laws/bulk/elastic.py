@@ -17,10 +17,8 @@ class Elastic(BulkLaw):
 
     Parameters
     ----------
-    youngs_modulus : float
-        Young's modulus :math:`E > 0`, Pa.
-    poissons_ratio : float
-        Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless.
+    youngs_modulus : float, Young's modulus :math:`E > 0`, Pa
+    poissons_ratio : float, Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless
 
     Raises
     ------

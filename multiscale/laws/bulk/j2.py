@@ -20,19 +20,14 @@ class J2(BulkLaw):
 
     Parameters
     ----------
-    youngs_modulus : float
-        Young's modulus :math:`E > 0`, Pa.
-    poissons_ratio : float
-        Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless.
-    yield_stress : float
-        Initial uniaxial yield stress :math:`\sigma_0 > 0` (Kirchhoff), Pa.
-    hardening_modulus : float, default 0.0
-        Linear hardening :math:`H \ge 0`, Pa.
+    youngs_modulus : float, Young's modulus :math:`E > 0`, Pa
+    poissons_ratio : float, Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless
+    yield_stress : float, initial uniaxial yield stress :math:`\sigma_0 > 0` (Kirchhoff), Pa
+    hardening_modulus : float, default 0.0, linear hardening :math:`H \ge 0`, Pa
     saturation_stress : float, optional
         Saturated yield stress :math:`\sigma_\infty \ge \sigma_0`, Pa; the initial yield stress if
         not given.
-    saturation_rate : float, default 0.0
-        Rate :math:`\delta \ge 0` of saturation, dimensionless.
+    saturation_rate : float, default 0.0, rate :math:`\delta \ge 0` of saturation, dimensionless
 
     Raises
     ------

@@ -40,8 +40,7 @@ def contact_modulus(*bodies: tuple[float, float]) -> float:
 
     Parameters
     ----------
-    *bodies : tuple of float
-        Young's modulus, Pa, and Poisson's ratio of each body.
+    *bodies : tuple of float, Young's modulus, Pa, and Poisson's ratio of each body
 
     Examples
     --------

@@ -22,8 +22,7 @@ class NeoHookean(BulkLaw):
 
     Parameters
     ----------
-    youngs_modulus : float
-        Young's modulus :math:`E > 0` of the undeformed body, Pa.
+    youngs_modulus : float, Young's modulus :math:`E > 0` of the undeformed body, Pa
     poissons_ratio : float
         Poisson's ratio :math:`-1 < \nu < 1/2` of the undeformed body, dimensionless.
 

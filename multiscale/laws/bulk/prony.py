@@ -18,14 +18,11 @@ class Prony(BulkLaw):
 
     Parameters
     ----------
-    youngs_modulus : float
-        Instantaneous Young's modulus :math:`E > 0`, Pa.
-    poissons_ratio : float
-        Instantaneous Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless.
+    youngs_modulus : float, instantaneous Young's modulus :math:`E > 0`, Pa
+    poissons_ratio : float, instantaneous Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless
     weights : tuple of float
         Relaxing shares :math:`g_i > 0` of the shear modulus, dimensionless; their sum is below 1.
-    times : tuple of float
-        Relaxation times :math:`\tau_i > 0`, s.
+    times : tuple of float, relaxation times :math:`\tau_i > 0`, s
     time_step : float, default 0.0
         Time :math:`\Delta t \ge 0` from the committed to the new state, s; see :meth:`over`.
 

@@ -16,10 +16,8 @@ class Beam(LinkLaw):
 
     Parameters
     ----------
-    rigidity : float
-        Axial rigidity :math:`EA`, N.
-    torsion : float
-        Torsional rigidity :math:`GJ`, N m².
+    rigidity : float, axial rigidity :math:`EA`, N
+    torsion : float, torsional rigidity :math:`GJ`, N m²
     bending_y, bending_z : float
         Bending rigidities :math:`EI_y` and :math:`EI_z` about the second and third local axis,
         N m².
@@ -72,8 +70,7 @@ class Beam(LinkLaw):
 
         Parameters
         ----------
-        length : ndarray, shape (...)
-            Length of the beams, m.
+        length : ndarray, shape (...), length of the beams, m
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Base class of link laws: linear elasticity within a range of admissible tensions."""
+"""Laws of bars, cables and struts: linear elasticity within a range of admissible tensions."""
 
 from abc import ABC
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["LinkLaw", "LinkResponse"]
+__all__ = ["Bar", "Cable", "LinkLaw", "LinkResponse", "Strut"]
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,7 @@ class LinkLaw(ABC):
 
     Parameters
     ----------
-    rigidity : float
-        Axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length.
+    rigidity : float, axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length
 
     Attributes
     ----------
@@ -87,3 +86,40 @@ class LinkLaw(ABC):
             np.where(carries, self.rigidity, 0.0),
             np.abs(tension - elastic) / self.rigidity,
         )
+
+
+@dataclass(frozen=True)
+class Bar(LinkLaw):
+    """Link that carries tension and compression.
+
+    Examples
+    --------
+    >>> Bar(rigidity=8e7).respond(np.array([-1e-5, 1e-5])).tension
+    array([-800.,  800.])
+    """
+
+
+@dataclass(frozen=True)
+class Cable(LinkLaw):
+    """Link that carries tension only; inextensible if its rigidity is infinite.
+
+    Examples
+    --------
+    >>> Cable(rigidity=4e6).respond(np.array([-1e-4, 1e-4])).tension
+    array([  0., 400.])
+    """
+
+    lower = 0.0
+
+
+@dataclass(frozen=True)
+class Strut(LinkLaw):
+    """Link that carries compression only.
+
+    Examples
+    --------
+    >>> Strut(rigidity=4e6).respond(np.array([-1e-4, 1e-4])).tension
+    array([-400.,    0.])
+    """
+
+    upper = 0.0

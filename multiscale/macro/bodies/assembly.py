@@ -31,8 +31,7 @@ class Interface:
         None as the first side is the rigid ground.
     boundaries : tuple of str
         Name of the boundary in each body; None of the ground.
-    law : InterfaceLaw
-        Of any kind: frictionless, with sliders, hysteretic, damaged, rigid.
+    law : InterfaceLaw, of any kind: frictionless, with sliders, hysteretic, damaged, rigid
     quadrature_order : int, optional
         The law acts at Gauss points that integrate this degree exactly, of boundaries that match;
         at the nodes if not given, where the tractions of stiff laws do not oscillate.
@@ -50,18 +49,15 @@ class Assembly:
 
     Parameters
     ----------
-    bodies : sequence of Body
-        Linear elastic, in three dimensions, with supports that do not move.
-    interfaces : sequence of Interface
-        Laws between the bodies.
+    bodies : sequence of Body, linear elastic, in three dimensions, with supports that do not move
+    interfaces : sequence of Interface, laws between the bodies
     times : sequence of float, default (1.0,)
         One load case for each: the tractions of the bodies and the forces of the platens at that
         time.
     areas : sequence of float, optional
         Of the face on which each load case acts, m²; where displacements of loaded faces are
         wanted, as in :func:`~multiscale.macro.substructures.load_joint`.
-    platens : sequence of Platen
-        Rigid plates on the bodies.
+    platens : sequence of Platen, rigid plates on the bodies
     bolts : sequence of Bolt
         Their tightening, all together, is a load case before the others: steps that change its
         factor tighten, or loosen, the bolts to that factor times their preloads, and steps that

@@ -33,14 +33,10 @@ def stacked_blocks(
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths of a block along x, y and z, m.
-    elements : tuple of int
-        Hexahedra of a block along each axis.
-    materials : sequence of Elastic or AnisotropicElastic
-        One for each block, two or more.
-    laws : sequence of InterfaceLaw
-        One for each joint, from below.
+    size : tuple of float, lengths of a block along x, y and z, m
+    elements : tuple of int, hexahedra of a block along each axis
+    materials : sequence of Elastic or AnisotropicElastic, one for each block, two or more
+    laws : sequence of InterfaceLaw, one for each joint, from below
 
     Raises
     ------
@@ -80,12 +76,10 @@ def lap_joint(
 
     Parameters
     ----------
-    shape : LapShape
-        Dimensions and mesh.
+    shape : LapShape, dimensions and mesh
     materials : sequence of Elastic or AnisotropicElastic
         Elasticity of the lower and the upper plate.
-    law : InterfaceLaw
-        On the whole overlap.
+    law : InterfaceLaw, on the whole overlap
     shank : float, optional
         Axial stiffness of the bolt, N/m; see :func:`shank_stiffness`.
 

@@ -30,14 +30,12 @@ class Bolt:
 
     Parameters
     ----------
-    sides : tuple of int
-        The bodies under head and nut.
+    sides : tuple of int, the bodies under head and nut
     boundaries : tuple of str
         Plane faces under the washers, whose normals point away from each other along x, y or z.
     stiffness : float
         Axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`.
-    preload : float
-        Force :math:`F` at the factor one of the tightening, N.
+    preload : float, force :math:`F` at the factor one of the tightening, N
 
     Raises
     ------

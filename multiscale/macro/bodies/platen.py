@@ -26,8 +26,7 @@ class Platen:
         Along the axis, N; in the form of the tractions of a body.
     point : tuple of float, optional
         Where the force acts, m: the plate tilts freely. It is guided if not given.
-    axis : int, default 2
-        Along which it moves.
+    axis : int, default 2, along which it moves
     """
 
     body: int

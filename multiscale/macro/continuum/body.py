@@ -43,8 +43,7 @@ class Body:
     mesh : Mesh
         scikit-fem mesh of straight triangles, quadrilaterals (plane strain, per metre of depth),
         tetrahedra or hexahedra with named boundaries.
-    law : BulkLaw
-        For instance ``Elastic(210e9, 0.3)``.
+    law : BulkLaw, for instance ``Elastic(210e9, 0.3)``
     supports : mapping of str to sequence
         For a boundary, the prescribed displacement of each component, m; ``None`` leaves a
         component free. A number is multiplied by the time of the step, a function is called
@@ -56,8 +55,7 @@ class Body:
         the corners of the mesh are its nodes if not given. Its unknowns are the nodes of the body.
     pins : mapping of tuple to sequence
         For the position of a single node, m, its prescribed displacement, as in ``supports``.
-    name : str
-        In messages.
+    name : str, in messages
 
     Raises
     ------

@@ -57,10 +57,7 @@ class CondensedContact:
     rho: np.ndarray
 
     def step(
-        self,
-        before: Equilibrium,
-        time: float,
-        limits: Limits,
+        self, before: Equilibrium, time: float, limits: Limits
     ) -> tuple[Solution, Equilibrium]:
         """Solve one load step; arguments and result as of ``newton_step``."""
         load = self.assembly.load(time)

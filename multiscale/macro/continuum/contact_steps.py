@@ -120,8 +120,7 @@ def solve_contact(
     tolerance : float
         Bound on the unbalanced forces and the error of the contact law, relative to the largest
         of load, reaction of the supports and contact force; dimensionless.
-    callback : callable, optional
-        Called as ``callback(time, iteration, residual)``.
+    callback : callable, optional, called as ``callback(time, iteration, residual)``
 
     Returns
     -------

@@ -56,8 +56,7 @@ class FiniteAssembly:
 
     Parameters
     ----------
-    bodies : mapping of str to Body
-        All of two or all of three dimensions.
+    bodies : mapping of str to Body, all of two or all of three dimensions
     contacts : mapping of str to Contact
 
     Raises

@@ -57,12 +57,10 @@ class Contact:
     side1 : tuple of str
         Body and boundary that carry the contact traction. The finer mesh belongs here.
     side2 : tuple of str or RigidObstacle
-    friction_coefficient : float, default 0.0
-        Coulomb's :math:`\mu \ge 0`, dimensionless.
+    friction_coefficient : float, default 0.0, Coulomb's :math:`\mu \ge 0`, dimensionless
     finite_sliding : bool, default False
         Whether partners and normals follow the motion. Otherwise they stay as at the start.
-    reach : float, default inf
-        Surfaces farther apart than this do not see each other, m.
+    reach : float, default inf, surfaces farther apart than this do not see each other, m
     fitted : bool, default False
         Whether the bodies fit at the start. The gap that the facets of two curved meshes show
         there is then an error of the meshes and is taken off.

@@ -90,8 +90,7 @@ class RigidCylinder(RigidObstacle):
 
     Parameters
     ----------
-    point, axis : sequence of float
-        A point of the axis, m, and its direction, of any length.
+    point, axis : sequence of float, a point of the axis, m, and its direction, of any length
     radius : float, m
     """
 
@@ -120,8 +119,7 @@ class RigidGraph(RigidObstacle):
     height, slope : callable
         Height of the surface over the lateral positions, shape (d - 1, n), m, and its derivatives,
         shape (d - 1, n), dimensionless.
-    above : bool, default True
-        Whether the obstacle lies above its surface.
+    above : bool, default True, whether the obstacle lies above its surface
 
     Notes
     -----

@@ -23,6 +23,7 @@ class LinkEquations:
 
     Attributes
     ----------
+    link : ndarray of int, shape (rows,), link of a row
     unknown : ndarray of int, shape (rows, w), unknowns of a row, -1 for fixed components
     coefficient : ndarray, shape (rows, w), entries of :math:`B`
     stiffness, prestress, lower, upper : ndarray, shape (rows,)
@@ -34,6 +35,7 @@ class LinkEquations:
         Factor of each component: 1 for displacements, a length, m, for rotations.
     """
 
+    link: np.ndarray
     unknown: np.ndarray
     coefficient: np.ndarray
     stiffness: np.ndarray
@@ -99,6 +101,7 @@ def equations(system: LinkSystem) -> LinkEquations:
         stiffness = np.concatenate([stiffness, beam_stiffness])
     extra = rows.size - system.n_links
     return LinkEquations(
+        link=rows,
         unknown=np.ascontiguousarray(number[system.ends[rows]].reshape(rows.size, -1)),
         coefficient=(coefficient / unit).reshape(rows.size, -1),
         stiffness=stiffness,

@@ -33,10 +33,7 @@ RIGID_STIFFNESS = 1e6
 
 @np.errstate(all="ignore")  # an overflow shows in the residual
 def solve_interior_point(
-    model: LinkEquations,
-    tangent: Tangent,
-    load_factor: float,
-    limits: Limits,
+    model: LinkEquations, tangent: Tangent, load_factor: float, limits: Limits
 ) -> LinkState:
     r"""Find tensions and slacks by an interior-point method.
 
@@ -140,9 +137,7 @@ class _Problem:
         tension = np.maximum(self.sign * elastic, 0.0) + inwards
         slack = np.maximum(-self.sign * elastic, 0.0) + inwards
         return _Point(
-            u,
-            np.where(one, self.sign * tension, elastic),
-            np.where(one, slack / self.measure, 0.0),
+            u, np.where(one, self.sign * tension, elastic), np.where(one, slack / self.measure, 0.0)
         )
 
     def errors(self, point: _Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -237,7 +232,5 @@ def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: 
     )
     step = min(1.0, BOUNDARY_SHARE * problem.longest_step(point, change) if one.any() else 1.0)
     return _Point(
-        point.u + step * change.u,
-        point.tau + step * change.tau,
-        point.slack + step * change.slack,
+        point.u + step * change.u, point.tau + step * change.tau, point.slack + step * change.slack
     )

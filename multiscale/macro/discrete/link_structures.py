@@ -22,8 +22,7 @@ def truss(
     Parameters
     ----------
     panels : int
-    panel, height : float
-        Length of a panel and distance of the chords, m.
+    panel, height : float, length of a panel and distance of the chords, m
     bar : Bar, optional
         Law of the bars; rigidity 2.1e8 N if not given.
     nodal_load : float
@@ -87,17 +86,14 @@ def cable_net(
     ----------
     n, m : int
         Number of meshes along x and y, at least two; m = n if not given.
-    mesh : float
-        Distance of the cables in plan, m.
+    mesh : float, distance of the cables in plan, m
     rise : float
         Height of the saddle :math:`z = r (\xi^2 - \eta^2)`, m, with :math:`\xi` and
         :math:`\eta` from -1 to 1.
-    prestress : float
-        Horizontal part of every tension at load factor zero, N.
+    prestress : float, horizontal part of every tension at load factor zero, N
     cable : Cable, optional
         Law of the cables; rigidity 1e7 N if not given.
-    nodal_load : float
-        Vertical force on every inner node at load factor one, N, downwards.
+    nodal_load : float, vertical force on every inner node at load factor one, N, downwards
 
     Returns
     -------

@@ -17,18 +17,14 @@ class LinkSystem:
 
     Parameters
     ----------
-    position : ndarray, shape (nodes, 3)
-        Positions of the nodes, m.
-    ends : ndarray of int, shape (links, 2)
-        Nodes at both ends of every link.
+    position : ndarray, shape (nodes, 3), positions of the nodes, m
+    ends : ndarray of int, shape (links, 2), nodes at both ends of every link
     laws : tuple of LinkLaw
-    kind : ndarray of int, shape (links,)
-        Index of the law of each link.
+    kind : ndarray of int, shape (links,), index of the law of each link
     fixed : ndarray of bool, shape (nodes, c)
         Fixed unknowns. With c = 3 displacements along x, y, z; with beams c = 6, the rotations
         about x, y, z follow.
-    load : ndarray, shape (nodes, c)
-        Forces (N) and with beams moments (N m) at load factor one.
+    load : ndarray, shape (nodes, c), forces (N) and with beams moments (N m) at load factor one
     prestress : ndarray, shape (links,), optional
         Tension :math:`\tau^0`, N, compression negative; zero if not given.
     group : ndarray of int, shape (links,), optional

@@ -102,15 +102,12 @@ def system_from_mesh(
     mesh : meshio.Mesh
         Mesh as returned by ``meshio.read``. Lines belong to named sets: cell sets, or physical
         groups of gmsh. Supports are named sets of points, or groups of vertex elements.
-    laws : mapping of str to LinkLaw
-        Law of every set of lines.
-    supports : tuple of str
-        Sets whose nodes are fixed in all unknowns.
+    laws : mapping of str to LinkLaw, law of every set of lines
+    supports : tuple of str, sets whose nodes are fixed in all unknowns
     load : tuple of float
         Force (N), with beams followed by the moment (N m), on every free node at load factor
         one.
-    scale : float
-        Length of one unit of the file, m.
+    scale : float, length of one unit of the file, m
 
     Raises
     ------

@@ -163,11 +163,7 @@ def _fill(
 
 @compiled
 def _fill_geometric(
-    place: np.ndarray,
-    direction: np.ndarray,
-    along: np.ndarray,
-    across: np.ndarray,
-    size: int,
+    place: np.ndarray, direction: np.ndarray, along: np.ndarray, across: np.ndarray, size: int
 ) -> np.ndarray:
     """Sum along n n^T + across (I - n n^T) over the links, with opposite signs at their ends."""
     entries = np.zeros(size)

@@ -39,8 +39,7 @@ def self_stress(system: LinkSystem) -> np.ndarray:
 
     Parameters
     ----------
-    system : LinkSystem
-        Structure of bars, cables and struts with its supports.
+    system : LinkSystem, structure of bars, cables and struts with its supports
 
     Returns
     -------
@@ -80,13 +79,11 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     Parameters
     ----------
     system : LinkSystem
-    largest : float
-        Largest force in a link, N.
+    largest : float, largest force in a link, N
 
     Returns
     -------
-    LinkSystem
-        The same structure with its prestress.
+    LinkSystem, the same structure with its prestress
 
     Raises
     ------
@@ -141,13 +138,11 @@ def mechanism_modes(system: LinkSystem) -> np.ndarray:
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure with its supports.
+    system : LinkSystem, the structure with its supports
 
     Returns
     -------
-    ndarray, shape (modes, nodes, c)
-        Motions, orthonormal in the unknowns.
+    ndarray, shape (modes, nodes, c), motions, orthonormal in the unknowns
 
     Raises
     ------

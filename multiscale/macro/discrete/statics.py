@@ -10,6 +10,7 @@ from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import LinkEquations, equations
+from multiscale.macro.discrete.description import join_steps, step_values
 from multiscale.macro.discrete.finite_displacement import find_finite_state
 from multiscale.macro.discrete.link_stability import (
     material_entries,
@@ -21,7 +22,6 @@ from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, name_motion
 from multiscale.macro.discrete.small_displacement import STATIC_METHODS, find_state
-from multiscale.macro.discrete.static_results import join_steps, step_values
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits
 
@@ -51,8 +51,7 @@ def solve_static(
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure with its load :math:`F^d`.
+    system : LinkSystem, the structure with its load :math:`F^d`
     load_factor : float or sequence of float
         :math:`\alpha`, dimensionless. Each step of a sequence starts from the last one.
     method : str
@@ -67,14 +66,12 @@ def solve_static(
     stability : bool
         Whether to compute the smallest eigenvalue of the tangent, without and with the geometric
         stiffness of the tensions.
-    max_iterations : int
-        Iteration limit of a method.
+    max_iterations : int, iteration limit of a method
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. The bound is raised to the rounding error;
         ``residual`` is the value reached.
-    callback : callable, optional
-        Called as ``callback(iteration, residual)``.
+    callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
     -------

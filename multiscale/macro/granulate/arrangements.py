@@ -22,19 +22,15 @@ def deposit(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
-    size : tuple of float
-        Edges of the box along x and y, m.
+    radii : ndarray, shape (grains,), radii of the grains, m
+    size : tuple of float, edges of the box along x and y, m
     law : ContactLaw
-    density : float
-        Density of the grains, kg/m3.
+    density : float, density of the grains, kg/m3
     seed : int
 
     Returns
     -------
-    Model
-        Grains above the floor of the box, at rest.
+    Model, grains above the floor of the box, at rest
     """
     low, high = np.zeros(3), np.array([*size, np.inf])
     grains = place_loosely(radii, low, high, density=density, seed=seed)
@@ -57,8 +53,7 @@ def silo(
     ----------
     radii, law, density, seed
         As for :func:`deposit`.
-    diameter : float
-        Diameter of the pipe about the z axis, m.
+    diameter : float, diameter of the pipe about the z axis, m
     wall_friction : float
         Friction coefficient of the pipe, dimensionless; the bottom has the coefficient of ``law``.
     sinking : float
@@ -66,8 +61,7 @@ def silo(
 
     Returns
     -------
-    Model
-        Grains above the bottom of the pipe, at rest.
+    Model, grains above the bottom of the pipe, at rest
 
     Raises
     ------
@@ -98,21 +92,14 @@ def silo(
 
 
 def column(
-    radii: np.ndarray,
-    width: float,
-    law: ContactLaw,
-    *,
-    density: float = 2600.0,
-    seed: int = 0,
+    radii: np.ndarray, width: float, law: ContactLaw, *, density: float = 2600.0, seed: int = 0
 ) -> Model:
     """Discs in the plane y = 0 that fall between a wall at x = 0 and a gate at x = width.
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the discs, m.
-    width : float
-        Distance of wall and gate, m.
+    radii : ndarray, shape (grains,), radii of the discs, m
+    width : float, distance of wall and gate, m
     law, density, seed
         As for :func:`deposit`; the discs are 1 m thick.
 

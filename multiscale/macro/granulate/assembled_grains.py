@@ -14,10 +14,7 @@ __all__ = ["solve_assembled"]
 
 
 def solve_assembled(
-    velocity: np.ndarray,
-    mobility: np.ndarray,
-    contacts: Contacts,
-    tolerance: float,
+    velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
 ) -> np.ndarray:
     r"""Solve by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP if nothing has friction.
 

@@ -36,16 +36,13 @@ def biaxial_cell(
     pressure : float
         Pressure of the isotropic compaction, and on the sides of the cell during the test, Pa. In a
         cell of spheres it is the mean of the two lateral stresses.
-    strain_rate : float
-        Rate of the logarithmic axial strain, compression positive, 1/s.
+    strain_rate : float, rate of the logarithmic axial strain, compression positive, 1/s
     solver : Solver, optional
 
     Returns
     -------
-    model : Model
-        Model to pass to :func:`multiscale.macro.granulate.simulate_grains`.
-    step : float
-        Length of a step that resolves the rearrangements, s.
+    model : Model, model to pass to :func:`multiscale.macro.granulate.simulate_grains`
+    step : float, length of a step that resolves the rearrangements, s
 
     Raises
     ------

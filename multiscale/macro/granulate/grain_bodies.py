@@ -19,10 +19,8 @@ class Grains:
     ----------
     position : ndarray, shape (grains, 3)
         Centres, m. Discs have one common y.
-    radius : ndarray, shape (grains,)
-        Radii, m.
-    density : float or ndarray, shape (grains,)
-        Density, kg/m3.
+    radius : ndarray, shape (grains,), radii, m
+    density : float or ndarray, shape (grains,), density, kg/m3
     velocity, spin : ndarray, shape (grains, 3), optional
         Velocities, m/s, and angular velocities, rad/s; zero if not given.
     thickness : float, optional
@@ -121,8 +119,7 @@ class Wall:
 
     Parameters
     ----------
-    point : array_like, shape (3,)
-        Point on the plane or the axis, m.
+    point : array_like, shape (3,), point on the plane or the axis, m
     direction : array_like, shape (3,)
         Normal towards the grains, or axis; of any length.
     velocity : array_like, shape (3,)
@@ -215,8 +212,7 @@ class CylinderWall(Wall):
 
     Parameters
     ----------
-    radius : float
-        Inner radius, m.
+    radius : float, inner radius, m
     """
 
     radius: float = np.nan
@@ -254,8 +250,7 @@ def box(
 
     Returns
     -------
-    tuple of PlaneWall
-        Planes in the order of the axes, low before high.
+    tuple of PlaneWall, planes in the order of the axes, low before high
     """
     planes = []
     for a in range(3):

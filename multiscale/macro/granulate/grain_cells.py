@@ -38,19 +38,14 @@ def compact(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
-    pressure : float
-        Pressure on the cell, Pa.
+    radii : ndarray, shape (grains,), radii of the grains, m
+    pressure : float, pressure on the cell, Pa
     law : ContactLaw
-    planar : bool
-        Whether the grains are discs, 1 m thick, instead of spheres.
-    density : float
-        Density of the grains, kg/m3.
+    planar : bool, whether the grains are discs, 1 m thick, instead of spheres
+    density : float, density of the grains, kg/m3
     max_steps : int
     solver : Solver, optional
-    seed : int
-        Seed of the loose packing at the start.
+    seed : int, seed of the loose packing at the start
 
     Returns
     -------
@@ -127,10 +122,8 @@ def shear_layer(
     ----------
     radii, law, density, seed
         As for :func:`compact`.
-    size : tuple of float
-        Periods along x and y, m.
-    pressure, speed : float
-        Pressure on the upper plate, Pa, and its speed along x, m/s.
+    size : tuple of float, periods along x and y, m
+    pressure, speed : float, pressure on the upper plate, Pa, and its speed along x, m/s
     wall_friction : float, optional
         Friction coefficient of the plates; the coefficient of the grains if not given.
 
@@ -138,8 +131,7 @@ def shear_layer(
     -------
     model : Model
         Grains at rest under the pressure; the first wall is the lower plate, the second moves.
-    step : float
-        Length of a step that resolves the rearrangements, s.
+    step : float, length of a step that resolves the rearrangements, s
     """
     if not (pressure > 0.0 and np.isfinite(pressure)):
         raise CaseError(f"pressure must be positive (Pa), got {pressure:g}")

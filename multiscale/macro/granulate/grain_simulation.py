@@ -40,13 +40,11 @@ def simulate_grains(
         length of the steps then varies, up to ``step`` and to the time in which the fastest grain
         moves by the mean radius; where grains roll on each other a step resolves the curvature as
         well. All steps are equal if not given.
-    solver : Solver, optional
-        Tolerance, limit of sweeps and threads.
+    solver : Solver, optional, tolerance, limit of sweeps and threads
     n_frames : int
         Number of equidistant times, from start to end, at which positions and forces are stored:
         at the end of the nearest step, or exactly if an accuracy is given.
-    callback : callable, optional
-        Called as ``callback(step, residual)``.
+    callback : callable, optional, called as ``callback(step, residual)``
 
     Returns
     -------

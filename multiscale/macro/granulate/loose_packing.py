@@ -13,16 +13,13 @@ def draw_radii(n: int, smallest: float, largest: float, *, seed: int = 0) -> np.
 
     Parameters
     ----------
-    n : int
-        Number of grains.
-    smallest, largest : float
-        Bounds of the radii, m.
+    n : int, number of grains
+    smallest, largest : float, bounds of the radii, m
     seed : int
 
     Returns
     -------
-    ndarray, shape (n,)
-        Radii in random order, m.
+    ndarray, shape (n,), radii in random order, m
 
     Raises
     ------
@@ -60,20 +57,17 @@ def place_loosely(
 
     Parameters
     ----------
-    radii : ndarray, shape (grains,)
-        Radii of the grains, m.
+    radii : ndarray, shape (grains,), radii of the grains, m
     low, high : array_like, shape (3,)
         Corners of the box, m; it is filled from below, and its height is not limited.
-    density : float
-        Density of the grains, kg/m3.
+    density : float, density of the grains, kg/m3
     thickness : float, optional
         Thickness of discs, m, placed at y = 0; the grains are spheres if it is not given.
     seed : int
 
     Returns
     -------
-    Grains
-        Grains at rest that do not touch.
+    Grains, grains at rest that do not touch
 
     Raises
     ------
@@ -110,17 +104,12 @@ def lattice(
 
     Parameters
     ----------
-    n : int
-        Number of grains.
-    cells : ndarray of int, shape (2,)
-        Number of lattice cells along x and y.
-    low, high : ndarray, shape (3,)
-        Corners of the box, m.
-    radius : float
-        Radius of the largest grain, m.
+    n : int, number of grains
+    cells : ndarray of int, shape (2,), number of lattice cells along x and y
+    low, high : ndarray, shape (3,), corners of the box, m
+    radius : float, radius of the largest grain, m
     seed : int
-    flat : bool
-        Whether all centres lie in the plane y = 0.
+    flat : bool, whether all centres lie in the plane y = 0
     """
     k = np.arange(n)
     layer, rest = np.divmod(k, int(cells[0] * cells[1]))

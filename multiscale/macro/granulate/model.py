@@ -18,14 +18,12 @@ class ContactLaw:
 
     Parameters
     ----------
-    friction : float
-        Coulomb's coefficient, dimensionless.
+    friction : float, Coulomb's coefficient, dimensionless
     restitution : float
         Newton's coefficient, from 0 to 1. Pairs that approach slowly do not bounce.
     compliance : float
         :math:`a` of (1), dimensionless; zero for a rigid contact.
-    relaxation : float
-        Number of steps in which an overlap is removed, at least 1.
+    relaxation : float, number of steps in which an overlap is removed, at least 1
 
     Raises
     ------
@@ -71,8 +69,7 @@ class Solver:
     tolerance : float
         Bound on the natural-map error relative to the closing velocities without impulses;
         dimensionless.
-    max_iterations : int
-        Limit of sweeps in a step.
+    max_iterations : int, limit of sweeps in a step
     threads : int
         Number of threads; one sweeps in the order of the contacts, several colour by colour.
     most_assembled : int
@@ -107,8 +104,7 @@ class Model:
     grains : Grains
     walls : tuple of Wall
     law : ContactLaw
-    gravity : array_like, shape (3,)
-        Acceleration of gravity, m/s2.
+    gravity : array_like, shape (3,), acceleration of gravity, m/s2
     period : array_like, shape (3,)
         Period of space along each axis, m; infinite along axes without a period.
     damping_rate : float

@@ -17,8 +17,7 @@ def network(result: "xr.Dataset", frame: int = -1) -> tuple[np.ndarray, np.ndarr
     ----------
     result : Dataset
         Result of a simulation; follows ``GRANULATE``.
-    frame : int
-        Number of the frame, counted from the end if negative.
+    frame : int, number of the frame, counted from the end if negative
 
     Returns
     -------
@@ -41,8 +40,7 @@ def love_weber(force: np.ndarray, branch: np.ndarray, volume: float) -> np.ndarr
     force, branch : ndarray, shape (contacts, 3)
         Force :math:`f` on one grain, N, and its centre minus the other centre or the contact with
         a wall, :math:`l`, m.
-    volume : float
-        Volume :math:`V` that contains the contacts, m3.
+    volume : float, volume :math:`V` that contains the contacts, m3
 
     Notes
     -----

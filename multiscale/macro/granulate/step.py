@@ -20,11 +20,7 @@ SWEEPS_PER_CHECK = 10
 
 
 def solve_velocities(
-    model: Model,
-    solver: Solver,
-    velocity: np.ndarray,
-    contacts: Contacts,
-    cell: np.ndarray,
+    model: Model, solver: Solver, velocity: np.ndarray, contacts: Contacts, cell: np.ndarray
 ) -> tuple[int, float]:
     r"""Solve the contacts of a step in place.
 

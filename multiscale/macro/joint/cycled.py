@@ -23,8 +23,7 @@ def soften(block: Block, stiffness: "float | xr.Dataset") -> Block:
 
     Parameters
     ----------
-    block : Block
-        Sound, or softened before.
+    block : Block, sound, or softened before
     stiffness : float or Dataset
         A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
         Or a dataset that follows ``RVE_STIFFNESS``: the block takes the whole tensor of the
@@ -69,21 +68,16 @@ def cycled_joint(
     joint : RoughJoint
         Geometry, elasticity without fatigue (see :func:`soften` for blocks with cavities) and
         mesh.
-    law : NormalLaw
-        Sound interface law.
-    preload : float
-        Nominal pressure, Pa.
-    fatigue : Dataset
-        Follows ``FATIGUE``: damage against cycles.
+    law : NormalLaw, sound interface law
+    preload : float, nominal pressure, Pa
+    fatigue : Dataset, follows ``FATIGUE``: damage against cycles
     damage_interface : bool
         Whether the law is damaged as well: its asperities belong to the same material.
-    steps : int
-        Number of times, at equal steps of damage.
+    steps : int, number of times, at equal steps of damage
 
     Returns
     -------
-    Dataset
-        Follows ``MACRO_RESULT``, with ``cycles`` and ``damage`` of every step.
+    Dataset, follows ``MACRO_RESULT``, with ``cycles`` and ``damage`` of every step
 
     Raises
     ------

@@ -1,23 +1,16 @@
-r"""Equilibrium of a condensed joint under one load.
-
-The equations of :func:`~multiscale.macro.joint.joint_solver.rough_joint` are
-
-.. math::
-    j &= R w + C \lambda, \tag{1} \\
-    \lambda &= N^T (\omega\, p(N j)), \tag{2} \\
-    R^T \lambda &= \ell P. \tag{3}
-"""
+"""Equilibrium of a condensed joint under one load, (1)-(3) of :func:`.joint_solver.rough_joint`."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from multiscale.convergence import Solution
+from multiscale.convergence import Solution, Status
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.interface_newton import InterfaceIterate, find_equilibrium
+from multiscale.macro.interface_newton import FLOOR, PATIENCE
 from multiscale.macro.joint.joint_assembly import CondensedJoint
 from multiscale.numerics.line_search import step_length
-from multiscale.numerics.newton import Limits
+from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["respond", "solve_preload", "tangent_stiffness"]
 
@@ -39,7 +32,7 @@ def solve_preload(
 
     def solve(preload: float, start: np.ndarray | None) -> Solution:
         first = _uniform_guess(model, law, preload) if start is None else start
-        return find_equilibrium(_Pressed(model, law, preload * model.area), first, limits)
+        return _find_equilibrium(_Pressed(model, law, preload * model.area), first, limits)
 
     solution = solve(preload, start)
     if solution.converged:
@@ -49,6 +42,16 @@ def solve_preload(
         solution = solve(share * preload, start)
         start = solution.value if solution.converged else start
     return solution
+
+
+@dataclass(frozen=True, eq=False)
+class _Iterate:
+    """Equations (1)-(3) at a value (j, w, lambda): their imbalance, the force (2), its tangent."""
+
+    value: np.ndarray
+    gradient: np.ndarray
+    force: np.ndarray
+    tangent: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ class _Pressed:
     law: InterfaceLaw
     load: float
 
-    def linearise(self, value: np.ndarray) -> InterfaceIterate:
+    def linearise(self, value: np.ndarray) -> _Iterate:
         """Nodal force (2), N, and the stiffness of the law at the points times weight, N/m."""
         model = self.model
         j, _, contact = model.split(value)
@@ -70,9 +73,9 @@ class _Pressed:
         force = model.operator.T @ (model.weight * pressure)
         unbalanced = self.load * model.arm - model.motion.T @ contact
         gradient = np.concatenate([contact - force, unbalanced, np.zeros(j.size)])
-        return InterfaceIterate(value, gradient, force, model.weight * stiffness)
+        return _Iterate(value, gradient, force, model.weight * stiffness)
 
-    def residual(self, here: InterfaceIterate) -> float:
+    def residual(self, here: _Iterate) -> float:
         """Largest fault in (1), relative to its terms, and in (2) and (3), relative to the load."""
         j, w, contact = self.model.split(here.value)
         fault, unbalanced, _ = self.model.split(here.gradient)
@@ -82,8 +85,24 @@ class _Pressed:
         law, balance = np.abs(fault).sum() / self.load, np.abs(unbalanced).max() / self.load
         return float(max(compatibility, law, balance))
 
-    def direction(self, here: InterfaceIterate, floor: float) -> np.ndarray | None:
-        """Newton direction of (1)-(3)."""
+    def direction(self, here: _Iterate) -> np.ndarray | None:
+        """Newton direction, with a floor under the tangent where it is singular or leads up."""
+        found = None
+        for floor in (0.0, FLOOR):
+            direction = self._solve(here, floor)
+            if direction is not None and direction @ here.gradient < 0.0:
+                return direction
+            found = found if direction is None else direction
+        return found
+
+    def search(self, here: _Iterate, way: np.ndarray) -> _Iterate:
+        """Go along a direction to the least energy."""
+        there = lru_cache(maxsize=1)(lambda step: self.linearise(here.value + step * way))
+        first = float(way @ here.gradient)
+        return there(step_length(lambda step: float(way @ there(step).gradient), first))
+
+    def _solve(self, here: _Iterate, floor: float) -> np.ndarray | None:
+        """Newton direction of (1)-(3), the tangent raised by a share of that of the bodies."""
         model = self.model
         j, w, contact = model.split(here.value)
         K = _interface_matrix(model, here.tangent + floor * model.solid_stiffness * model.weight)
@@ -98,6 +117,19 @@ class _Pressed:
             return None
         jump_step, w_new = np.split(solution, [j.size])
         return np.concatenate([jump_step, w_new - w, here.force - K @ jump_step - contact])
+
+
+@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
+def _find_equilibrium(equations: _Pressed, start: np.ndarray, limits: Limits) -> Solution:
+    """Solve (1)-(3) from any start: the energy, which is convex, tells the length of each step."""
+    here, run = equations.linearise(start), NewtonRun(limits, PATIENCE)
+    while run.goes_on(equations.residual(here)):
+        direction = equations.direction(here)
+        if direction is None:
+            run.stop(Status.STALLED)
+            break
+        here = equations.search(here, direction)
+    return run.solution(here.value)
 
 
 def respond(law: InterfaceLaw, normal_jump: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -119,10 +151,7 @@ def _solve_tangent(model: CondensedJoint, K: np.ndarray, rhs: np.ndarray) -> np.
     reaction = -model.motion.T @ K
     scale = 1.0 / (np.abs(reaction).max() or 1.0)  # so that all rows are in metres
     matrix = np.block(
-        [
-            [np.eye(n) + model.compliance @ K, -model.motion],
-            [scale * reaction, np.zeros((m, m))],
-        ]
+        [[np.eye(n) + model.compliance @ K, -model.motion], [scale * reaction, np.zeros((m, m))]]
     )
     if not np.all(np.isfinite(matrix)):
         return None

@@ -9,12 +9,7 @@ import numpy as np
 from multiscale.laws import HystereticLaw, NormalLaw
 from multiscale.macro.data_range import load_shares
 from multiscale.macro.joint.geometry import RoughJoint
-from multiscale.macro.joint.joint_solver import (
-    check_preloads,
-    joint_result,
-    ratios,
-    rough_joint,
-)
+from multiscale.macro.joint.joint_solver import check_preloads, joint_result, ratios, rough_joint
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,8 +37,7 @@ def press_joint(
 
     Returns
     -------
-    Dataset
-        As :func:`rough_joint` gives it.
+    Dataset, as :func:`rough_joint` gives it
 
     Raises
     ------

@@ -20,14 +20,10 @@ class Block:
 
     Parameters
     ----------
-    height : float
-        Height, m.
-    youngs_modulus : float
-        Pa.
-    poissons_ratio : float
-        Dimensionless.
-    layers : int, default 4
-        Number of elements over the height.
+    height : float, height, m
+    youngs_modulus : float, Pa
+    poissons_ratio : float, dimensionless
+    layers : int, default 4, number of elements over the height
     effective : AnisotropicElastic, optional
         Elasticity of the block where cavities or cracks make it differ from the elasticity of its
         solid, whose moduli then count no more; see :func:`~.cycled.soften`.
@@ -86,10 +82,8 @@ class RoughJoint:
 
     Parameters
     ----------
-    section : tuple of float
-        Lengths of the nominal contact along x and y, m.
-    lower, upper : Block
-        Side 1 and side 2.
+    section : tuple of float, lengths of the nominal contact along x and y, m
+    lower, upper : Block, side 1 and side 2
     elements : tuple of int, default (6, 6)
         Number of elements along x and y, the same in both blocks.
     eccentricity : tuple of float, optional

@@ -28,8 +28,7 @@ def pressed_blocks(joint: RoughJoint, law: InterfaceLaw) -> Assembly:
     Parameters
     ----------
     joint : RoughJoint
-    law : InterfaceLaw
-        A law of any kind, with friction too.
+    law : InterfaceLaw, a law of any kind, with friction too
     """
     x, y = (0.5 * length for length in joint.section)
     stands: Supports = {"bottom": (None, None, 0.0)}

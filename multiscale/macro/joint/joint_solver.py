@@ -36,8 +36,7 @@ def rough_joint(
 
     Parameters
     ----------
-    joint : RoughJoint
-        Geometry, elasticity and mesh.
+    joint : RoughJoint, geometry, elasticity and mesh
     law : InterfaceLaw
         Frictionless normal law; its tangential part is not used. One with an unloading branch is
         loaded for the first time.
@@ -49,8 +48,7 @@ def rough_joint(
     extrapolate : bool
         Whether steps far outside the data of the law keep what it extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
-    max_iterations : int
-        Iteration limit of a step.
+    max_iterations : int, iteration limit of a step
     tolerance : float
         Bound on the residual of (1)-(3): forces relative to the preload, displacements relative
         to the largest of them; dimensionless.

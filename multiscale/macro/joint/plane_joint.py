@@ -17,11 +17,11 @@ from scipy.sparse import block_diag, csr_array, hstack, kron, vstack
 
 from multiscale.convergence import Solution
 from multiscale.errors import CaseError
-from multiscale.fe.elasticity import displacement_basis, stiffness_matrix
+from multiscale.fe.elasticity import elastic_matrix
 from multiscale.fe.faces import face_operator
 from multiscale.laws.bulk import Elastic
 from multiscale.laws.interface_law import NormalLaw
-from multiscale.macro.continuum.body import Body
+from multiscale.macro.continuum.body import Body, fixed_motion
 from multiscale.macro.continuum.contact_steps import ContactStep, solve_contact
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
@@ -42,14 +42,10 @@ class PlaneJoint:
 
     Parameters
     ----------
-    width, height : float
-        L, and H of each block, m.
-    youngs_modulus, poissons_ratio : float
-        Moduli of both blocks, Pa and 1.
-    approach : float
-        :math:`\delta_0` of (1), m.
-    tilt : float
-        :math:`a` of (1), dimensionless.
+    width, height : float, L, and H of each block, m
+    youngs_modulus, poissons_ratio : float, moduli of both blocks, Pa and 1
+    approach : float, :math:`\delta_0` of (1), m
+    tilt : float, :math:`a` of (1), dimensionless
 
     Raises
     ------
@@ -74,6 +70,11 @@ class PlaneJoint:
                 f"{self.tilt:g}"
             )
 
+    @property
+    def bulk(self) -> Elastic:
+        """Elasticity of both blocks."""
+        return Elastic(self.youngs_modulus, self.poissons_ratio)
+
     def motion(self, x: np.ndarray) -> np.ndarray:
         """Displacement of the upper platen along y, (1), m."""
         return -self.approach * (1.0 + self.tilt * 2.0 * x / self.width)
@@ -85,14 +86,10 @@ class PlanePressure:
 
     Attributes
     ----------
-    position : ndarray, shape (points,)
-        x, m.
-    gap, pressure : ndarray, shape (points,)
-        m and Pa.
-    weight : ndarray, shape (points,)
-        m.
-    solution : Solution
-        Why the solver stopped.
+    position : ndarray, shape (points,), x, m
+    gap, pressure : ndarray, shape (points,), m and Pa
+    weight : ndarray, shape (points,), m
+    solution : Solution, why the solver stopped
     """
 
     position: np.ndarray
@@ -120,48 +117,33 @@ def press_plane_joint(
     Parameters
     ----------
     joint : PlaneJoint
-    law : NormalLaw
-        Law of the interface.
+    law : NormalLaw, law of the interface
     elements : int
         Along x; the layers grow from there away from the interface.
-    tolerance : float
-        See :func:`~multiscale.macro.monolithic.solve_interface`.
+    tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
 
     Raises
     ------
     ConvergenceError
         If the solver does not converge.
     """
-    from skfem import ElementQuad1
-
-    flat = np.zeros(elements)
-    bases = [
-        displacement_basis(_block(joint, flat, upper=upper), ElementQuad1())
-        for upper in (False, True)
-    ]
-    K = csr_array(
-        block_diag(
-            [stiffness_matrix(one, joint.youngs_modulus, joint.poissons_ratio) for one in bases]
-        )
-    )
-    n = [2 * one.N for one in bases]
-    held = [np.asarray(one.get_dofs("back").all()) for one in bases]
-    u = np.zeros(sum(n))
-    u[n[0] + 2 * held[1] + 1] = joint.motion(bases[1].doflocs[0, held[1]])
-    fixed = np.concatenate([2 * held[0], 2 * held[0] + 1])
-    fixed = np.concatenate([fixed, n[0] + 2 * held[1], n[0] + 2 * held[1] + 1])
+    bodies = _bodies(joint, np.zeros(elements))
+    K = csr_array(block_diag([elastic_matrix(body.basis, joint.bulk) for body in bodies]))
+    n = bodies[0].basis.doflocs.size
+    (below, motion_below), (above, motion_above) = (fixed_motion(body, 1.0) for body in bodies)
+    fixed, u = np.append(below, n + above), np.zeros(K.shape[0])
+    u[fixed] = np.append(motion_below, motion_above)
     free = np.setdiff1d(np.arange(u.size), fixed)
 
-    faces = [face_operator(one, "face") for one in bases]
-    operator, weight, position = faces[1]
-    rows = [
-        hstack([-_spread(faces[0][0], axis), _spread(operator, axis)]) for axis in (1, 0)
-    ]  # normal first
-    B = csr_array(vstack(rows))
+    (lower, _, _), (upper, weight, position) = (
+        face_operator(body.basis, "face") for body in bodies
+    )
+    axes = np.array([[[0.0, 1.0]], [[1.0, 0.0]]])  # normal first
+    B = csr_array(vstack([hstack([-kron(lower, axis), kron(upper, axis)]) for axis in axes]))
     normal = weight.size
     start = np.zeros(u.size)
     typical = 0.5 * joint.approach / joint.height * joint.youngs_modulus
-    start[n[0] + 1 :: 2] = float(law.gap_at(np.array(typical))) - law.gap
+    start[n + 1 :: 2] = float(law.gap_at(np.array(typical))) - law.gap
     solution = solve_interface(
         csr_array(K[free][:, free]),
         -(K @ u)[free],
@@ -186,8 +168,7 @@ def resolve_plane_joint(
     profile : ndarray, shape (points,)
         Heights of a periodic profile at equidistant points from the left edge, positive into the
         lower block, m. Every point is a node.
-    tolerance : float
-        See :func:`~multiscale.macro.continuum.solve_contact`.
+    tolerance : float, see :func:`~multiscale.macro.continuum.solve_contact`
 
     Raises
     ------
@@ -195,16 +176,7 @@ def resolve_plane_joint(
         If the solver does not converge.
     """
     # the mesh starts clear of the lower block: the platen comes down by this much more
-    clearance = float(np.max(profile))
-    bulk = Elastic(joint.youngs_modulus, joint.poissons_ratio)
-    lower = Body(
-        _block(joint, np.zeros(profile.size), upper=False), bulk, supports={"back": (0.0, 0.0)}
-    )
-    upper = Body(
-        _block(joint, profile, upper=True, lift=clearance),
-        bulk,
-        supports={"back": (0.0, lambda x, time: time * (joint.motion(x[0]) - clearance))},
-    )
+    lower, upper = _bodies(joint, profile, float(np.max(profile)))
     problem = FiniteAssembly(
         {"lower": lower, "upper": upper},
         {"interface": Contact(("upper", "face"), ("lower", "face"))},
@@ -214,11 +186,17 @@ def resolve_plane_joint(
     return PlanePressure(found.position[0], found.gap, found.pressure, found.area, step.solution)
 
 
-def _spread(operator: csr_array, axis: int) -> csr_array:
-    """Interpolation of one component from all unknowns 2 a + i."""
-    unit = np.zeros((1, 2))
-    unit[0, axis] = 1.0
-    return csr_array(kron(operator, unit))
+def _bodies(joint: PlaneJoint, profile: np.ndarray, lift: float = 0.0) -> tuple[Body, Body]:
+    """Lower block, and upper block with a profile on its face, which starts above by a lift, m."""
+    lower = Body(
+        _block(joint, np.zeros(profile.size), upper=False), joint.bulk, {"back": (0.0, 0.0)}
+    )
+    upper = Body(
+        _block(joint, profile, upper=True, lift=lift),
+        joint.bulk,
+        {"back": (0.0, lambda x, time: time * (joint.motion(x[0]) - lift))},
+    )
+    return lower, upper
 
 
 def _block(joint: PlaneJoint, profile: np.ndarray, *, upper: bool, lift: float = 0.0) -> "Mesh":

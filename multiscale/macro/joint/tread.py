@@ -14,9 +14,9 @@ from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
+from multiscale.macro.substructures.condensed_problem import condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.whole_solver import PreparedBodies, prepare_bodies
-from multiscale.macro.substructures.whole_structure import assemble
+from multiscale.macro.substructures.whole_structure import Assembled, assemble
 
 __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_block"]
 
@@ -27,10 +27,8 @@ class TreadBlock:
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths along the motion (x), across it (y) and height (z), m.
-    youngs_modulus, poissons_ratio : float
-        Pa, and at least 0 and below 1/2.
+    size : tuple of float, lengths along the motion (x), across it (y) and height (z), m
+    youngs_modulus, poissons_ratio : float, Pa, and at least 0 and below 1/2
     elements : tuple of int
         Along x, y and z; 27 nodes each.
 
@@ -66,24 +64,23 @@ class CondensedTread:
     Attributes
     ----------
     block : TreadBlock
-    bodies : PreparedBodies
+    whole : Assembled
         Condensed onto the face and the displacement of the carcass along z, which is the last
         unknown. Side 1 of the jump is the ground; the load case is a nominal pressure of 1 Pa.
     lifted : ndarray, shape (kept,)
         These unknowns where all nodes are displaced along z alike, dimensionless.
-    position : ndarray, shape (2, points)
-        x and y, from the middle of the face, m.
+    position : ndarray, shape (2, points), x and y, from the middle of the face, m
     """
 
     block: TreadBlock
-    bodies: PreparedBodies
+    whole: Assembled
     lifted: np.ndarray
     position: np.ndarray
 
     @property
     def weight(self) -> np.ndarray:
         """Area of the points, m², shape (points,)."""
-        return self.bodies.whole.weight
+        return self.whole.weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +91,8 @@ class Footprint:
     ----------
     traction, jump : ndarray, shape (3, points)
         Normal, along and across the motion; Pa and m.
-    weight : ndarray, shape (points,)
-        m².
-    solution : Solution
-        Why the solver stopped.
+    weight : ndarray, shape (points,), m²
+    solution : Solution, why the solver stopped
     """
 
     traction: np.ndarray
@@ -134,12 +129,11 @@ def sliding_block(block: TreadBlock, law: InterfaceLaw) -> Assembly:
 def condense_tread(block: TreadBlock) -> CondensedTread:
     """Condense a block onto its face, for laws that :func:`slide_tread` is given one by one."""
     problem = cut_assembly(sliding_block(block, RigidContact()))  # no law enters the matrices
-    whole = assemble(problem)
-    kept = np.union1d(whole.jump.indices, problem.n - 1)
-    lifted = problem.unknowns(np.tile([0.0, 0.0, 1.0], (len(problem.position), 1)))[kept]
-    return CondensedTread(
-        block, prepare_bodies(whole, kept), lifted, problem.joints[0].position.T[:2]
-    )
+    small = condense_problem(problem, [problem.n - 1], largest=problem.n).small
+    (part,), (joint,) = small.substructures, small.joints
+    lifted = np.zeros(small.n)
+    lifted[part.unknown] = part.component == 2
+    return CondensedTread(block, assemble(small), lifted, joint.position.T[:2])
 
 
 def slide_tread(
@@ -150,12 +144,9 @@ def slide_tread(
     Parameters
     ----------
     tread : CondensedTread
-    law : SteadySliding
-        Law of the ground, with a velocity along x and y.
-    pressure : float
-        Nominal, Pa.
-    tolerance : float
-        See :func:`~multiscale.macro.monolithic.solve_interface`.
+    law : SteadySliding, law of the ground, with a velocity along x and y
+    pressure : float, nominal, Pa
+    tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
 
     Raises
     ------
@@ -176,7 +167,7 @@ def slide_tread(
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
     closed = float(law.normal.gap_at(np.array(pressure))) - law.normal.gap
-    solution = tread.bodies.solve(
+    solution = tread.whole.solve(
         law, np.array([pressure]), start=closed * tread.lifted, tolerance=tolerance
     )
     jump = solution.jump

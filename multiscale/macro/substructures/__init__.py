@@ -3,10 +3,10 @@
 from multiscale.macro.substructures.assembly_methods import (
     AssembledNewton,
     LatinMethod,
-    Method,
     NewtonSchur,
     solve_assembly,
 )
+from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
 from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, split_boxes
 from multiscale.macro.substructures.cut_motion import simulate_latin
@@ -22,12 +22,7 @@ from multiscale.macro.substructures.joint_loading import (
     measure_joint,
 )
 from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.load_path import (
-    LoadPath,
-    follow_cut_loads,
-    follow_loads,
-    require_held,
-)
+from multiscale.macro.substructures.load_path import LoadPath, follow_cut_loads, require_held
 from multiscale.macro.substructures.method_choice import JointSize, choose_method
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, Ranks, world
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
@@ -63,7 +58,6 @@ __all__ = [
     "cut_links",
     "follow_cut_loads",
     "follow_joint",
-    "follow_loads",
     "homogenise",
     "load_joint",
     "measure_joint",

@@ -1,12 +1,12 @@
 """One assembly, three ways to solve it."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.substructures.bolted_path import CutSolver, follow_bolts
+from multiscale.macro.substructures.bolted_path import Method, follow_bolts
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.parallel import ProcessGroup
@@ -17,23 +17,7 @@ from multiscale.macro.substructures.whole_solver import solve_whole
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["AssembledNewton", "LatinMethod", "Method", "NewtonSchur", "solve_assembly"]
-
-
-class Method(CutSolver, Protocol):
-    """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
-
-    name: ClassVar[str]
-    condenses: ClassVar[bool]
-    """Whether bodies are condensed onto their joints before it follows a path."""
-
-    @property
-    def coarse(self) -> bool:
-        """Whether a coarse problem balances the resultants of interfaces."""
-
-    @property
-    def parts(self) -> tuple[int, int]:
-        """Substructures of every body along x and y."""
+__all__ = ["AssembledNewton", "LatinMethod", "NewtonSchur", "solve_assembly"]
 
 
 @dataclass(frozen=True)
@@ -151,8 +135,7 @@ def solve_assembly(
         Factors of the load cases, one row for each step; each starts from the one before. Where
         there are bolts, the first factor is of their preloads, and a step that changes it tightens
         them: :func:`~.bolted_path.follow_bolts`.
-    method : Method
-        :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`.
+    method : Method, :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`
     after : Dataset, optional
         An earlier path by the same method and cut, maybe under other loads: the first step goes on
         from its last, and its steps come first in the result.

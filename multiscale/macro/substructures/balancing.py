@@ -23,16 +23,13 @@ class Layout:
     ----------
     shared : ndarray of int, shape (substructures, w)
         Shared unknowns; where there are fewer than w, ``n_shared``.
-    coarse : ndarray of int, shape (substructures, c)
-        Coarse unknowns, likewise.
-    constraint : ndarray, shape (substructures, c, w)
-        Coarse unknowns from the shared ones.
+    coarse : ndarray of int, shape (substructures, c), coarse unknowns, likewise
+    constraint : ndarray, shape (substructures, c, w), coarse unknowns from the shared ones
     n_shared, n_coarse : int
     faces : list of (int, list of (int, ndarray))
         For every interface its size, the substructures among these that it has and, in each, the
         columns of its unknowns.
-    team : ProcessGroup
-        Processes that share the substructures.
+    team : ProcessGroup, processes that share the substructures
     """
 
     shared: np.ndarray
@@ -80,14 +77,11 @@ def lay_out(
     parts : Split
     slot : ndarray of int, shape (edge,)
         Row of ``basis`` that every shared unknown of a substructure is.
-    basis : csr_array, shape (shared, coarse)
-        Motions whose amount all substructures have in common.
+    basis : csr_array, shape (shared, coarse), motions whose amount all substructures have in common
     interfaces : sequence of Interface
         Perfect ones, whose unknowns are the rows of ``basis`` one after the other.
-    mine : range
-        Numbers of the substructures.
-    team : ProcessGroup
-        Processes that share the substructures.
+    mine : range, numbers of the substructures
+    team : ProcessGroup, processes that share the substructures
     """
     n_shared, n_coarse = basis.shape
     count = parts.edge_start.size - 1
@@ -152,10 +146,7 @@ class Balancing:
 
 
 def prepare_balancing(
-    layout: Layout,
-    schur: np.ndarray,
-    added: np.ndarray,
-    factorise: Callable[[csr_array], Solve],
+    layout: Layout, schur: np.ndarray, added: np.ndarray, factorise: Callable[[csr_array], Solve]
 ) -> Balancing:
     """Invert (2) for every substructure and factorise the coarse matrix.
 
@@ -166,8 +157,7 @@ def prepare_balancing(
         N/m; not necessarily symmetric.
     added : ndarray, shape (substructures, w)
         Stiffness added to its diagonal, N/m, so that no mechanism is left.
-    factorise : callable
-        Gives the solve with the coarse matrix.
+    factorise : callable, gives the solve with the coarse matrix
     """
     count, width = layout.shared.shape
     size = layout.coarse.shape[1]

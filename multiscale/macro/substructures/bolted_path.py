@@ -10,7 +10,7 @@ so that the pair of forces is :math:`F - k \delta_0` from then on.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -24,14 +24,26 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CutSolver", "bolt_pull", "follow_bolts", "lock_bolts"]
+__all__ = ["Method", "bolt_pull", "follow_bolts", "lock_bolts"]
 
 LOOSE = 1e-9
 """Force of a bolt, relative to the largest of its path, up to which it is none."""
 
 
-class CutSolver(Protocol):
-    """What solves a cut problem step by step, and goes on after an earlier path."""
+class Method(Protocol):
+    """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
+
+    name: ClassVar[str]
+    condenses: ClassVar[bool]
+    """Whether bodies are condensed onto their joints before it follows a path."""
+
+    @property
+    def coarse(self) -> bool:
+        """Whether a coarse problem balances the resultants of interfaces."""
+
+    @property
+    def parts(self) -> tuple[int, int]:
+        """Substructures of every body along x and y."""
 
     def solve(
         self,
@@ -60,12 +72,10 @@ def lock_bolts(
 
     Parameters
     ----------
-    problem : CutProblem
-        With bolts that are not locked.
+    problem : CutProblem, with bolts that are not locked
     tension, stretch : ndarray, shape (bolts,)
         Force of the bolts, N, and distance by which their washers have moved apart, m.
-    factor : float
-        Factor of the first load case, not zero.
+    factor : float, factor of the first load case, not zero
     """
     shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
     position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
@@ -89,7 +99,7 @@ def lock_bolts(
 def follow_bolts(
     problem: CutProblem,
     load_factor: float | np.ndarray,
-    solver: CutSolver,
+    method: Method,
     after: "xr.Dataset | None" = None,
     near: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
@@ -100,25 +110,24 @@ def follow_bolts(
     problem : CutProblem
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         With bolts, the first column is the factor of their preloads.
-    solver : CutSolver
-    after : Dataset, optional
-        The earlier path, which the first step goes on from with locked bolts.
+    method : Method
+    after : Dataset, optional, the earlier path, which the first step goes on from with locked bolts
     near : Dataset, optional
         A path of the same steps under other laws; see :func:`solve_whole`.
 
     Returns
     -------
     Dataset
-        As the solver gives it, and the force of the bolts. A step at which a bolt comes loose has
+        As the method gives it, and the force of the bolts. A step at which a bolt comes loose has
         failed.
 
     Raises
     ------
     CaseError
-        If a factor of the preloads is not positive, or as the solver.
+        If a factor of the preloads is not positive, or as the method.
     """
     if not problem.bolts:
-        return solver.solve(problem, load_factor, after, near)
+        return method.solve(problem, load_factor, after, near)
     factors = load_factors(problem, load_factor)
     if not np.all(factors[:, 0] > 0.0):
         raise CaseError(
@@ -136,13 +145,13 @@ def follow_bolts(
     force = np.zeros((0, preload.size)) if after is None else after["bolt_force"].values
     for group in np.split(np.arange(len(factors)), np.flatnonzero(np.diff(tightens)) + 1):
         if tightens[group[0]]:
-            result = solver.solve(problem, factors[group], result, near)
+            result = method.solve(problem, factors[group], result, near)
             new = factors[group, :1] * preload
         else:
             assert result is not None  # the first step tightens, or follows a path
             at = -problem.unknowns(result["displacement"].values[-1]) @ pulls
             locked = lock_bolts(problem, force[-1], at, factors[group[0], 0])
-            result = solver.solve(locked, factors[group], result, near)
+            result = method.solve(locked, factors[group], result, near)
             u = problem.unknowns(result["displacement"].values[first + group])
             new = force[-1] + stiffness * (-u @ pulls - at)  # (1)
         force = np.concatenate([force, new])

@@ -37,10 +37,8 @@ class ForceError:
 
     Attributes
     ----------
-    error : float
-        Root of twice the duality gap, or of what stands for it.
-    size : float
-        Norm of the admissible tensions and tractions less the prestress.
+    error : float, root of twice the duality gap, or of what stands for it
+    size : float, norm of the admissible tensions and tractions less the prestress
     """
 
     error: float
@@ -58,10 +56,8 @@ class Fields:
 
     Attributes
     ----------
-    continuous : ndarray, shape (n,)
-        Displacement, alike on all sides of perfect interfaces, m.
-    balanced : ndarray, shape (m,)
-        Forces on all sides that balance on every interface, N.
+    continuous : ndarray, shape (n,), displacement, alike on all sides of perfect interfaces, m
+    balanced : ndarray, shape (m,), forces on all sides that balance on every interface, N
     change : ndarray, shape (n,)
         Displacement whose tensions and stresses bring the substructures into equilibrium with
         them, m.
@@ -120,10 +116,8 @@ class ErrorBound:
         Parameters
         ----------
         u : ndarray, shape (n,)
-        tension : ndarray, shape (rows,)
-            In equilibrium with ``force``, of this process.
-        force : ndarray, shape (m,)
-            On all sides.
+        tension : ndarray, shape (rows,), in equilibrium with ``force``, of this process
+        force : ndarray, shape (m,), on all sides
         team : ProcessGroup
         """
         stack, links = self.stack, self.stack.links

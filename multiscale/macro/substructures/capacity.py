@@ -68,9 +68,8 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 
     Parameters
     ----------
-    problem : Problem
-    load : ndarray, shape (unknowns of the substructures,)
-        N.
+    problem : CutProblem
+    load : ndarray, shape (unknowns of the substructures,), N
     *pressures : ndarray, shape (points of all joints,)
         Contact pressure, Pa, that limits friction: of the step before, for instance, then of an
         unfinished iteration. The first that the load overcomes counts; some that are empty or not
@@ -78,8 +77,7 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
 
     Returns
     -------
-    Slide, optional
-        Nothing if the load :math:`f` is within what friction carries.
+    Slide, optional, nothing if the load :math:`f` is within what friction carries
 
     Notes
     -----
@@ -137,10 +135,8 @@ def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
 
     Parameters
     ----------
-    problem : Problem
-        Uncut bodies, in their order.
-    names : sequence of str
-        One for each body.
+    problem : CutProblem, uncut bodies, in their order
+    names : sequence of str, one for each body
 
     Returns
     -------

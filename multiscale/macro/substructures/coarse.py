@@ -45,17 +45,14 @@ class Coarse:
 
     Attributes
     ----------
-    push : csr_array, shape (m, coarse)
-        :math:`k_0 P`: force on every side of a coarse motion.
-    basis : csr_array, shape (m, coarse)
-        :math:`P` on every side.
+    push : csr_array, shape (m, coarse), :math:`k_0 P`: force on every side of a coarse motion
+    basis : csr_array, shape (m, coarse), :math:`P` on every side
     answer : ndarray, shape (n, columns)
         Displacement of the substructures of this process for the coarse motions of each, side
         by side.
     column : ndarray of int, shape (n, columns)
         Coarse unknown of every entry of ``answer``; the last one is a dummy.
-    solve : callable
-        With the coarse matrix.
+    solve : callable, with the coarse matrix
     """
 
     push: csr_array

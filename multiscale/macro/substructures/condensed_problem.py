@@ -8,22 +8,25 @@ so that constraint modes and modes of the loads tell all of it, whatever the law
 the forces of the bolts are. Modes of both kinds do no work on each other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
 
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
-from multiscale.macro.substructures.whole_solver import DENSE
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CondensedProblem", "condense_problem"]
+__all__ = ["DENSE", "CondensedProblem", "condense_problem"]
+
+DENSE = 1500
+"""Kept unknowns up to which bodies are condensed onto them: every Newton step then factorises a
+full matrix of this size in place of the sparse one of the whole."""
 
 SAME = 1e-12
 """Work of a combination of loads on itself, relative to the work of each, that is rounding."""
@@ -41,8 +44,7 @@ class CondensedProblem:
     whole, small : CutProblem
         The same joints and bolts; every unknown of the small one is a node of its own. Both are
         one object where nothing is condensed.
-    insides : sequence of CondensedStiffness
-        Of each substructure.
+    insides : sequence of CondensedStiffness, of each substructure
     modes : sequence of ndarray, shape (unknowns inside, modes)
         Displacement inside each substructure by the modes of its loads, which follow the kept
         unknowns, dimensionless.
@@ -53,19 +55,35 @@ class CondensedProblem:
     insides: Sequence[CondensedStiffness] = ()
     modes: Sequence[np.ndarray] = ()
 
+    def keep(self, u: np.ndarray) -> np.ndarray:
+        """Unknowns of the small problem, shape (small.n,), from all of them, (whole.n,), m."""
+        if self.small is self.whole:
+            return u
+        small = np.zeros(self.small.n)
+        for large, part, one, modes in self._parts():
+            own, k = u[large.unknown], large.stiffness.diagonal().mean()
+            amplitude = modes.T @ (large.stiffness @ own)[one.split.inside] / k
+            small[part.unknown] = np.concatenate([own[one.split.edge], amplitude])
+        return small
+
+    def expand(self, small: np.ndarray) -> np.ndarray:
+        """All unknowns, shape (whole.n, ...), from the unknowns of the small problem, m."""
+        if self.small is self.whole:
+            return small
+        u = np.zeros((self.whole.n, *small.shape[1:]))
+        for large, part, one, modes in self._parts():
+            own, split = small[part.unknown], one.split
+            edge, amplitude = own[: split.edge.size], own[split.edge.size :]
+            u[large.unknown[split.edge]] = edge
+            u[large.unknown[split.inside]] = modes @ amplitude - one.solve(one.back @ edge)  # (1)
+        return u
+
     def restore(self, result: "xr.Dataset") -> "xr.Dataset":
         """Return a result of the small problem with the displacement of all nodes."""
         if self.small is self.whole:
             return result
         solved = result["converged"].values == 1
-        small = self.small.unknowns(result["displacement"].values[solved]).T
-        u = np.zeros((self.whole.n, small.shape[1]))
-        pairs = zip(self.whole.substructures, self.small.substructures, strict=True)
-        for (large, part), one, modes in zip(pairs, self.insides, self.modes, strict=True):
-            own, split = small[part.unknown], one.split
-            edge, amplitude = own[: split.edge.size], own[split.edge.size :]
-            u[large.unknown[split.edge]] = edge
-            u[large.unknown[split.inside]] = modes @ amplitude - one.solve(one.back @ edge)  # (1)
+        u = self.expand(self.small.unknowns(result["displacement"].values[solved]).T)
         displacement = np.full((solved.size, *self.whole.position.shape), np.nan)
         displacement[solved] = (self.whole.expansion @ u).T.reshape(-1, *self.whole.position.shape)
         values = {"displacement": displacement, "position": self.whole.position}
@@ -74,14 +92,24 @@ class CondensedProblem:
             node=range(len(self.whole.position))
         )
 
+    def _parts(self) -> Iterator[tuple[Any, ...]]:
+        """Each substructure, large and small, what condenses it, and its modes."""
+        parts = self.whole.substructures, self.small.substructures
+        return zip(*parts, self.insides, self.modes, strict=True)
 
-def condense_problem(problem: CutProblem) -> CondensedProblem:
-    """Condense each substructure, unless joints are missing or have too many unknowns.
+
+def condense_problem(
+    problem: CutProblem, kept: Sequence[int] = (), *, largest: int | None = None
+) -> CondensedProblem:
+    """Condense each substructure, unless joints are missing or too many unknowns would be kept.
 
     Parameters
     ----------
-    problem : CutProblem
-        Without links, and with loose bolts.
+    problem : CutProblem, without links
+    kept : sequence of int
+        Unknowns that are kept beside those that joints, bolts and neighbours touch.
+    largest : int, optional
+        Limit of the kept unknowns; ``DENSE`` if not given.
 
     Raises
     ------
@@ -92,19 +120,20 @@ def condense_problem(problem: CutProblem) -> CondensedProblem:
     for part in parts:
         count[part.unknown] += 1
     wanted = count > 1
-    wanted[[end for bolt in problem.bolts for end in bolt.unknown]] = True
+    wanted[[*kept, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
     keeps = [wanted[part.unknown] for part in parts]
     for joint in problem.joints:
         for side, trace in zip(joint.sides, joint.trace, strict=True):
             keeps[side][trace.indices] = True
-    kept = np.unique(
+    left = np.unique(
         np.concatenate([part.unknown[keep] for part, keep in zip(parts, keeps, strict=True)])
     )
-    if not problem.joints or kept.size > DENSE:
+    little = problem.n - left.size <= problem.n_cases * len(parts)  # modes may be as many
+    if not problem.joints or left.size > (DENSE if largest is None else largest) or little:
         return CondensedProblem(problem, problem)
     number = np.full(problem.n, -1)
-    number[kept] = np.arange(kept.size)
-    insides, modes, small, last = [], [], [], kept.size
+    number[left] = np.arange(left.size)
+    insides, modes, small, last = [], [], [], left.size
     for part, keep in zip(parts, keeps, strict=True):
         one = condense_body(
             part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure"

@@ -24,7 +24,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
 
     Returns
     -------
-    Problem
+    CutProblem
         One load case. Nodes that lie in two substructures are edge interfaces, in three or
         more weak cross-points; their loads are shared out equally.
 
@@ -39,12 +39,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     model = equations(system)
     if not np.isfinite(model.stiffness).all():
         raise CaseError("substructures need extensible links; give a finite rigidity")
-    beams = [
-        np.repeat(owner[system.kind == index], 5)
-        for index, law in enumerate(system.laws)
-        if type(law).__name__ == "Beam"
-    ]
-    rows = np.concatenate([owner, *beams])  # the modes of beams follow their links
+    rows = owner[model.link]
     operator = compatibility(system)
     _check_pieces(system, owner)
 
@@ -85,13 +80,11 @@ def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
     ----------
     system : LinkSystem
         The structure; links of one ``group`` stay together.
-    parts : tuple of int
-        Number of boxes along x and y.
+    parts : tuple of int, number of boxes along x and y
 
     Returns
     -------
-    ndarray of int, shape (links,)
-        Substructure of every link.
+    ndarray of int, shape (links,), substructure of every link
     """
     middle = system.position[system.ends].mean(axis=1)[:, :2]
     groups, index = np.unique(system.group, return_inverse=True)
@@ -110,15 +103,12 @@ def bisect(system: LinkSystem, count: int) -> np.ndarray:
 
     Parameters
     ----------
-    system : LinkSystem
-        Any structure.
-    count : int
-        Number of substructures, from 1 to the number of links.
+    system : LinkSystem, any structure
+    count : int, number of substructures, from 1 to the number of links
 
     Returns
     -------
-    ndarray of int, shape (links,)
-        Substructure of every link.
+    ndarray of int, shape (links,), substructure of every link
     """
     middle = system.position[system.ends].mean(axis=1)
     owner = np.zeros(system.n_links, dtype=int)

@@ -28,8 +28,7 @@ def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
     Parameters
     ----------
     body : Body
-    parts : tuple of int
-        Number of boxes along each axis.
+    parts : tuple of int, number of boxes along each axis
 
     Returns
     -------
@@ -75,14 +74,11 @@ def cut_bodies(
 
     Parameters
     ----------
-    bodies : sequence of Body
-        Linear elastic, on supports that do not move.
+    bodies : sequence of Body, linear elastic, on supports that do not move
     owners : sequence of ndarray of int, shape (elements,)
         Substructure of every element, counted from 0 in each body.
-    joints : sequence of Interface
-        Laws between the bodies, or between a body and the ground.
-    times : sequence of float
-        One load case for each: the tractions at that time.
+    joints : sequence of Interface, laws between the bodies, or between a body and the ground
+    times : sequence of float, one load case for each: the tractions at that time
     platens : sequence of Platen
         Rigid plates on the bodies. Their unknowns come last; substructures share them as they
         share the nodes where they meet.
@@ -91,7 +87,7 @@ def cut_bodies(
 
     Returns
     -------
-    Problem
+    CutProblem
 
     Raises
     ------
@@ -148,13 +144,10 @@ class _Structure:
     ----------
     of_body : list of csr_array, shape (3 nodes, n)
         Displacement of the nodes of every body from the unknowns.
-    position : ndarray, shape (n, 3)
-        m.
+    position : ndarray, shape (n, 3), m
     component : ndarray of int, shape (n,)
-    load : ndarray, shape (n, cases)
-        N.
-    first : ndarray of int, shape (platens,)
-        First unknown of every platen.
+    load : ndarray, shape (n, cases), N
+    first : ndarray of int, shape (platens,), first unknown of every platen
     """
 
     of_body: list[csr_array]
@@ -202,31 +195,19 @@ def _number(
     single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
     expansion = csr_array(hstack([single, *ties]))
     expansion.eliminate_zeros()
-    load = np.concatenate(
-        [
-            np.reshape([load_vector(body, time) for time in times], (len(times), -1)).T
-            if times
-            else np.zeros((body.basis.doflocs.size, 0))
-            for body in bodies
-        ]
-    )
-    load = expansion.T @ load
+    loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
+    load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
     load[own.size :] += np.concatenate([np.zeros((0, len(times))), *forces])
-    position = np.concatenate([body.basis.doflocs.T for body in bodies])
+    position, sizes = (
+        np.concatenate([body.basis.doflocs.T for body in bodies]),
+        list(map(len, places)),
+    )
     return _Structure(
         [expansion[a:b] for a, b in pairwise(first)],
         np.concatenate([position[own // 3], *places]),
-        np.concatenate(
-            [
-                own % 3,
-                *(
-                    np.full(len(at), one.axis)
-                    for at, one in zip(places, platens.values(), strict=True)
-                ),
-            ]
-        ),
+        np.append(own % 3, np.repeat([one.axis for one in platens.values()], sizes)).astype(int),
         load,
-        own.size + np.cumsum([0, *(len(at) for at in places)])[:-1],
+        own.size + np.cumsum([0, *sizes])[:-1],
     )
 
 

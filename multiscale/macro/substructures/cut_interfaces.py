@@ -54,12 +54,10 @@ class _Piece:
 
     Attributes
     ----------
-    sides : tuple of int
-        The substructures.
+    sides : tuple of int, the substructures
     values : tuple of csr_array, shape (points, nodes)
         A component at the points from the nodes of the body on either side; None of the ground.
-    weight : ndarray, shape (points,)
-        m².
+    weight : ndarray, shape (points,), m²
     """
 
     sides: tuple[int, int]
@@ -79,9 +77,8 @@ def cut_interface(
 
     Parameters
     ----------
-    place : int
-        Number of the interface.
-    joint : Interface
+    place : int, number of the interface
+    joint : CutInterface
     bodies : sequence of Body
     owners : sequence of ndarray of int, shape (elements,)
         Substructure of every element of each body.

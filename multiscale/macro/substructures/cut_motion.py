@@ -36,14 +36,12 @@ def simulate_latin(
 
     Parameters
     ----------
-    problem : Problem
+    problem : CutProblem
         The structure, cut; one load case.
     times : ndarray, shape (steps + 1,)
         Rising by equal steps h, s. The first is the initial state.
-    mass : float or ndarray, shape (nodes,)
-        Mass of each node, kg.
-    load_factor : callable
-        :math:`\alpha(t)`.
+    mass : float or ndarray, shape (nodes,), mass of each node, kg
+    load_factor : callable, :math:`\alpha(t)`
     start : tuple of ndarray, shape (nodes, 3), optional
         Displacement, m, and velocity, m/s, at the first time; at rest if not given.
     tolerance, max_iterations, team

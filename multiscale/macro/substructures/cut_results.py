@@ -12,7 +12,7 @@ from multiscale.schema import COMPONENTS, MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["assemble_result", "check_after", "end_path", "link_fields", "load_factors"]
+__all__ = ["assemble_result", "end_path", "link_fields", "load_factors"]
 
 NOT_TRIED = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
 """What a step after a failure has taken."""
@@ -24,14 +24,18 @@ ENDED = "the steps end before step"
 """Begins the sentence that says why."""
 
 
-def load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.ndarray:
-    """One row of factors for each step, shape (steps, cases).
+def load_factors(
+    problem: CutProblem, load_factor: float | np.ndarray, after: "xr.Dataset | None" = None
+) -> np.ndarray:
+    """One row of factors for each step, shape (steps, cases), maybe after an earlier path.
 
     Raises
     ------
     CaseError
-        If they do not fit the load cases.
+        If they do not fit the load cases, or nothing can go on from the path.
     """
+    if after is not None:
+        _check_after(problem, after)
     factors = np.asarray(load_factor, dtype=float)
     cases = problem.n_cases
     if factors.ndim < 2 and cases == 1:
@@ -55,16 +59,8 @@ def link_fields(
     return {"tension": tension[place], "slack": slack[place]}
 
 
-def check_after(problem: CutProblem, after: "xr.Dataset | None") -> None:
-    """Refuse an earlier path that a problem cannot go on from.
-
-    Raises
-    ------
-    CaseError
-        If it ended with a failure, or has other nodes or points.
-    """
-    if after is None:
-        return
+def _check_after(problem: CutProblem, after: "xr.Dataset") -> None:
+    """Refuse an earlier path that ended with a failure, or has other nodes or points."""
     if not after["converged"].values.all():
         raise CaseError(
             f"the earlier path has failed, so that nothing follows it ({after.attrs['failure']}); "

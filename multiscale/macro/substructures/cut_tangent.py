@@ -65,10 +65,8 @@ class Imbalance:
         With the tractions of the tangents of the joints at their own jumps, N.
     residual, rounding : float
         Largest of the whole structure and what rounding makes of it, relative to the load.
-    tangents : list of ndarray, shape (3, 3, points)
-        Tangent of the joints, times the weights, N/m.
-    tractions : list of ndarray, shape (3, points)
-        On the joints, Pa.
+    tangents : list of ndarray, shape (3, 3, points), tangent of the joints, times the weights, N/m
+    tractions : list of ndarray, shape (3, points), on the joints, Pa
     softened : bool
         Whether laws (of this process) are stiffer than their tangents, so that they must go on.
     """
@@ -152,12 +150,10 @@ class Newton:
         links = self.stack.links
         self.elastic = links.stiffness * (links.operator @ self.u)
         if self.problem.joints:
-            sizes = [face.weight.size for face in self.problem.joints]
-            at = np.cumsum([0, *sizes])
             jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
-            self.jump = [jump[:, at[place] : at[place + 1]] for place in self.places]
+            self.jump = [jump[:, self.problem.points[place]] for place in self.places]
             self.at = self.jump
-            states = states_after(self.problem.joints, path)
+            states = states_after(self.problem, path)
             self.states = [states[place] for place in self.places]
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:

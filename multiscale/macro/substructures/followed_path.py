@@ -1,17 +1,20 @@
 """A path of loads that has been solved, with the structure that measures its displacement."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.substructures.assembly_methods import Method
-from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
+from multiscale.macro.substructures.bolted_path import Method, follow_bolts, lock_bolts
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
 
 if TYPE_CHECKING:
@@ -46,8 +49,7 @@ class FollowedPath:
     whole, locked : Assembled
         Without and with the shanks of the bolts; one object if there are none.
     result : Dataset
-    work : ndarray, shape (steps, cases)
-        Of each load at the factor one on the displacement, J.
+    work : ndarray, shape (steps, cases), of each load at the factor one on the displacement, J
     """
 
     problem: CutProblem
@@ -55,6 +57,54 @@ class FollowedPath:
     locked: Assembled
     result: "xr.Dataset"
     work: np.ndarray
+
+    def tangent_work(self, steps: Sequence[int]) -> np.ndarray:
+        r"""Work of each load at the factor one on what it moves alone, no point slipping, J.
+
+        Locked bolts bear every load but the first, which tightens them.
+
+        Parameters
+        ----------
+        steps : sequence of int, where it is wanted; NaN elsewhere, and where a step failed
+
+        Returns
+        -------
+        ndarray, shape (3, steps, cases), of the whole, the interfaces and the bodies
+
+        Notes
+        -----
+        With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights
+        :math:`w` and the jump :math:`B u`, bodies and interfaces stand in series,
+
+        .. math::
+            f \cdot u = B u \cdot w k B u + u \cdot K u, \qquad (K + B^T w k B)\, u = f.    \tag{1}
+        """
+        load, factorise = self.whole.load, Factors()
+        found = np.full((3, self.result.sizes["step"], load.shape[1]), np.nan)
+
+        def works(structure: Assembled, tangent: csr_array) -> list[np.ndarray]:
+            u = factorise(csr_array(structure.stiffness + tangent))(load)
+            forces = (load, tangent @ u, structure.stiffness @ u)
+            return [np.sum(force * u, axis=0) for force in forces]  # (1)
+
+        for step in steps:
+            if self.result["converged"].values[step] == 1:
+                tangent = self._tangent(step)
+                found[:, step] = works(self.locked, tangent)
+                if self.locked is not self.whole:
+                    found[:, step, 0] = np.array(works(self.whole, tangent))[:, 0]
+        return found
+
+    def _tangent(self, step: int) -> csr_array:
+        """Stiffness of all joints about the jump of a step, no point slipping, N/m."""
+        joints, B = self.problem.joints, self.whole.jump
+        if not joints:
+            return csr_array(self.whole.stiffness.shape)
+        jump = self.result["jump"].values[step].T
+        parts = zip(joints, self.problem.points, strict=True)
+        k = [without_slip(face.law, jump[:, at]) for face, at in parts if face.law is not None]
+        weight = np.tile(self.whole.weight, 3)
+        return csr_array(B.T @ diags_array(weight * np.concatenate(k, axis=1).ravel()) @ B)
 
 
 def solve_path(

@@ -36,12 +36,10 @@ def homogenise(
 
     Parameters
     ----------
-    problem : Problem
-        The structure, cut.
+    problem : CutProblem, the structure, cut
     result : Dataset, optional
         Says by ``slack (step, link)`` which links are slack; not needed without links.
-    step : int
-        Step of the result.
+    step : int, step of the result
 
     Returns
     -------

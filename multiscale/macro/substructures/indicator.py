@@ -40,12 +40,9 @@ class JointError:
 
     Attributes
     ----------
-    estimate : ForceError
-        Eq (2), heuristic.
-    stressed : ndarray, shape (n,)
-        Displacement :math:`u^*` of the bodies of this process, m.
-    traction : ndarray, shape (3, points)
-        :math:`t^*` of all joints, Pa.
+    estimate : ForceError, eq (2), heuristic
+    stressed : ndarray, shape (n,), displacement :math:`u^*` of the bodies of this process, m
+    traction : ndarray, shape (3, points), :math:`t^*` of all joints, Pa
     """
 
     estimate: ForceError
@@ -71,12 +68,9 @@ class HeuristicIndicator:
 
         Parameters
         ----------
-        u : ndarray, shape (n,)
-            Displacement of the substructures of this process, m.
-        force : ndarray, shape (m,)
-            On all sides, N.
-        states : sequence of ndarray
-            Last committed state of the law of every interface.
+        u : ndarray, shape (n,), displacement of the substructures of this process, m
+        force : ndarray, shape (m,), on all sides, N
+        states : sequence of ndarray, last committed state of the law of every interface
         directions : mapping of int to tuple of ndarray
             Search directions of both sides of the joints, N/m.
         team : ProcessGroup

@@ -18,13 +18,11 @@ class InnerJoint:
 
     Attributes
     ----------
-    owner : int
-        The substructure.
+    owner : int, the substructure
     jump : csr_array, shape (3 points, n)
         Jump at the points of the joint from the unknowns of the substructure.
     law : InterfaceLaw
-    weight : ndarray, shape (points,)
-        m².
+    weight : ndarray, shape (points,), m²
     """
 
     owner: int

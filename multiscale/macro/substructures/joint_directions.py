@@ -62,9 +62,8 @@ def joint_directions(
 
     Parameters
     ----------
-    joint : Interface
-    bodies : tuple of ndarray, shape (3, points)
-        Of :func:`body_stiffness`, Pa/m.
+    joint : CutInterface
+    bodies : tuple of ndarray, shape (3, points), of :func:`body_stiffness`, Pa/m
     law : ndarray, shape (3, points)
         Of :func:`law_stiffness`, Pa/m; infinite where nothing is known.
     mean : ndarray, shape (3, 1)

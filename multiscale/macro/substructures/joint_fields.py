@@ -27,8 +27,7 @@ def add_body_fields(
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``: what a solver has given for :func:`cut_bodies` of these bodies.
-    bodies : sequence of Body
-        Elastic, all of tetrahedra or all of hexahedra.
+    bodies : sequence of Body, elastic, all of tetrahedra or all of hexahedra
     damage : sequence of float
         Damage of every body, to be kept with its elements; their laws have it already.
 

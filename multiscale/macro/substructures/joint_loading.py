@@ -9,15 +9,17 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
-from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
-from multiscale.macro.substructures.cycled_amplitudes import follow_amplitudes, with_amplitudes
-from multiscale.macro.substructures.followed_path import FollowedPath, condense_assembly, solve_path
-from multiscale.macro.substructures.joint_state import (
-    contact_state,
-    joint_shares,
-    measure_stiffness,
+from multiscale.macro.substructures.assembly_methods import LatinMethod
+from multiscale.macro.substructures.bolted_path import Method, follow_bolts
+from multiscale.macro.substructures.closed_cycles import (
+    closed_cycle,
+    cycle_work,
+    find_cycles,
+    to_and_fro,
+    with_amplitudes,
 )
+from multiscale.macro.substructures.followed_path import FollowedPath, condense_assembly, solve_path
+from multiscale.macro.substructures.joint_state import contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
@@ -43,18 +45,14 @@ class JointLoading:
 
     Parameters
     ----------
-    preloads : tuple of float
-        Pressures on the pressed face, Pa.
-    shear : float
-        Amplitude of the tangential traction on the sheared face, Pa.
+    preloads : tuple of float, pressures on the pressed face, Pa
+    shear : float, amplitude of the tangential traction on the sheared face, Pa
     cycles : int
         Closed cycles from the positive amplitude to the negative one and back; 0 for none.
-    steps : int
-        Load steps from zero to the amplitude: 4 of these make a cycle.
+    steps : int, load steps from zero to the amplitude: 4 of these make a cycle
     amplitudes : tuple of float
         Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
-    amplitude_steps : int
-        Load steps from zero to each of these amplitudes in its cycle.
+    amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
 
     Raises
     ------
@@ -85,15 +83,9 @@ class JointLoading:
     def factors(self) -> np.ndarray:
         """Preload and shear of every step, Pa, shape (steps, 2)."""
         preload = np.array(self.preloads)
-        if not self.cycles:
-            return np.stack([preload, np.zeros(preload.size)], axis=1)
-        shear = self.shear * to_and_fro(self.steps, self.cycles)
-        return np.concatenate(
-            [
-                np.stack([preload, np.zeros(preload.size)], axis=1),
-                np.stack([np.full(shear.size, preload[-1]), shear], axis=1),
-            ]
-        )
+        swing = to_and_fro(self.steps, self.cycles) if self.cycles else np.zeros(0)
+        shear = np.append(np.zeros(preload.size), self.shear * swing)
+        return np.stack([np.append(preload, np.full(swing.size, preload[-1])), shear], axis=1)
 
 
 def load_joint(
@@ -112,8 +104,7 @@ def load_joint(
         on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
         1 Pa under their washers, take the place of the first; they are locked in the cycles.
     loading : JointLoading
-    method : Method
-        See :func:`solve_assembly`.
+    method : Method, see :func:`solve_assembly`
     extrapolate : bool
         Whether steps far outside the data of a law keep what it extrapolates; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
@@ -134,10 +125,11 @@ def load_joint(
     Notes
     -----
     With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
-    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot K_T^{-1} f)` at a preload is that
-    for vibrations too small for any point to slip: :math:`K_T` has the tangents of the laws
-    without slip, and locked bolts count in shear. The energy of a cycle is the work of the shear on
-    its face, :func:`~.cycled_amplitudes.cycle_work`.
+    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot u)` at a preload is that for
+    vibrations too small for any point to slip, with u of (1) of
+    :meth:`~.followed_path.FollowedPath.tangent_work`, and joints and bodies stand in series by the
+    work that each of them stores. The energy of a cycle is the work of the shear on
+    its face, :func:`~.closed_cycles.cycle_work`.
     """
     if len(assembly.areas) != 2:
         raise CaseError(
@@ -156,10 +148,11 @@ class FollowedJoint:
     Attributes
     ----------
     loading : JointLoading
-    path : FollowedPath
-        At the preloads, then in cycles.
+    path : FollowedPath, at the preloads, then in cycles
     cycles : list of Dataset
-        Of the amplitudes, from every preload; see :func:`follow_amplitudes`.
+        Of all amplitudes from each preload, its path first: from each preload the shear rises in
+        one step to an amplitude, makes a closed cycle there and rises to the next. None from the
+        first preload that has failed.
     """
 
     loading: JointLoading
@@ -168,11 +161,7 @@ class FollowedJoint:
 
 
 def follow_joint(
-    problem: CutProblem,
-    loading: JointLoading,
-    *,
-    method: Method,
-    near: FollowedJoint | None = None,
+    problem: CutProblem, loading: JointLoading, *, method: Method, near: FollowedJoint | None = None
 ) -> FollowedJoint:
     """Press and shear a cut structure.
 
@@ -186,15 +175,16 @@ def follow_joint(
         The same structure and loading with other laws, from which the method may begin.
     """
     path = solve_path(problem, loading.factors(), method, near.path.result if near else None)
-    cycles = follow_amplitudes(
-        problem,
-        path.result,
-        loading.preloads if loading.amplitudes else (),
-        loading.amplitudes,
-        loading.amplitude_steps,
-        method=method,
-        near=near.cycles if near else (),
-    )
+    top, known = np.array(loading.amplitudes), near.cycles if near else []
+    shear = np.ravel(top[:, None] * np.append(1.0, closed_cycle(loading.amplitude_steps)))
+    cycles: list[xr.Dataset] = []
+    for level, preload in enumerate(loading.preloads if loading.amplitudes else ()):
+        if path.result["converged"].values[level] != 1:
+            break
+        factors = np.stack([np.full(shear.size, preload), shear], axis=1)
+        start = path.result.isel(step=slice(level + 1))
+        like = known[level] if level < len(known) else None
+        cycles.append(follow_bolts(problem, factors, method, start, like))
     return FollowedJoint(loading, path, cycles)
 
 
@@ -210,11 +200,16 @@ def measure_joint(
         "shear": factors[:, 1],
         "approach": approach,
         "shear_displacement": along,
-        **contact_state(problem.joints, result),
+        **contact_state(problem, result),
     }
-    pressed = range(len(loading.preloads))
-    values |= measure_stiffness(problem.joints, path.whole, path.locked, result, area, pressed)
-    shares, data = joint_shares(problem.joints, result)
+    whole, of_joints, of_bodies = path.tangent_work(range(len(loading.preloads)))
+    values |= {
+        "joint_stiffness": area[0] / whole[:, 0],
+        "tangential_stiffness": area[1] / whole[:, 1],
+        "interface_stiffness": area[0] / of_joints[:, 0],
+        "solid_stiffness": area[0] / of_bodies[:, 0],
+    }
+    shares, data = joint_shares(problem, result)
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)
     if loading.cycles:
@@ -224,15 +219,5 @@ def measure_joint(
         lost = {"cycle_energy": area[1] * cycle_work(loading.shear, cycles)}
         result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
     if loading.amplitudes:
-        result = with_amplitudes(
-            result,
-            problem,
-            path.result,
-            loading.preloads,
-            loading.amplitudes,
-            followed.cycles,
-            whole=path.whole,
-            area=float(area[1]),
-            extrapolate=extrapolate,
-        )
+        result = with_amplitudes(result, followed, float(area[1]), extrapolate=extrapolate)
     return result

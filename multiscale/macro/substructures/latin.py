@@ -65,12 +65,9 @@ class LatinIterate:
 
     Attributes
     ----------
-    u : ndarray, shape (n,)
-        Displacement of the substructures of this process, m.
-    tension : ndarray, shape (rows,)
-        Forces of their links, N.
-    force, push : ndarray, shape (m,)
-        On all sides of all interfaces, and :math:`k_0 T u` there, N.
+    u : ndarray, shape (n,), displacement of the substructures of this process, m
+    tension : ndarray, shape (rows,), forces of their links, N
+    force, push : ndarray, shape (m,), on all sides of all interfaces, and :math:`k_0 T u` there, N
     """
 
     u: np.ndarray
@@ -130,7 +127,7 @@ class Latin:
     def resume(self, path: "xr.Dataset") -> None:
         """Start from the last step of a path; it does not tell forces on perfect interfaces."""
         jointed = [index for index, _, _ in self.joints]
-        states = states_after(self.problem.joints, path)
+        states = states_after(self.problem, path)
         for index, state in zip(jointed, states, strict=True):
             self.states[index] = state
         u = self.problem.unknowns(path["displacement"].values[-1])
@@ -138,11 +135,10 @@ class Latin:
         moved = self.stack.trace @ np.concatenate(local)
         self.r = self.k0.matrix @ self.team.concatenate(moved)
         if jointed:
-            traction, at = path["traction"].values[-1].T, 0
+            traction = path["traction"].values[-1].T
             self.before = -traction[0]
-            for index, face, _ in self.joints:
-                points = slice(at, at + face.weight.size)
-                force, at = (face.weight * traction[:, points]).ravel(), points.stop
+            for (index, face, _), points in zip(self.joints, self.problem.points, strict=True):
+                force = (face.weight * traction[:, points]).ravel()
                 first, second = self.sides.place[index]
                 self.r[first] -= force
                 self.r[second] += force

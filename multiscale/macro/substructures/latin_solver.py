@@ -10,12 +10,7 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
-from multiscale.macro.substructures.cut_results import (
-    assemble_result,
-    check_after,
-    link_fields,
-    load_factors,
-)
+from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import HeuristicIndicator
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
@@ -60,8 +55,7 @@ def solve_latin(
 
     Parameters
     ----------
-    problem : Problem
-        The structure, cut.
+    problem : CutProblem, the structure, cut
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         Factors of the load cases, one row for each step; each starts from the one before.
     after : Dataset, optional
@@ -80,12 +74,10 @@ def solve_latin(
         1e-7, because the tensions of slack links are only zero to rounding. With joints there
         is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
         unavoidable where bodies move far on soft joints is allowed for.
-    max_iterations : int
-        Iteration limit of a step.
+    max_iterations : int, iteration limit of a step
     team : ProcessGroup, optional
         Processes that share the substructures; all call this function, and all get the result.
-    callback : callable, optional
-        Called as ``callback(iteration, residual, iterate)``.
+    callback : callable, optional, called as ``callback(iteration, residual, iterate)``
 
     Returns
     -------
@@ -117,8 +109,7 @@ def solve_latin(
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
     _refuse_floating(problem)
-    factors = load_factors(problem, load_factor)
-    check_after(problem, after)
+    factors = load_factors(problem, load_factor, after)
     method = Latin(problem, coarse=coarse and problem.divided, updated=updated, team=team)
     if after is not None:
         method.resume(after)
@@ -233,13 +224,10 @@ def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
             return {"error_indicator": error.estimate.relative}
 
         return indicate
-    judge = ErrorBound(method.stack, admissible)
-
-    def bound(found: LatinIterate) -> dict[str, float]:
-        error = judge.evaluate(found.u, found.tension, found.force, method.team)
-        return {"error_bound": error.relative}
-
-    return bound
+    bound, team = ErrorBound(method.stack, admissible), method.team
+    return lambda found: {
+        "error_bound": bound.evaluate(found.u, found.tension, found.force, team).relative
+    }
 
 
 def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:

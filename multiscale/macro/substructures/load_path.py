@@ -10,25 +10,19 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.substructures.assembly_methods import LatinMethod, Method
+from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.closed_cycles import cycle_work, find_cycles, to_and_fro
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.followed_path import condense_assembly, solve_path
-from multiscale.macro.substructures.joint_state import (
-    OPENED,
-    SLIPS,
-    contact_state,
-    joint_shares,
-    load_stiffness,
-)
+from multiscale.macro.substructures.followed_path import solve_path
+from multiscale.macro.substructures.joint_state import OPENED, SLIPS, contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["LoadPath", "follow_cut_loads", "follow_loads", "require_held"]
+__all__ = ["LoadPath", "follow_cut_loads", "require_held"]
 
 
 @dataclass(frozen=True)
@@ -37,22 +31,16 @@ class LoadPath:
 
     Parameters
     ----------
-    names : tuple of str
-        Names of the load cases of an assembly, in the order of the assembly.
-    forces : tuple of float
-        Resultant of each load at the factor one, N.
+    names : tuple of str, names of the load cases of an assembly, in the order of the assembly
+    forces : tuple of float, resultant of each load at the factor one, N
     steps : tuple of tuple of float, shape (steps, loads)
         Factors of all loads at the end of each step.
-    substeps : int
-        Equal parts of every step.
+    substeps : int, equal parts of every step
     cycled : str
         Load whose factor then goes to and fro about its last; none if empty.
-    amplitude : float
-        By how much that factor rises, then falls.
-    cycles : int
-        Closed cycles after the first rise.
-    cycle_steps : int
-        Load steps of that rise: 4 of these make a cycle.
+    amplitude : float, by how much that factor rises, then falls
+    cycles : int, closed cycles after the first rise
+    cycle_steps : int, load steps of that rise: 4 of these make a cycle
 
     Raises
     ------
@@ -121,24 +109,25 @@ def require_held(assembly: Assembly) -> None:
         )
 
 
-def follow_loads(
-    assembly: Assembly,
+def follow_cut_loads(
+    problem: CutProblem,
     path: LoadPath,
     *,
-    method: Method = LatinMethod(),  # noqa: B008  # frozen
+    method: Method,
     extrapolate: bool = False,
+    near: "xr.Dataset | None" = None,
 ) -> "xr.Dataset":
-    r"""Load bodies with interfaces by named loads.
+    r"""Load a cut structure with interfaces by named loads.
 
     Parameters
     ----------
-    assembly : Assembly
-        Its load cases are those of the path; with bolts, the first is their tightening.
+    problem : CutProblem
+        Its load cases are those of the path; with bolts, the first is their tightening. The small
+        one of :func:`~.followed_path.condense_assembly`, for instance.
     path : LoadPath
-    method : Method
-        See :func:`solve_assembly`.
-    extrapolate : bool
-        As of :func:`load_joint`.
+    method : Method, as of :func:`solve_assembly`
+    extrapolate : bool, as of :func:`load_joint`
+    near : Dataset, optional, result of this function with other laws, to begin from
 
     Returns
     -------
@@ -150,54 +139,35 @@ def follow_loads(
     Raises
     ------
     CaseError
-        If a body is free, faces do not fit each other, a law is one of rigid contact, or the path
-        has not one factor for each load case.
+        If the path has not one factor for each load case.
 
     Notes
     -----
     With the nodal forces :math:`f` of a load at the factor one and their resultant F, its
     displacement is :math:`q = f \cdot u / F`: the mean along the load where that is even. It
-    counts from bodies without stress whose interfaces have no gap. The energy of a cycle is
-    :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
-    :func:`~.cycled_amplitudes.cycle_work`; interfaces share it as slip dissipates at their points.
-    """
-    require_held(assembly)
-    structure = condense_assembly(assembly, method)
-    loaded = follow_cut_loads(structure.small, path, method=method, extrapolate=extrapolate)
-    return structure.restore(loaded)
-
-
-def follow_cut_loads(
-    problem: CutProblem,
-    path: LoadPath,
-    *,
-    method: Method,
-    extrapolate: bool = False,
-    near: "xr.Dataset | None" = None,
-) -> "xr.Dataset":
-    """Load a cut structure by named loads; see :func:`follow_loads`.
-
-    The problem is the small one of :func:`~.followed_path.condense_assembly`, for instance, and
-    ``near`` its result with other laws.
+    counts from bodies without stress whose interfaces have no gap. Its stiffness without slip is
+    :math:`F^2 / (f \cdot u)`, by :meth:`~.followed_path.FollowedPath.tangent_work`. The energy of a
+    cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
+    :func:`~.closed_cycles.cycle_work`; interfaces share it as slip dissipates at their points.
     """
     factors, forces = path.factors(), np.array(path.forces)
     done = solve_path(problem, factors, method, near)
     result, joints, ends = done.result, done.problem.joints, path.ends()
     displacement = done.work / forces
+    whole, of_interfaces, _ = done.tangent_work(np.flatnonzero(ends >= 0).tolist())
     values: dict[str, Any] = {
         "path_step": ends,
         "factor": factors,
         "load_displacement": displacement,
         "load_secant": _secants(factors, displacement, forces, not joints),
-        **load_stiffness(
-            joints, done.whole, done.locked, result, forces, np.flatnonzero(ends >= 0).tolist()
-        ),
+        "load_stiffness": forces**2 / whole,
+        "interface_compliance": of_interfaces / whole,
     }
     if joints:
-        values |= contact_state(joints, result)
+        values |= contact_state(problem, result)
         result = MACRO_RESULT.assign(result, values)
         result = MACRO_RESULT.assign(result, _of_interfaces(result))
-        shares, data = joint_shares(joints, result)
+        shares, data = joint_shares(problem, result)
         said = [_say_factors(path.names, row) for row in factors]
         result = with_load_shares(result, shares, data, extrapolate=extrapolate, loads=said)
     else:

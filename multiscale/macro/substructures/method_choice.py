@@ -12,9 +12,10 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod, Method
+from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod
+from multiscale.macro.substructures.bolted_path import Method
+from multiscale.macro.substructures.condensed_problem import DENSE
 from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
-from multiscale.macro.substructures.whole_solver import DENSE
 
 __all__ = ["JointSize", "MethodChoice", "MethodCost", "choose_method"]
 
@@ -45,8 +46,7 @@ class JointSize:
 
     Attributes
     ----------
-    unknowns, joint_points, bodies, steps : int
-        Of all bodies, all joints, and the whole path.
+    unknowns, joint_points, bodies, steps : int, of all bodies, all joints, and the whole path
     compliant : bool
         Whether the laws tell the traction of a jump; rigid contact does not.
     """
@@ -100,8 +100,7 @@ def choose_method(
     Parameters
     ----------
     size : JointSize
-    asked : LatinMethod, optional
-        What the user asks for, which is taken.
+    asked : LatinMethod, optional, what the user asks for, which is taken
     memory : float, optional
         Byte that the solve may take; four fifths of this machine if not given.
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -12,14 +13,7 @@ from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.numerics.factorisation import factorise
 
-__all__ = [
-    "CutBolt",
-    "CutInterface",
-    "CutProblem",
-    "Links",
-    "Substructure",
-    "expand_numbers",
-]
+__all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +24,10 @@ class Links:
 
     Attributes
     ----------
-    operator : csr_array, shape (rows, n)
-        Compatibility :math:`B`.
+    operator : csr_array, shape (rows, n), compatibility :math:`B`
     stiffness, prestress, lower, upper : ndarray, shape (rows,)
         :math:`k` (N/m), :math:`\tau^0` and the admissible range (N) that :math:`P` projects to.
-    number : ndarray of int, shape (rows,)
-        Number of every link in the whole structure.
+    number : ndarray of int, shape (rows,), number of every link in the whole structure
     """
 
     operator: csr_array
@@ -54,17 +46,14 @@ class Substructure:
     ----------
     stiffness : csr_array, shape (n, n)
         Stiffness of its linear part, N/m, supports taken out. It may be singular.
-    load : ndarray, shape (n, cases)
-        External forces, one column for each load case, N.
+    load : ndarray, shape (n, cases), external forces, one column for each load case, N
     unknown : ndarray of int, shape (n,)
         Number of every unknown in the whole structure. Perfect interfaces are where two
         substructures share one.
-    position : ndarray, shape (n, 3)
-        Position of the node of every unknown, m.
+    position : ndarray, shape (n, 3), position of the node of every unknown, m
     component : ndarray of int, shape (n,)
         Direction of every unknown: 0, 1 or 2; 3, 4, 5 for rotations times a length.
-    links : Links, optional
-        What is not smooth in it.
+    links : Links, optional, what is not smooth in it
     """
 
     stiffness: csr_array
@@ -96,14 +85,10 @@ class CutInterface:
     trace : tuple of csr_array, shape (m, n)
         Displacement of every side; with a law m is three times the number of points: normal
         first, then both tangents, and the jump is side 2 minus side 1, opening positive.
-    law : InterfaceLaw, optional
-        Perfect, (16) and (17) of the source, if not given.
-    weight : ndarray, shape (points,)
-        Quadrature weights of the points of a law, m².
-    position : ndarray, shape (points, 3)
-        Position of these points, m.
-    joint : int
-        Number of the joint that the interface is part of.
+    law : InterfaceLaw, optional, perfect, (16) and (17) of the source, if not given
+    weight : ndarray, shape (points,), quadrature weights of the points of a law, m²
+    position : ndarray, shape (points, 3), position of these points, m
+    joint : int, number of the joint that the interface is part of
     """
 
     sides: tuple[int, ...]
@@ -125,12 +110,9 @@ class CutBolt:
 
     Attributes
     ----------
-    unknown : tuple of int
-        Unknowns of both washers, along the axis the first one first.
-    stiffness : float
-        Stiffness of the shank, N/m.
-    preload : float
-        Force at the factor one of the first load case, N.
+    unknown : tuple of int, unknowns of both washers, along the axis the first one first
+    stiffness : float, stiffness of the shank, N/m
+    preload : float, force at the factor one of the first load case, N
     """
 
     unknown: tuple[int, int]
@@ -145,18 +127,15 @@ class CutProblem:
     Attributes
     ----------
     substructures : tuple of Substructure
-    position : ndarray, shape (nodes, 3)
-        m.
+    position : ndarray, shape (nodes, 3), m
     expansion : csr_array, shape (nodes * c, n)
         Components of the displacement of the nodes, one node after the other, from the unknowns:
         nothing where a component is held, one entry where it is an unknown of its own, more where
         a rigid plate moves it.
-    joints : tuple of Interface
+    joints : tuple of CutInterface
         Interfaces with a law. Perfect ones follow from the numbers of the unknowns.
-    bolts : tuple of CutBolt
-        Tightened by the first load case.
-    locked : bool
-        Whether the last substructures are the shanks of the bolts.
+    bolts : tuple of CutBolt, tightened by the first load case
+    locked : bool, whether the last substructures are the shanks of the bolts
 
     Raises
     ------
@@ -184,6 +163,12 @@ class CutProblem:
     def interfaces(self) -> tuple[CutInterface, ...]:
         """Perfect interfaces, then those with a law."""
         return (*_perfect_interfaces(self.substructures), *self.joints)
+
+    @cached_property
+    def points(self) -> list[slice]:
+        """Points of every joint, among the points of all."""
+        ends = np.cumsum([0, *(joint.weight.size for joint in self.joints)])
+        return [slice(a, b) for a, b in pairwise(ends.tolist())]
 
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""
@@ -232,8 +217,7 @@ def expand_numbers(number: np.ndarray) -> csr_array:
 
     Parameters
     ----------
-    number : ndarray of int, shape (nodes, c)
-        Unknown of a component of a node, -1 where it is held.
+    number : ndarray of int, shape (nodes, c), unknown of a component of a node, -1 where it is held
 
     Returns
     -------

@@ -9,12 +9,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.interface_newton import ROUNDS
-from multiscale.macro.substructures.cut_results import (
-    assemble_result,
-    check_after,
-    link_fields,
-    load_factors,
-)
+from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
@@ -49,8 +44,7 @@ def solve_schur(
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. What rounding makes unavoidable is
         allowed for; ``residual`` says what was reached.
-    max_iterations : int
-        Limit of Newton steps for one load.
+    max_iterations : int, limit of Newton steps for one load
     callback : callable, optional
         Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
         the order of the substructures (of this process), ``state.displacement()`` of all
@@ -88,8 +82,7 @@ def solve_schur(
     .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
        doi:10.1137/0917003, on how accurately to solve.
     """
-    factors = load_factors(problem, load_factor)
-    check_after(problem, after)
+    factors = load_factors(problem, load_factor, after)
     method = Newton(problem, team)
     if after is not None:
         method.resume(after)

@@ -44,15 +44,13 @@ def interface_stiffness(
     ----------
     problem, parts, team
         The structure, and the part of it in this process.
-    schur : list of (ndarray, ndarray)
-        Of :func:`schur_complements`.
+    schur : list of (ndarray, ndarray), of :func:`schur_complements`
     start : dict of int to ndarray
         What is known of it, by interface; empty at first.
 
     Returns
     -------
-    dict of int to ndarray
-        N/m, by interface.
+    dict of int to ndarray, N/m, by interface
 
     Notes
     -----
@@ -129,10 +127,8 @@ def schur_complements(
     stack : Stack
     share : ndarray, shape (rows,)
         Part of the stiffness of every link that counts: less where it is slack.
-    ground : csr_array, shape (m, m)
-        Stiffness that sides of joints stand on, N/m.
-    factors : Factors
-        Factors of the stiffness inside the substructures.
+    ground : csr_array, shape (m, m), stiffness that sides of joints stand on, N/m
+    factors : Factors, factors of the stiffness inside the substructures
 
     Returns
     -------

@@ -23,16 +23,12 @@ class Sides:
 
     Attributes
     ----------
-    place : tuple of tuple of slice
-        Rows of every side, by interface.
+    place : tuple of tuple of slice, rows of every side, by interface
     start : ndarray of int, shape (substructures + 1,)
         Rows of a substructure: from ``start[E]`` to ``start[E + 1]``.
-    slot : ndarray of int, shape (m,)
-        Unknown of the interface that a row is one side of.
-    count : ndarray of int, shape (slots,)
-        Number of sides of every such unknown.
-    perfect : ndarray of bool, shape (m,)
-        Whether the interface has no law.
+    slot : ndarray of int, shape (m,), unknown of the interface that a row is one side of
+    count : ndarray of int, shape (slots,), number of sides of every such unknown
+    perfect : ndarray of bool, shape (m,), whether the interface has no law
     """
 
     place: tuple[tuple[slice, ...], ...]
@@ -91,19 +87,14 @@ class Stack:
 
     Attributes
     ----------
-    start : ndarray of int, shape (substructures + 1,)
-        Unknowns of a substructure.
-    stiffness : csr_array, shape (n, n)
-        :math:`K`.
+    start : ndarray of int, shape (substructures + 1,), unknowns of a substructure
+    stiffness : csr_array, shape (n, n), :math:`K`
     load : ndarray, shape (n, cases)
-    trace : csr_array, shape (m, n)
-        Displacement of all sides of these substructures.
+    trace : csr_array, shape (m, n), displacement of all sides of these substructures
     links : Links
         All links; without any, of no rows.
-    one_sided : ndarray of bool, shape (rows,)
-        Links that may go slack.
-    shared : ndarray of bool, shape (n,)
-        Unknowns on perfect interfaces.
+    one_sided : ndarray of bool, shape (rows,), links that may go slack
+    shared : ndarray of bool, shape (n,), unknowns on perfect interfaces
     """
 
     start: np.ndarray
@@ -159,9 +150,8 @@ def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
 
     Parameters
     ----------
-    problem : Problem
-    parts : sequence of int
-        Consecutive substructures.
+    problem : CutProblem
+    parts : sequence of int, consecutive substructures
     """
     chosen = [problem.substructures[part] for part in parts]
     none = np.zeros(0)

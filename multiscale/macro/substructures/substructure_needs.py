@@ -44,19 +44,13 @@ def cut_needs(
 
     Parameters
     ----------
-    unknowns : int
-        Unknowns of the whole structure.
-    links : int
-        None in elastic bodies.
-    joint_points : int
-        Points with an interface law.
+    unknowns : int, unknowns of the whole structure
+    links : int, None in elastic bodies
+    joint_points : int, points with an interface law
     substructures : int
-    coarse : bool
-        Whether a coarse problem is wanted.
-    moving : bool
-        Whether the structure is followed in time.
-    slabs : int
-        Sliders at a point of a joint, if its law has them.
+    coarse : bool, whether a coarse problem is wanted
+    moving : bool, whether the structure is followed in time
+    slabs : int, sliders at a point of a joint, if its law has them
 
     Examples
     --------

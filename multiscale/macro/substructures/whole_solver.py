@@ -2,39 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.linalg import norm
-from scipy.sparse import csr_array
 
-from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro.monolithic import (
-    FlexibleBodies,
-    InterfaceSolution,
-    prepare_flexible,
-    solve_interface,
-)
 from multiscale.macro.substructures.capacity import find_slide
-from multiscale.macro.substructures.cut_results import assemble_result, check_after, load_factors
+from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
+from multiscale.macro.substructures.cut_results import assemble_result, load_factors
 from multiscale.macro.substructures.joint_state import advance_state, states_after
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.whole_structure import Assembled, assemble
+from multiscale.macro.substructures.whole_structure import assemble
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["PreparedBodies", "prepare_bodies", "solve_whole"]
-
-DENSE = 1500
-"""Unknowns on joints up to which the bodies are condensed onto them: every Newton step then
-factorises a full matrix of this size in place of the sparse one of the whole."""
+__all__ = ["solve_whole"]
 
 
 def solve_whole(
@@ -80,16 +65,12 @@ def solve_whole(
             "a joint needs a law that tells the traction of a jump; solve_latin takes rigid "
             "contact as well"
         )
-    factors, whole = load_factors(problem, load_factor), assemble(problem)
-    law = _SideBySide(
-        tuple(joint.law for joint in problem.joints if joint.law),
-        tuple(joint.weight.size for joint in problem.joints),
-    )
-    bodies = prepare_bodies(whole)
-    check_after(problem, after)
-    state, before = law.join(states_after(problem.joints, after)), np.zeros(0)
+    factors, bodies = load_factors(problem, load_factor, after), condense_problem(problem)
+    whole = assemble(bodies.small)
+    law = _SideBySide(tuple(joint.law for joint in problem.joints if joint.law), problem.points)
+    state, before = law.join(states_after(problem, after)), np.zeros(0)
     u: np.ndarray | None = None
-    jump, first = np.zeros((3, sum(law.points))), 0
+    jump, first = np.zeros((3, law.n_points)), 0
     if after is not None and problem.joints:
         u = bodies.keep(problem.unknowns(after["displacement"].values[-1]))
         jump, before = after["jump"].values[-1].T, -after["traction"].values[-1, :, 0]
@@ -105,7 +86,7 @@ def solve_whole(
             moved, opened = changes[step]
             starts.insert(0, ((0.0 if u is None else u) + moved, jump - slid + opened))
         for start, begin in starts:
-            solution = bodies.solve(
+            solution = whole.solve(
                 law,
                 factor,
                 start=start,
@@ -126,7 +107,7 @@ def solve_whole(
             failure = str(slide or solution.status.value)
         columns.append(
             {
-                "displacement": problem.displacement(bodies.expand(factor, solution.value)),
+                "displacement": problem.displacement(bodies.expand(solution.value)),
                 **({"jump": jump.T, "traction": response.traction.T} if problem.joints else {}),
                 "converged": int(solution.converged),
                 "failure": failure,
@@ -143,7 +124,7 @@ def solve_whole(
 
 
 def _changes(
-    problem: CutProblem, bodies: "PreparedBodies", near: "xr.Dataset | None"
+    problem: CutProblem, bodies: CondensedProblem, near: "xr.Dataset | None"
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Read off how kept unknowns and jumps, (3, points), change in the steps of a path, m."""
     if near is None:
@@ -155,107 +136,12 @@ def _changes(
     return [(bodies.keep(moved), opened) for moved, opened in zip(*pairs, strict=True)]
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedBodies:
-    """Bodies factorised once, for many laws, loads, first displacements and states.
-
-    Attributes
-    ----------
-    whole : Assembled
-    condensed : CondensedStiffness, optional
-        Their stiffness on kept unknowns; all are kept if not given.
-    jump : csr_array, shape (3 points, kept)
-        Jump from the kept unknowns.
-    load : ndarray, shape (kept, cases)
-        Force on them that each load case amounts to, N.
-    """
-
-    whole: Assembled
-    condensed: CondensedStiffness | None
-    jump: csr_array
-    load: np.ndarray
-
-    def solve(
-        self,
-        law: InterfaceLaw,
-        factor: np.ndarray,
-        *,
-        start: np.ndarray | None = None,
-        jump: np.ndarray | None = None,
-        state: np.ndarray | None = None,
-        max_iterations: int = 100,
-        tolerance: float = 1e-10,
-    ) -> InterfaceSolution:
-        """Find the kept unknowns, m, for factors of the load cases, shape (cases,).
-
-        See :func:`~multiscale.macro.monolithic.solve_interface`.
-        """
-        whole, condensed = self.whole, self.condensed
-        if not whole.weight.size:
-            u, load = self.expand(factor, np.zeros(0)), whole.load @ factor
-            residual = float(norm(whole.stiffness @ u - load)) / (float(norm(load)) or 1.0)
-            return InterfaceSolution(
-                np.zeros(0), Status.CONVERGED, (1.0, residual), jump=np.zeros((3, 0))
-            )
-        return solve_interface(
-            condensed.blocks[0] if condensed else whole.stiffness,
-            self.load @ factor,
-            self.jump,
-            whole.weight,
-            law,
-            start=start,
-            jump=jump,
-            state=state,
-            flexible=self.flexible,
-            max_iterations=max_iterations,
-            tolerance=tolerance,
-        )
-
-    @cached_property
-    def flexible(self) -> FlexibleBodies | None:
-        """Condensed bodies whose jumps are unknowns; none if springs do not hold them."""
-        if self.condensed is None:
-            return None
-        return prepare_flexible(self.condensed.blocks[0], self.jump, self.whole.weight)
-
-    def keep(self, unknowns: np.ndarray) -> np.ndarray:
-        """Kept ones of all unknowns, m."""
-        return unknowns[self.condensed.split.edge] if self.condensed else unknowns
-
-    def expand(self, factor: np.ndarray, kept: np.ndarray) -> np.ndarray:
-        """All unknowns from the kept ones, m."""
-        return self.condensed.expand(self.whole.load @ factor, kept) if self.condensed else kept
-
-
-def prepare_bodies(whole: Assembled, kept: np.ndarray | None = None) -> PreparedBodies:
-    """Condense bodies onto unknowns, which are those that joints touch, if these are few.
-
-    Parameters
-    ----------
-    whole : Assembled
-    kept : ndarray of int, optional
-        Other unknowns, with those that joints touch among them.
-
-    Raises
-    ------
-    MultiscaleError
-        If a body can move without force while these unknowns are held.
-    """
-    if kept is None:
-        kept = np.unique(whole.jump.indices)
-        if kept.size > DENSE:
-            return PreparedBodies(whole, None, whole.jump, whole.load)
-    condensed = condense_body(whole.stiffness, kept, name="the stiffness of the structure")
-    jump = csr_array(whole.jump[:, kept])
-    return PreparedBodies(whole, condensed, jump, condensed.reduce(whole.load))
-
-
 @dataclass(frozen=True)
 class _SideBySide(InterfaceLaw):
     """Laws of interfaces side by side, each at its points, with as many state rows as any has."""
 
     laws: Sequence[InterfaceLaw]
-    points: Sequence[int]
+    points: Sequence[slice]
 
     @property
     def n_state(self) -> int:  # type: ignore[override]
@@ -283,7 +169,7 @@ class _SideBySide(InterfaceLaw):
 
     def join(self, states: Sequence[np.ndarray]) -> np.ndarray:
         """States of the laws side by side."""
-        joined = np.zeros((self.n_state, sum(self.points)))
+        joined = np.zeros((self.n_state, self.n_points))
         for state, (law, at) in zip(states, self._places(), strict=True):
             joined[: law.n_state, at] = state
         return joined
@@ -302,7 +188,11 @@ class _SideBySide(InterfaceLaw):
             new[: law.n_state, at], _ = advance_state(law, jump[:, at], state[: law.n_state, at])
         return new
 
+    @property
+    def n_points(self) -> int:
+        """Number of points of all laws."""
+        return int(self.points[-1].stop) if self.points else 0
+
     def _places(self) -> list[tuple[InterfaceLaw, slice]]:
         """Every law and its points."""
-        ends = pairwise(np.cumsum([0, *self.points]))
-        return [(law, slice(a, b)) for law, (a, b) in zip(self.laws, ends, strict=True)]
+        return list(zip(self.laws, self.points, strict=True))

@@ -1,13 +1,29 @@
 """The structure that the substructures make, in one piece."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.linalg import norm
 from scipy.sparse import csr_array, vstack
 
+from multiscale.convergence import Status
+from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.monolithic import (
+    FlexibleBodies,
+    InterfaceSolution,
+    prepare_flexible,
+    solve_interface,
+)
 from multiscale.macro.substructures.problem import CutProblem, Substructure
+from multiscale.macro.substructures.stack import FULL
+from multiscale.numerics.factorisation import Solve, factorise
 
 __all__ = ["Assembled", "assemble"]
+
+FEW = 2000
+"""Unknowns up to which the stiffness is taken as a full matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,14 +32,11 @@ class Assembled:
 
     Attributes
     ----------
-    stiffness : csr_array, shape (n, n)
-        Stiffness of all linear parts, N/m.
-    load : ndarray, shape (n, cases)
-        N.
+    stiffness : csr_array, shape (n, n), stiffness of all linear parts, N/m
+    load : ndarray, shape (n, cases), N
     jump : csr_array, shape (3 points, n)
         Normal jump at all points of all joints, then each tangential one.
-    weight : ndarray, shape (points,)
-        Area of these points, m².
+    weight : ndarray, shape (points,), area of these points, m²
     """
 
     stiffness: csr_array
@@ -31,14 +44,45 @@ class Assembled:
     jump: csr_array
     weight: np.ndarray
 
+    def solve(self, law: InterfaceLaw, factor: np.ndarray, **options: Any) -> InterfaceSolution:
+        """Find the unknowns, m, for factors of the load cases, shape (cases,).
+
+        Options are those of :func:`~multiscale.macro.monolithic.solve_interface`.
+        """
+        K, load = self.stiffness if self._full is None else self._full, self.load @ factor
+        if not self.weight.size:
+            u = self._solve(load)
+            residual = float(norm(K @ u - load)) / (float(norm(load)) or 1.0)
+            return InterfaceSolution(u, Status.CONVERGED, (1.0, residual), jump=np.zeros((3, 0)))
+        options |= {"flexible": self._flexible}
+        return solve_interface(K, load, self.jump, self.weight, law, **options)
+
+    @cached_property
+    def _solve(self) -> Solve:
+        """Solve with the stiffness."""
+        return factorise(self.stiffness, name="the stiffness of the structure")
+
+    @cached_property
+    def _full(self) -> np.ndarray | None:
+        """Stiffness as a full matrix, if few of its entries are zero or it has few."""
+        n = len(self.load)
+        few = n <= FEW or self.stiffness.nnz > FULL * n**2
+        return self.stiffness.toarray() if few else None
+
+    @cached_property
+    def _flexible(self) -> FlexibleBodies | None:
+        """Bodies whose jumps are the unknowns; none if sparse, or if springs do not hold them."""
+        if self._full is None:
+            return None
+        return prepare_flexible(self._full, self.jump, self.weight)
+
 
 def assemble(problem: CutProblem) -> Assembled:
     """Add up the substructures of a problem.
 
     Parameters
     ----------
-    problem : Problem
-        Its links, if any, are left out.
+    problem : CutProblem, its links, if any, are left out
 
     Examples
     --------

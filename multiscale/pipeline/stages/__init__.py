@@ -15,6 +15,7 @@ from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.plate import PLATE
+from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
@@ -30,6 +31,7 @@ STAGES: tuple[Stage, ...] = (
     COARSER_SHEAR,
     CONTROL_CELLS,
     FITTED_LAW,
+    RING_SEAL,
     JOINT,
     ROADS,
     FRICTION_LAW,

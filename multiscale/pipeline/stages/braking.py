@@ -33,7 +33,7 @@ from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import cell_share, fit_law, law_from_dataset, observe
 from multiscale.upscaling.budget import how_attribute
-from multiscale.upscaling.rubber_friction import frictions_at
+from multiscale.upscaling.reading import frictions_at
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,8 +53,7 @@ def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "
 
     Returns
     -------
-    Dataset
-        Follows ``MACRO_RESULT``, with temperature and speed along ``step``.
+    Dataset, follows ``MACRO_RESULT``, with temperature and speed along ``step``
     """
     pressure, elements = case.tread.pressure, case.tread.elements
     fewer = tuple(-(-count // 2) for count in elements)

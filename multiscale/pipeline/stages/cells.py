@@ -12,18 +12,18 @@ from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import Path as LoadPath
 from multiscale.micro import contact_modulus, run_ensemble
-from multiscale.micro.cell import AnyCell, FlatCell
+from multiscale.micro.cell import FlatCell
 from multiscale.micro.cell_needs import CellPart, cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
     cell_of,
     coating_caution,
     composite_material,
-    flat_pair,
+    flat_bodies,
+    flat_composite,
     longest_wave,
     measured_cells,
     surface_modulus,
-    two_surfaces,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -93,8 +93,7 @@ def run_micro(
 
     Returns
     -------
-    Dataset
-        Follows ``MICRO_RESPONSE``.
+    Dataset, follows ``MICRO_RESPONSE``
     """
     response = _press(case, Job(file.parent, executor, progress))
     if fields:
@@ -122,6 +121,7 @@ def _press(case: Case, job: Job) -> "xr.Dataset":
         identity=identity,
         keep_fields=not job.sparing,
         keep_spots=case.micro.spots,
+        keep_flow=case.micro.leakage,
         progress=job.progress,
     )
     if case.yield_stress is not None:
@@ -133,10 +133,10 @@ def _press(case: Case, job: Job) -> "xr.Dataset":
             identity=identity,
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
-    if isinstance(cells[0], FlatCell):
-        bare, folder = case.without_coatings(), job.out / "micro-slope-order"
-        pair = flat_pair(bare, *two_surfaces(bare)[0])
-        response = with_slope_errors(response, pair, folder, identity, sparing=job.sparing)
+    if case.cell.mesh is None:
+        pair, folder = flat_bodies(case), job.out / "micro-slope-order"
+        one = None if isinstance(cells[0], FlatCell) else flat_composite(case)
+        response = with_slope_errors(response, pair, folder, identity, one, sparing=job.sparing)
     response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
@@ -197,33 +197,35 @@ def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, 
 
 def with_slope_errors(
     response: "xr.Dataset",
-    cell: AnyCell,
+    pair: FlatCell,
     folder: Path,
     identity: str,
+    one: FlatCell | None = None,
     *,
     sparing: bool = False,
 ) -> "xr.Dataset":
-    """Return a response with what slopes taken as small make of it, by one of its realisations.
+    """Return a response with its errors from slopes, estimated on one of its realisations.
 
-    A flat cell is solved to both orders in the slope. The second order errs by about the difference
+    Flat cells are solved to both orders in the slope. The second order errs by about the difference
     times the root mean square slope, twice on a rigid flat and :data:`SLOPE_OF_PAIR` times between
-    two bodies, the first order by the difference and as much.
+    two bodies, the first order by the difference and as much. Conforming cells follow the composite
+    surface as *one* body; its difference from the *pair*, both to second order, is their error.
     """
-    if not isinstance(cell, FlatCell):
-        return response  # says already that there are none
     names = ("mean_gap", "contact_fraction")
     path = LoadPath(pressure=tuple(response["nominal_pressure"].to_numpy()))
     try:
-        orders = [replace(cell, slope_order=order) for order in (1, 2)]
+        solved = [replace(one or pair, slope_order=2 if one else 1), replace(pair, slope_order=2)]
     except CaseError as error:
         errors, told = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
     else:
-        found = run_ensemble(orders, path, folder=folder, identity=identity, sparing=sparing)
-        rest = (SLOPE_OF_PAIR if cell.second else 2.0) * float(response["rms_slope"].max())
-        share = 1.0 + rest if cell.slope_order == 1 else rest
+        found = run_ensemble(solved, path, folder=folder, identity=identity, sparing=sparing)
+        rest = (SLOPE_OF_PAIR if pair.second else 2.0) * float(response["rms_slope"].max())
+        share = rest if pair.slope_order == 2 else 1.0 + rest
         changes = {name: found[name].to_numpy() for name in names}
-        errors = {name: share * (one - two) / two for name, (one, two) in changes.items()}
+        errors = {name: share * (taken - best) / best for name, (taken, best) in changes.items()}
         told = "expanded in the slopes in one realisation, without coatings"
+        if one:
+            told = f"one body for two in conforming cells, {told}"
     values = {f"{name}_slope_error": error for name, error in errors.items()}
     return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
 
@@ -287,6 +289,9 @@ def _needs(case: Case) -> Needs:
         f"as fine, {REALISATIONS[-1]}",
     )
     choices = needs.choices
+    if case.micro.leakage:
+        told = "Reynolds' equation on the gap at every pressure, along x and along y"
+        choices = (*choices, Choice("leakage", told))
     if case.micro.shear is not None:
         apart = (CellPart.FRICTION, CellPart.SECOND_BODY)
         choices = tuple(
@@ -367,7 +372,7 @@ CELLS: Stage = Stage(
     tables=("micro",),
     reads={
         **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
-        "micro": {"realisations", "pressures", "seed", "unload", "spots"},
+        "micro": {"realisations", "pressures", "seed", "unload", "spots", "leakage"},
     },
     run=_run,
     needs=_needs,

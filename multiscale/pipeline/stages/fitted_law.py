@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multiscale.io import open_dataset
 from multiscale.pipeline.case_budget import OnGrids, case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_error
@@ -24,7 +25,8 @@ from multiscale.plotting.law_figures import (
     plot_shear_law,
     plot_unloading,
 )
-from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
+from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
     CONDUCTANCES,
     area_from_dataset,
@@ -33,9 +35,12 @@ from multiscale.upscaling import (
     law_from_dataset,
     loading_branch,
     require_law,
+    say_sealing,
     with_budget,
     with_conductance,
+    with_leakage,
 )
+from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 if TYPE_CHECKING:
@@ -62,6 +67,8 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     law = with_conductance(
         law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
     )
+    if case.micro.leakage:
+        law = with_leakage(law, response)
     budget = case_budget(case, loading_branch(response), law, grids, control)
     return with_budget(law, budget)
 
@@ -98,6 +105,12 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
     if conducts := conductances(law, law["fit_pressure"].to_numpy()):
         figures["conductance"] = on_axes(lambda ax: plot_conductance(law, ax=ax))
+    if leaks := "hydraulic_aperture" in law:
+        fields = out / "fields" / "fields.nc"
+        figures["leakage"] = on_axes(lambda ax: plot_leakage(law, ax=ax))
+        figures["flow_channels"] = on_axes(
+            lambda ax: plot_flow_channels(open_dataset(fields, FIELDS), ax=ax)
+        )
     if sheared := SHEARED_CELLS.name in found:
         figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
     require_law(
@@ -127,6 +140,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"Admissibility: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
             *(_conductance(law) if conducts else ()),
+            *(_leakage(law) if leaks else ()),
             *(_shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION]) if sheared else ()),
         ],
         figures=figures,
@@ -163,6 +177,15 @@ def _conductance(law: "xr.Dataset") -> list[str]:
     ]
 
 
+def _leakage(law: "xr.Dataset") -> list[str]:
+    return [
+        f"The hydraulic aperture is the distance of parallel walls that let as much of a liquid "
+        f"through, by Reynolds' equation on the open part of the gap, and the interface is a "
+        f"patchwork of the cells. {say_sealing(law)} The pressure of the liquid itself lifts "
+        f"nothing.",
+    ]
+
+
 def _shear(law: "xr.Dataset", of_points: float) -> list[str]:
     """Say what the sheared cells gave, and which friction was put into them."""
     x, y = _say_ratio(law, 0), _say_ratio(law, 1)
@@ -190,7 +213,7 @@ def _say_ratio(law: "xr.Dataset", axis: int) -> str:
         drawn = law["shear_stiffness_ratio_sample"].to_numpy()[:, axis]
     if not drawn.size or np.isnan(value):
         return f"{value:.3g}"
-    return f"{value:.3g} ± {0.5 * np.ptp(np.percentile(drawn, [2.5, 97.5])):.1g}"
+    return f"{value:.3g} ± {float(half_range(drawn)):.1g}"
 
 
 def _summary(found: Datasets) -> Summary:
@@ -218,7 +241,8 @@ def _summary(found: Datasets) -> Summary:
     )
     answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
     planned = str(law.attrs.get("plan", "")).splitlines()
-    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law)])
+    tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
+    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law), *tight])
 
 
 def _compared(law: "xr.Dataset") -> "xr.Dataset":
@@ -252,7 +276,15 @@ FITTED_LAW = Stage(
     run=_run,
     sections=_sections,
     summary=_summary,
-    pictures=("gap_law", "area_law", "unloading", "conductance", "shear_law"),
+    pictures=(
+        "gap_law",
+        "area_law",
+        "unloading",
+        "conductance",
+        "leakage",
+        "flow_channels",
+        "shear_law",
+    ),
     answers=(
         StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
         StageAnswer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),

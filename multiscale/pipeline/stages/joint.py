@@ -92,8 +92,7 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
 
     Returns
     -------
-    Dataset
-        Follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES` if the law has one.
+    Dataset, follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES` if the law has one
     """
     blocks = cast(Blocks, case.structure)
     lower, upper = (
@@ -162,7 +161,7 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     others = [contact_dependence(law, preload[steps], np.array(names) == "real_pressure")]
     if conducts:
         others.append(elastic_dependence(law, np.isin(names, list(CONDUCTANCES))[:, None]))
-    if shear and told_branches(str(law.attrs.get("branches", ""))).get("shear") == "measured":
+    if shear and told_branches(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         kappa = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
         half_width = shear_errors(law, preload[steps])["stiffness_ratio"]
@@ -184,7 +183,7 @@ def _tangential_facts(law: "xr.Dataset", ratio: float | None) -> list[str]:
     """Say what the tangential stiffness rests on; nothing if the law has none."""
     if ratio is None:
         return []
-    told = told_branches(str(law.attrs.get("branches", "")))["shear"]
+    told = told_branches(law)["shear"]
     return [
         f"Before anything slips, the interface is {ratio:.3g} times as stiff along its face as "
         f"across it (shear branch of the law: {told}). The tangential stiffness has the interface "

@@ -18,7 +18,6 @@ from multiscale.macro.substructures import (
     follow_cut_loads,
     require_held,
 )
-from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import (
@@ -34,13 +33,15 @@ from multiscale.pipeline.joint_settings import SLABS, JointLaw
 from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     require_known,
+    solver_needs,
     structure_stage,
+    with_law_cautions,
     with_too_far,
 )
 from multiscale.plotting import MOST_DRAWN, load_pictures
@@ -97,12 +98,8 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     result = structure.restore(
         follow_cut_loads(structure.small, parts.path, method=method, extrapolate=case.extrapolate)
     )
-    # cautions of cells of its own stand beside those of the structure
-    told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
-    for number, law in enumerate(laws):
-        further = [] if law is None else [one for one in list_cautions(law) if one not in told]
-        told += further
-        result = with_cautions(result, *(f"the law of interface {number}: {x}" for x in further))
+    known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
+    result = with_law_cautions(result, case, found, known)
     result = with_cautions(result, *bodies.assumed(case))
     if laws:
         result = with_interface_contact(result, laws)
@@ -226,15 +223,7 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
     size = _size(bodies, case)
     chosen = choose_solver(case, size)
     points = size.joint_points
-    needs = cut_needs(
-        size.unknowns,
-        joint_points=points,
-        substructures=chosen.taken.substructures,
-        coarse=chosen.taken.method.coarse,
-        slabs=SLABS if points else 0,
-    )
-    needs = replace(needs, memory=chosen.taken.memory)
-    method = Choice("method", chosen.explain())
+    needs = solver_needs(chosen, size, SLABS if points else 0)
     path = f"and one cycle of {few_steps(case)} steps to its amplitude" if case.cycles else "alone"
     solves = Choice(
         "intervals",
@@ -242,9 +231,7 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
         f"with a budget: one for each of its terms, and once coarser beds and meshes",
     )
     libraries = tuple(sorted({*needs.libraries, "meshio"}))
-    return replace(
-        needs, libraries=libraries, choices=(method, *needs.choices, *([solves] * bool(points)))
-    )
+    return replace(needs, libraries=libraries, choices=(*needs.choices, *([solves] * bool(points))))
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:

@@ -42,8 +42,7 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
 
     Returns
     -------
-    Dataset
-        Follows ``MICRO_RESPONSE``, with temperature and speed along ``step``.
+    Dataset, follows ``MICRO_RESPONSE``, with temperature and speed along ``step``
     """
     slides = case.sliding
     steps = list(product(slides.temperatures, slides.pressures, slides.speeds))

@@ -21,8 +21,6 @@ from multiscale.macro.substructures import (
     follow_joint,
     measure_joint,
 )
-from multiscale.macro.substructures.method_choice import MethodChoice
-from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import (
     PARAMETERS,
@@ -44,23 +42,22 @@ from multiscale.pipeline.rows import (
     tabulate_preloads,
 )
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     require_known,
+    solver_needs,
     structure_stage,
+    with_law_cautions,
     with_too_far,
 )
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
-from multiscale.schema import with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["ROUGH_JOINTS"]
 
@@ -94,16 +91,13 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     dataset, preloads = case.interface_law(found), case.statics.preloads
     assembly, loading = bodies.assemble(case, dataset), _loading(case)
-    chosen = _choose(bodies, case, job.team)
+    chosen = choose_solver(case, _size(bodies, case), job.team)
     method = chosen.taken.method
     joint = condense_assembly(assembly, method)
     followed = follow_joint(joint.small, loading, method=method)
     result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
     result = with_contact(joint.restore(result), dataset)
-    # those of cells of its own stand beside those of the structure
-    told = list_cautions(found[FITTED_LAW.name]) if case.has_cells else []
-    further = [one for one in list_cautions(dataset) if one not in told]
-    result = with_cautions(result, *(f"its law: {one}" for one in further))
+    result = with_law_cautions(result, case, found, {"its law": dataset})
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     solver = f"Solved by {method.name}: {chosen.why}."
     result = result.assign_attrs(facts="\n".join([*list_facts(result), *bolts, solver]))
@@ -154,26 +148,15 @@ def _loading(case: Case) -> JointLoading:
     return case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
 
 
-def _choose(bodies: RoughBodies, case: Case, team: "ProcessGroup | None" = None) -> MethodChoice:
-    """Choose the solver of the bodies."""
-    nodes, face = bodies.nodes
-    count = bodies.joints + 1
-    size = JointSize(3 * nodes * count, face * bodies.joints, count, _count_steps(case))
-    return choose_solver(case, size, team)
+def _size(bodies: RoughBodies, case: Case) -> JointSize:
+    """Count unknowns, points of joints and load steps."""
+    (nodes, face), count = bodies.nodes, bodies.joints + 1
+    return JointSize(3 * nodes * count, face * bodies.joints, count, _count_steps(case))
 
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:
-    nodes, face = bodies.nodes
-    chosen = _choose(bodies, case)
-    needs = cut_needs(
-        3 * nodes * (bodies.joints + 1),
-        joint_points=face * bodies.joints,
-        substructures=chosen.taken.substructures,
-        coarse=chosen.taken.method.coarse,
-        slabs=bodies.slabs(case),
-    )
-    needs = replace(needs, memory=chosen.taken.memory)
-    method = Choice("method", chosen.explain())
+    size = _size(bodies, case)
+    needs = solver_needs(choose_solver(case, size), size, bodies.slabs(case))
     own, path, pressed = len(case.statics.preloads), "alone", "the preloads"
     if case.cycles:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
@@ -190,7 +173,7 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     )
     loading = Choice("loading", pressed)
     libraries = (*needs.libraries, *bodies.mesher)
-    return replace(needs, libraries=libraries, choices=(method, *needs.choices, loading, solves))
+    return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
 
 
 def _count_steps(case: Case) -> int:

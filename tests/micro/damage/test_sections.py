@@ -357,7 +357,6 @@ def test_a_packing_does_not_overlap_and_has_the_porosity():
         (lambda: VoxelImage(np.full((4, 4, 4), 0.5), CUBE), "not binary: its values run from 0.5"),
         (lambda: VoxelImage(np.zeros((4, 4)), CUBE), "three axes"),
         (lambda: VoxelImage(np.zeros((4, 4, 4)), (1, 1, 0)), "three positive lengths"),
-        (lambda: VoxelImage.from_voxels(np.zeros((4, 4, 4))), "no size of its voxels"),
         (lambda: Cavities((1, 1, -1)), "three positive lengths"),
         (lambda: max_damage(np.zeros((4, 4, 4))), "an array becomes an image by VoxelImage"),
         (lambda: voxelise(Cavities(CUBE), 0), "at least one voxel along every axis, got 0"),

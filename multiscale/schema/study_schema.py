@@ -1,0 +1,116 @@
+"""Datasets of studies: structures resolved, stiff cases, stored cells, error against run time."""
+
+from functools import partial
+
+from multiscale.schema.dataset_schema import Schema, Variable
+
+__all__ = ["END_TO_END", "STABILITY", "STORED_CELLS", "WORK_PRECISION"]
+
+_case = partial(Variable, ("case",))
+
+END_TO_END = Schema(
+    name="end_to_end",
+    version=2,
+    variables={
+        "scale_ratio": _case("1", "longest wave over the length of the structure"),
+        "points_per_wave": _case("1", "grid points per shortest wave"),
+        "cells": _case("1", "number of cells that the law was fitted to"),
+        "realisations": _case("1", "number of structures resolved"),
+        "gap_law": _case("1", "mean gap with the law over the rms height"),
+        "gap_direct": _case("1", "mean gap resolved over the rms height"),
+        "gap_scatter": _case("1", "standard deviation of the resolved gap over its mean"),
+        "gap_error": _case("1", "relative error of the mean gap with the law"),
+        "gap_error_uncertainty": _case("1", "standard error of the gap error"),
+        "paired_error": _case("1", "gap error with the law of the very surfaces resolved"),
+        "paired_error_uncertainty": _case("1", "standard error of the paired error"),
+        "area_law": _case("1", "contact fraction with the law"),
+        "area_direct": _case("1", "contact fraction resolved"),
+        "pressure_error": _case("1", "error of the pressure along the structure, L2 norm"),
+        "error_part": Variable(("case", "error_term"), "1", "part of the gap error, with its sign"),
+        "error_part_uncertainty": Variable(
+            ("case", "error_term"), "1", "standard error of a part of the gap error"
+        ),
+        "wall_time": _case("s", "wall time of all"),
+    },
+)
+
+STABILITY = Schema(
+    name="stability",
+    version=1,
+    variables={
+        "family": _case("1", "family of problems"),
+        "parameters": _case("1", "names and values of the parameters"),
+        "tolerance": _case("1", "residual up to which a case has converged"),
+        "outcome": _case("1", "0 failed, 1 refused with a sentence, 2 converged"),
+        "residual": _case("1", "residual that was verified in the answer"),
+        "wall_time": _case("s", "wall time"),
+        "sentence": _case("1", "why there is no answer; empty if there is"),
+    },
+)
+
+_CELL = ("cell", "load")
+
+STORED_CELLS = Schema(
+    name="stored_cells",
+    version=1,
+    variables={
+        "relative_pressure": Variable(
+            ("load",), "1", "pressure over contact modulus and root mean square slope"
+        ),
+        "gap_over_height": Variable(_CELL, "1", "mean gap over root mean square height"),
+        "contact_fraction": Variable(_CELL, "1", "real over nominal contact area"),
+        "wall_time": Variable(_CELL, "s", "wall time of the load"),
+        "waves": Variable(("cell",), "1", "longest wavelengths across the cell"),
+        "points": Variable(("cell",), "1", "points of the grid across the shortest wavelength"),
+        "hurst_exponent": Variable(("cell",), "1", "Hurst exponent"),
+        "band": Variable(("cell",), "1", "longest over shortest wavelength"),
+    },
+)
+
+_run = partial(Variable, ("run",))
+
+WORK_PRECISION = Schema(
+    name="work_precision",
+    version=1,
+    variables={
+        "error": _run("1", "relative error against the reference"),
+        "wall_time": _run("s", "wall time"),
+        "converged": _run("1", "whether the run converged"),
+    },
+    optional={
+        "peak_memory": _run("byte", "peak memory"),
+        "iterations": _run("1", "number of iterations"),
+        "unknowns": _run("1", "number of unknowns"),
+        "points": _run("1", "grid points along an edge"),
+        "cables": _run("1", "number of cables"),
+        "slack_fraction": _run("1", "share of the cables that are slack"),
+        "residual": _run("1", "relative residual, verified in the answer"),
+        "own_error": _run("1", "relative error against the limit of the method"),
+        "effectivity": _run("1", "estimated over true error; heuristic with friction"),
+        "error_uncertainty": _run("1", "uncertainty of the reference"),
+        "contact_error": _run("1", "relative error of the contact fraction"),
+        "own_contact_error": _run(
+            "1", "relative error of the contact fraction against the method's limit"
+        ),
+        "contact_error_uncertainty": _run(
+            "1", "uncertainty of the reference of the contact fraction"
+        ),
+        "mean_gap": _run("m", "mean distance of obstacle and deformed surface"),
+        "contact_fraction": _run("1", "real over nominal contact area"),
+        "relative_pressure": _run("1", "mean pressure over contact modulus times rms slope"),
+        "tolerance": _run("1", "relative error asked for"),
+        "history_run": Variable(("sample",), "1", "run that a sample of the histories belongs to"),
+        "history_seconds": Variable(("sample",), "s", "time since the start of the run"),
+        "history_error": Variable(("sample",), "1", "relative error at that time"),
+        "scale_ratio": _run("1", "longest wave over the length of the structure"),
+        "realisations": _run("1", "realisations that the answer is the mean over"),
+        "time_step": _run("s", "length of a time step"),
+        "mean_error": _run("1", "relative error of the mean over the realisations"),
+        "mean_error_uncertainty": _run("1", "standard error of the mean error"),
+        "cells_solved": _run("1", "number of cells solved"),
+        "cells_reused": _run("1", "number of times a cell solved before served"),
+        "method": _run("1", "solver or code"),
+        "scene": _run("1", "scene"),
+        "family": _run("1", "family of scenes"),
+    },
+)

@@ -1,0 +1,172 @@
+"""What a rough interface lets through: hydraulic aperture against pressure, with bands."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.schema import INTERFACE_LAW, with_cautions
+from multiscale.upscaling.bootstrap import draw_counts, widening
+from multiscale.upscaling.reading import area_from_dataset, require_law
+from multiscale.upscaling.response_observations import loading_branch
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["effective_permeability", "say_sealing", "sealing_pressures", "with_leakage"]
+
+DIRECTIONS = ("x", "y", "both")
+"""Of the flow; the last one takes the flows along x and y as two realisations."""
+
+FEWEST_WAVES = 4.0
+"""Longest waves along a cell below which it lets something through, or nothing, by chance."""
+
+HALVINGS = 60  # of the decades that hold a permeability
+
+
+def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    r"""Permeability of an interface that is a patchwork of cells, by Bruggeman's theory.
+
+    Parameters
+    ----------
+    permeability : ndarray, shape (cells, steps)
+        :math:`k_i` of each cell, m3, not negative.
+    weight : ndarray, shape (samples, cells, steps)
+        How often a cell counts, :math:`w_i`.
+
+    Returns
+    -------
+    ndarray, shape (samples, steps)
+        Zero where half of the cells or more let nothing through, NaN where no cell counts; m3.
+
+    Notes
+    -----
+    A round patch in what all others make together changes the flow by nothing on the mean,
+
+    .. math:: \sum_i w_i \frac{k_i - k}{k_i + k} = 0,    \tag{1}
+
+    which in two dimensions is exact to the second order in the scatter [1]_, and exact for a
+    lognormal one: :math:`k` is then the geometric mean. Half of the cells of random surfaces are
+    tight where about .42 of the area touches [2]_.
+
+    References
+    ----------
+    .. [1] D. A. G. Bruggeman, Ann. Phys. 416 (1935) 636-664, doi:10.1002/andp.19354160705.
+    .. [2] W. B. Dapp, A. Lücke, B. N. J. Persson and M. H. Müser, Phys. Rev. Lett. 108 (2012)
+       244301, doi:10.1103/PhysRevLett.108.244301.
+    """
+    opened = permeability > 0.0
+    total = weight.sum(axis=1)
+    share = np.sum(weight * opened, axis=1) / np.where(total > 0.0, total, np.nan)
+    found = permeability[opened] if opened.any() else np.ones(1)
+    # with the least permeability in the open share f of the cells, k is (2 f - 1) times as large
+    low = np.log(found.min() * np.clip(2.0 * share - 1.0, 1e-12, 1.0))
+    high = np.full(share.shape, np.log(found.max()))
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        k = np.exp(middle)[:, None]
+        rises = np.sum(weight * (permeability - k) / (permeability + k), axis=1) > 0.0  # (1)
+        low, high = np.where(rises, middle, low), np.where(rises, high, middle)
+    return np.where(share <= 0.5, 0.0, np.exp(0.5 * (low + high)) + 0.0 * share)
+
+
+def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
+    """Return a law with the hydraulic aperture of its interface at the pressures of its data.
+
+    Parameters
+    ----------
+    law : Dataset
+        Follows ``INTERFACE_LAW``.
+    response : Dataset
+        Follows ``MICRO_RESPONSE``: the cells of the law, with what their gaps let through.
+
+    Notes
+    -----
+    The interface is a patchwork of its cells, see :func:`effective_permeability`. The intervals
+    are of samples of the realisations, spread as Student's in the logarithm; they are unknown where
+    the law has no samples.
+    """
+    loading = loading_branch(response)
+    own = loading["nominal_pressure"].to_numpy()
+    at = [int(np.argmin(np.abs(own - p))) for p in law["fit_pressure"].to_numpy()]
+    aperture = loading["hydraulic_aperture"].to_numpy()[:, at]
+    n = len(aperture)
+    counts = draw_counts(n, law.sizes.get("sample", 0), int(law.attrs["seed"]))
+    weights = np.vstack([np.ones(n), counts])
+    mean, band, cells = [], [], []
+    for axes in ([0], [1], [0, 1]):  # in the order of DIRECTIONS
+        h = np.concatenate([aperture[..., k] for k in axes])
+        known = np.isfinite(h)
+        weight = np.tile(weights, len(axes))[..., None] * known
+        k = effective_permeability(np.where(known, h, 0.0) ** 3, weight)
+        first, *drawn = _spread(np.cbrt(k), n)
+        mean.append(first)
+        band.append(np.percentile(drawn or [first + np.nan], [2.5, 97.5], axis=0))
+        cells.append(np.sum(h > 0.0, axis=0) / np.maximum(known.sum(axis=0), 1))
+    law = INTERFACE_LAW.assign(
+        law.assign_coords(direction=list(DIRECTIONS)),
+        {
+            "hydraulic_aperture": np.array(mean),
+            "hydraulic_aperture_mean_law": np.stack(band, axis=1),
+            "percolating_cells": np.array(cells),
+        },
+    )
+    require_law(law, "cell_size", "longest_wave")
+    waves = float(law.attrs["cell_size"]) / float(law.attrs["longest_wave"])
+    if waves >= FEWEST_WAVES * (1.0 - 1e-9):
+        return law
+    return with_cautions(
+        law,
+        f"a cell has {waves:.2g} of the longest waves along its edge, too few to tell by which "
+        f"pressure the last path through the gap closes: single waves decide; make it "
+        f"{FEWEST_WAVES:g} waves wide or more",
+    )
+
+
+def _spread(aperture: np.ndarray, n: int) -> np.ndarray:
+    """Spread samples about the mean, the first row, as Student's; what is closed stays closed."""
+    mean = aperture[0]
+    opened = (aperture > 0.0) & (mean > 0.0)
+    ratio = np.divide(aperture, mean, out=np.ones_like(aperture), where=opened)
+    return np.where(opened, mean * ratio ** widening(n - 1, n=n), aperture)
+
+
+def sealing_pressures(law: "xr.Dataset", direction: str = "both") -> np.ndarray:
+    """Pressures between which the last path through an interface closes.
+
+    Parameters
+    ----------
+    law : Dataset
+        With hydraulic apertures.
+    direction : {"x", "y", "both"}
+        Of the flow.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        The last pressure at which something comes through and the next one, Pa; NaN where the data
+        begin later, or end earlier.
+    """
+    require_law(law, "hydraulic_aperture")
+    tight = law["hydraulic_aperture"].sel(direction=direction).to_numpy() == 0.0
+    pressure = np.concatenate([[np.nan], law["fit_pressure"].to_numpy(), [np.nan]])
+    last = int(np.max(np.flatnonzero(~tight) + 1, initial=0))
+    return np.asarray(pressure[last : last + 2])
+
+
+def say_sealing(law: "xr.Dataset", direction: str = "both") -> str:
+    """Say between which pressures an interface becomes tight, and how sure its cells are of it."""
+    pressure = law["fit_pressure"].to_numpy()
+    last, first = sealing_pressures(law, direction)
+    if np.isnan(first):
+        return f"Paths lead through the gap up to the highest pressure, {1e-6 * last:.4g} MPa."
+    touching = 100.0 * float(area_from_dataset(law).contact_fraction(first))
+    before = f"leaks at {1e-6 * last:.4g} MPa and " if np.isfinite(last) else ""
+    told = (
+        f"The interface {before}is tight from {1e-6 * first:.4g} MPa on, where {touching:.3g} % of "
+        f"it touches and half of the cells or more have no path."
+    )
+    cells = law["percolating_cells"].sel(direction=direction).to_numpy()
+    mixed = [f"{1e-6 * p:.4g}" for p in pressure[(cells > 0.0) & (cells < 1.0)]]
+    if not mixed:
+        return told
+    return f"{told} Some cells are tight and others open at {', '.join(mixed)} MPa."

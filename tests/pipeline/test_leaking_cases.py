@@ -1,0 +1,107 @@
+"""Cases whose interface leaks: leak rate of a ring, figures, and what is refused."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.pipeline import load_case, run
+from multiscale.report import open_finished
+
+TEXT = """
+title = "Ring"
+elastic = true
+[body_1]
+youngs_modulus = "10 MPa"
+poissons_ratio = 0.49
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[body_2.surface]
+rms_height = "1.5 um"
+hurst_exponent = 0.8
+long_cutoff = "100 um"
+short_cutoff = "50 um"
+[cell]
+size = ["200 um", "200 um"]
+points = [16, 16]
+geometry = "flat"
+[micro]
+realisations = 4
+pressures = ["20 kPa", "60 kPa", "0.2 MPa", "0.6 MPa"]
+[seal]
+diameter = "50 mm"
+width = "2 mm"
+viscosity = "1 mPa*s"
+pressure_difference = "0.1 bar"
+"""
+
+
+def case_of(tmp_path, *changes):
+    text = TEXT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "case.toml").write_text(text)
+    return load_case(tmp_path / "case.toml")
+
+
+def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
+    out = tmp_path / "out"
+    found = run(case_of(tmp_path), out)
+    seal, law = found["seal"], found["interface_law"].sel(direction="both")
+    channel = law["hydraulic_aperture"] ** 3 / 12e-3 * 1e4 / 2e-3 * np.pi * 0.05
+    np.testing.assert_allclose(seal["leak_rate"], channel)
+    assert float(seal["leak_rate"][0]) > 0.0
+    low, high = seal["leak_rate_mean_law"].to_numpy()
+    assert np.all((low <= seal["leak_rate"]) & (seal["leak_rate"] <= high))
+    assert np.all(seal["hydraulic_aperture"] < seal["mean_gap"])
+    assert "2 of the longest waves along its edge" in found["interface_law"].attrs["cautions"]
+    assert "pushes the faces apart" in seal.attrs["cautions"]
+    finished = open_finished(out)
+    assert "ml/h (" in finished.summary.answer[0]
+    cells = {one: one.stat().st_mtime_ns for one in (out / "micro").iterdir()}
+    thicker = run(case_of(tmp_path, ('"1 mPa*s"', '"4 mPa*s"')), out)["seal"]
+    np.testing.assert_allclose(4.0 * thicker["leak_rate"], seal["leak_rate"])
+    assert {one: one.stat().st_mtime_ns for one in (out / "micro").iterdir()} == cells
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ([('viscosity = "1 mPa*s"\n', "")], "viscosity"),
+        ([('"1 mPa*s"', '"-1 mPa*s"')], "viscosity.*greater than 0"),
+        ([('"1 mPa*s"', '"1 mPa"')], "viscosity"),
+        ([('"2 mm"', '"60 mm"')], "width is 60 mm, which no ring of a mean diameter of 50 mm has"),
+        (
+            [("realisations = 4", "realisations = 4\nleakage = false")],
+            r"\[seal\] leaks through the gap of the cells, and leakage = false",
+        ),
+        (
+            [("[seal]", '[accuracy]\ntarget = "5 %"\nquantity = "mean_gap"\n[seal]')],
+            "leakage in .micro. and a target in .accuracy. exclude each other",
+        ),
+    ],
+)
+def test_what_cannot_seal_is_refused(tmp_path, changes, told):
+    with pytest.raises(CaseError, match=told):
+        case_of(tmp_path, *changes)
+
+
+@pytest.mark.slow
+def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
+    lay = ('short_cutoff = "50 um"', 'short_cutoff = "50 um"\nanisotropy = { ratio = 4 }')
+    found = run(case_of(tmp_path, lay), tmp_path / "out")
+    x, y = (found["interface_law"]["hydraulic_aperture"].sel(direction=k)[1] for k in "xy")
+    assert x > 1.2 * y
+    assert "another aperture along x than along y" in found["seal"].attrs["cautions"]
+    across = ("[seal]", '[seal]\ndirection = "y"')
+    told = run(case_of(tmp_path, lay, across), tmp_path / "out")["seal"]
+    np.testing.assert_array_equal(told["hydraulic_aperture"][1], y)
+    assert "another aperture" not in told.attrs["cautions"]
+
+
+def test_a_ring_without_cells_is_refused(tmp_path):
+    text = TEXT[: TEXT.index("[cell]")] + TEXT[TEXT.index("[seal]") :]
+    (tmp_path / "case.toml").write_text(text)
+    with pytest.raises(CaseError, match="there are no cells"):
+        load_case(tmp_path / "case.toml")

@@ -1,0 +1,84 @@
+"""What an interface of many cells lets through: effective medium, samples, table."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.schema import MICRO_RESPONSE
+from multiscale.upscaling import (
+    effective_permeability,
+    fit_law,
+    say_sealing,
+    sealing_pressures,
+    with_leakage,
+    write_law_table,
+)
+from tests.upscaling.responses import response_of
+
+PRESSURE = np.geomspace(1e6, 1e8, 9)
+
+
+def even(*cells):
+    """Effective permeability of an interface with equal parts of some cells."""
+    return effective_permeability(np.array(cells)[:, None], np.ones((1, len(cells), 1))).item()
+
+
+def test_a_patchwork_conducts_as_bruggeman_says():
+    assert even(2.0, 2.0, 2.0) == pytest.approx(2.0)
+    assert even(1.0, 9.0) == pytest.approx(3.0)  # a chessboard: the geometric mean
+    assert even(5.0, 5.0, 5.0, 0.0) == pytest.approx(5.0 * (2.0 * 0.75 - 1.0))
+    assert even(5.0, 5.0, 0.0, 0.0) == 0.0  # percolation at one half
+    assert even(0.0, 0.0) == 0.0
+    k = np.exp(np.random.default_rng(2).normal(size=400))
+    twice = effective_permeability(k[:, None], np.concatenate([[2.0], np.ones(399)])[None, :, None])
+    assert twice.item() == pytest.approx(even(k[0], *k))
+
+
+def test_the_effective_permeability_of_a_lognormal_gap_is_its_geometric_mean():
+    deviation = 0.3
+    quantiles = np.linspace(-6.0, 6.0, 4001)
+    weight = np.exp(-0.5 * quantiles**2)[None, :, None]
+    found = effective_permeability(np.exp(deviation * quantiles)[:, None], weight)
+    assert found.item() == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def leaking():
+    """Law of twelve cells that close one after the other along y, and all leak along x."""
+    gap = 1e-6 - 0.2e-6 * np.log(PRESSURE / 1e6) + 1e-9 * np.arange(12)[:, None]
+    response = response_of(gap, PRESSURE)
+    aperture = np.repeat(0.5 * gap[..., None], 2, axis=-1)
+    aperture[..., 1] *= np.geomspace(3e6, 5e7, 12)[:, None] > PRESSURE
+    values = {"hydraulic_aperture": aperture, "percolating_share": aperture > 0.0}
+    response = MICRO_RESPONSE.assign(response, values)
+    told = {"cell_size": 8e-4, "longest_wave": 2e-4}
+    return with_leakage(fit_law(response).assign_attrs(told), response)
+
+
+def test_a_law_tells_apertures_with_bands_and_where_it_is_tight(leaking):
+    x, y = (leaking.sel(direction=name) for name in "xy")
+    mean = 0.5 * leaking["fit_mean_gap"]
+    np.testing.assert_allclose(x["hydraulic_aperture"], mean, rtol=1e-3)
+    np.testing.assert_allclose(x["percolating_cells"], 1.0)
+    half = y["percolating_cells"].to_numpy() <= 0.5
+    np.testing.assert_array_equal(y["hydraulic_aperture"] == 0.0, half)
+    low, high = y["hydraulic_aperture_mean_law"].to_numpy()
+    assert np.all((low <= y["hydraulic_aperture"]) & (y["hydraulic_aperture"] <= high))
+    first = int(np.argmax(half))
+    assert high[first] > 0.0  # nobody knows of this one
+    np.testing.assert_allclose(sealing_pressures(leaking, "y"), PRESSURE[first - 1 : first + 1])
+    np.testing.assert_array_equal(sealing_pressures(leaking, "x"), [PRESSURE[-1], np.nan])
+    assert "is tight from" in say_sealing(leaking, "y")
+    assert say_sealing(leaking, "x").endswith("up to the highest pressure, 100 MPa.")
+    assert "longest waves" not in leaking.attrs.get("cautions", "")
+
+
+def test_codes_of_flow_read_apertures_against_gap_and_pressure(leaking, tmp_path):
+    write_law_table(leaking, tmp_path / "gap.csv", leakage=True)
+    table = np.genfromtxt(tmp_path / "gap.csv", delimiter=",", names=True, deletechars="")
+    np.testing.assert_allclose(table["pressure_(MPa)"], 1e-6 * PRESSURE)
+    y = leaking["hydraulic_aperture"].sel(direction="y")
+    np.testing.assert_allclose(table["aperture_y_(um)"], 1e6 * y, rtol=1e-8)
+    bare = leaking.drop_vars("hydraulic_aperture")
+    with pytest.raises(CaseError, match="no hydraulic aperture; set leakage = true"):
+        write_law_table(bare, tmp_path / "gap.csv", leakage=True)

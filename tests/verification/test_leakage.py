@@ -1,0 +1,41 @@
+"""Gaps of random surfaces and patchworks, against published percolation and effective media."""
+
+import numpy as np
+import pytest
+
+from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.micro.gap_flow import gap_flow
+from multiscale.upscaling import effective_permeability
+
+
+@pytest.mark.slow
+def test_the_gap_of_random_surfaces_percolates_up_to_42_per_cent_of_contact():
+    """W. B. Dapp and others, Phys. Rev. Lett. 108 (2012) 244301; cells of 4 waves: .400 +- .010."""
+    waves = {"hurst_exponent": 0.8, "long_cutoff": 0.25, "short_cutoff": 0.0625}
+    cells = [
+        Cell(
+            self_affine((128, 128), (1.0, 1.0), seed, rms_slope=0.1, **waves),
+            *(1.0, 8, 1.0, 0.3),
+            geometry="flat",
+        )
+        for seed in range(8)
+    ]
+    pressure = 0.1 / 0.91 * np.arange(0.17, 0.3, 0.02)  # over the slope times E*: 1.7 to 2.9
+    response = run_ensemble(cells, Path(pressure=tuple(pressure)), keep_flow=True)
+    area = response["contact_fraction"].to_numpy()[..., None]
+    opened = response["hydraulic_aperture"].to_numpy() > 0.0
+    assert opened[:, 0].all()
+    assert not opened[:, -1].any()
+    assert np.all(np.diff(opened.astype(int), axis=1) <= 0)  # what is closed stays closed
+    last, first = np.max(area * opened, axis=1), np.min(np.where(opened, 1.0, area), axis=1)
+    assert np.mean(0.5 * (last + first)) == pytest.approx(0.42, abs=0.03)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_patchwork_of_cells_lets_through_what_its_effective_medium_does(axis):
+    """Permeabilities of 32 x 32 cells are lognormal, whose mean is 4 % above the effective one."""
+    k = np.exp(0.3 * np.random.default_rng(1).normal(size=(32, 32)))
+    gap = np.cbrt(np.kron(k, np.ones((4, 4))))
+    expected = effective_permeability(k.reshape(-1, 1), np.ones((1, k.size, 1))).item()
+    assert gap_flow(gap, (1.0, 1.0), axis).aperture ** 3 == pytest.approx(expected, rel=3e-3)
+    assert np.mean(k) > 1.03 * expected
