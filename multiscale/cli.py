@@ -86,6 +86,9 @@ def run_command(
     force: Annotated[
         bool, typer.Option("--force", help=f"Compute all stages anew, and {ANYWAY}.")
     ] = False,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="Keep the run folders of all points of a large sweep.")
+    ] = False,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -131,6 +134,7 @@ def run_command(
                 executor=executor,
                 progress=lambda finished: progress(finished, len(sweep.points), "points"),
                 force=force,
+                keep=keep,
             )
             write_reports(out, joined, executor=executor)
     finished = show_run(out)
@@ -140,7 +144,8 @@ def run_command(
     if one:
         typer.echo(f"report, figures and datasets: {out}")
     else:
-        typer.echo(f"report, figures and dataset: {out}; runs: {out / 'points'}")
+        runs = f"; runs: {out / 'points'}" if (out / "points").exists() else ""
+        typer.echo(f"report, figures and dataset: {out}{runs}")
     if failure := finished.failure:
         raise ConvergenceError(f"{sweep.title}: {failure}")
 

@@ -1,6 +1,6 @@
 """Errors that a user can correct; a message is one sentence: problem, place, value, remedy."""
 
-__all__ = ["CaseError", "ConvergenceError", "MultiscaleError", "SchemaError"]
+__all__ = ["CaseError", "ConvergenceError", "FileError", "MultiscaleError", "SchemaError"]
 
 
 class MultiscaleError(Exception):
@@ -9,6 +9,10 @@ class MultiscaleError(Exception):
 
 class CaseError(MultiscaleError):
     """A case file, an input file or a parameter is refused."""
+
+
+class FileError(MultiscaleError):
+    """A file or a folder cannot be written."""
 
 
 class SchemaError(MultiscaleError):

@@ -2,10 +2,13 @@
 
 import logging
 import os
-from collections.abc import Callable, Hashable, Iterator, Mapping
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import contextmanager
+from itertools import islice
 from math import inf
+from queue import SimpleQueue
+from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from multiscale.errors import CaseError, MultiscaleError
@@ -20,21 +23,30 @@ USABLE = 0.8  # of the memory of a machine
 Key = TypeVar("Key", bound=Hashable)
 Result = TypeVar("Result")
 
+IN_FLIGHT = 1024
+"""Jobs that are submitted and not finished: enough for hundreds of workers, small in memory."""
+
+LOST = 300.0
+"""Time, s, without any worker of a cluster that had some, after which jobs are given up."""
+
 
 def run_jobs(
     function: Callable[..., Result],
-    jobs: Mapping[Key, tuple[Any, ...]],
+    jobs: Iterable[tuple[Key, tuple[Any, ...]]],
     executor: Executor | None,
     finish: Callable[[Key, Result], None],
 ) -> None:
     """Call a function once for each job, and process the results in the order of completion.
 
+    Jobs are taken one by one, so that any number of them needs little memory, and the next one is
+    submitted when any one is finished: a slow worker delays no other.
+
     Parameters
     ----------
     function : callable
         The function, importable by name if an executor is given. Workers call it with one thread
-        for kernels, because they share the machine.
-    jobs : mapping of key to tuple
+        for kernels, because they share the machine, unless ``NUMBA_NUM_THREADS`` is set for them.
+    jobs : iterable of key and tuple
         Arguments of each call.
     executor : Executor, optional
         Executor of ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py; serial, with
@@ -49,38 +61,48 @@ def run_jobs(
         If a worker process died or the workers were lost.
     """
     if executor is None:
-        for key, arguments in jobs.items():
+        for key, arguments in jobs:
             finish(key, function(*arguments))
         return
-    futures = {
-        executor.submit(call_on_one_thread, function, *job): key for key, job in jobs.items()
-    }
-    done = 0
+    waiting, done = iter(jobs), 0
+    in_flight: dict[Future[Result], Key] = {}
+    ended: SimpleQueue[Future[Result]] = SimpleQueue()
     try:
-        for future in as_completed(futures):
-            finish(futures[future], future.result())
+        while True:
+            for key, arguments in islice(waiting, IN_FLIGHT - len(in_flight)):
+                future = executor.submit(call_on_one_thread, function, *arguments)
+                in_flight[future] = key
+                future.add_done_callback(ended.put)
+            if not in_flight:
+                return
+            future = ended.get()
+            finish(in_flight.pop(future), future.result())
             done += 1
     except BrokenExecutor as error:
         raise MultiscaleError(
-            f"a worker process died after {done} of {len(jobs)} jobs, perhaps for lack of memory, "
-            f"or because it was forked instead of spawned; finished results are kept, so run "
-            f"again with fewer jobs"
+            f"a worker process died after {done} finished jobs, perhaps for lack of memory, or "
+            f"because it was forked instead of spawned; finished results are kept, so run again "
+            f"with fewer jobs"
         ) from error
     except CancelledError as error:
         raise MultiscaleError(
-            f"the workers were lost after {done} of {len(jobs)} jobs; finished results are kept, "
-            f"so run again once the workers are back"
+            f"the workers were lost after {done} finished jobs; finished results are kept, so run "
+            f"again once the workers are back"
         ) from error
     finally:
-        for future in futures:
+        for future in in_flight:
             future.cancel()
 
 
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Call a function with one thread for kernels, in a process that shares its machine."""
+    """Call a function with one thread for kernels, in a process that shares its machine.
+
+    A worker for which ``NUMBA_NUM_THREADS`` is set keeps its number of threads.
+    """
     import numba
 
-    numba.set_num_threads(1)
+    if "NUMBA_NUM_THREADS" not in os.environ:
+        numba.set_num_threads(1)
     return function(*arguments)
 
 
@@ -120,7 +142,7 @@ def process_pool(jobs: int) -> Iterator["ProcessPoolExecutor"]:
 
     # spawn: a forked process would inherit locks of the kernels' threads
     spawn = get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_follow_parent) as executor:
+    with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_begin_worker) as executor:
         try:
             yield executor
         except (KeyboardInterrupt, GeneratorExit):
@@ -143,13 +165,41 @@ def _dask_workers(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise CaseError(f"no dask scheduler answers at {address!r}: {error}") from error
     try:
-        with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
+        pool = client.get_executor()  # type: ignore[no-untyped-call]
+        with client, _leaving_the_lost(client), pool as executor:
             yield executor
     except KilledWorker as error:
         raise MultiscaleError(
             "several workers of dask died of the same job, perhaps for lack of memory; finished "
             "results are kept, so run again on larger workers"
         ) from error
+
+
+@contextmanager
+def _leaving_the_lost(client: Any) -> Iterator[None]:
+    """Cancel all jobs when no worker is left for long; before the first one comes, wait for it."""
+    from threading import Event, Thread
+
+    from distributed import Future
+
+    ended = Event()
+
+    def watch() -> None:
+        seen: float | None = None
+        while not ended.wait(min(LOST, 10.0) / 4.0):
+            if client.nthreads():
+                seen = monotonic()
+            elif seen is not None and monotonic() - seen > LOST:
+                client.cancel([Future(key, client) for key in list(client.futures)])
+                return
+
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
 
 
 def cores() -> int:
@@ -166,13 +216,16 @@ def usable_memory() -> float:
     return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def _follow_parent() -> None:
-    """Leave Ctrl-C to the parent process, and end this worker when it ends, even if killed."""
+def _begin_worker() -> None:
+    """Give this worker one thread, leave Ctrl-C to its parent, and end it with its parent."""
     import signal
     from multiprocessing import parent_process
     from threading import Thread
 
+    import numba
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    numba.set_num_threads(1)
     parent = parent_process()
 
     def watch() -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from html import escape
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -77,9 +77,7 @@ def to_si(text: object, unit: str) -> float:
         if unit != "1" and not parts["unit"]:
             raise CaseError(f'{text!r} has no unit; write a number and a unit, such as "1 {unit}"')
         try:
-            quantity: Any = _registry().Quantity(float(parts["number"]), parts["unit"])
-            # via the decimal text of the number, so that "0.8 um" is exactly 8e-07
-            number = float(f"{quantity.to(unit).magnitude:.15g}")
+            number = _convert(parts["number"], parts["unit"], unit)
         except pint.DimensionalityError as error:
             raise CaseError(f"{text!r} cannot be converted to {unit}") from error
         except pint.UndefinedUnitError as error:
@@ -94,6 +92,13 @@ def to_si(text: object, unit: str) -> float:
     if not isfinite(number):
         raise CaseError(f"{text!r} is not finite; give a number")
     return number
+
+
+@lru_cache(maxsize=4096)  # points of a sweep repeat their quantities
+def _convert(number: str, given: str, unit: str) -> float:
+    quantity: Any = _registry().Quantity(float(number), given)
+    # via the decimal text of the number, so that "0.8 um" is exactly 8e-07
+    return float(f"{quantity.to(unit).magnitude:.15g}")
 
 
 def readable(value: object) -> str:

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import mkstemp
 
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, FileError
 
 __all__ = [
     "logging_to",
@@ -28,7 +28,7 @@ def write_bytes(path: Path, content: bytes | memoryview) -> None:
 
     Raises
     ------
-    MultiscaleError
+    FileError
         If the disk is full or the folder cannot be written to.
     """
     with replacing(path) as part:
@@ -57,14 +57,14 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Report an error of the operating system on writing as a ``MultiscaleError``."""
+    """Report an error of the operating system on writing as a ``FileError``."""
     try:
         yield
     except OSError as error:
         remedy = "choose another folder"
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             remedy = "finished results stay, so free some space and run again"
-        raise MultiscaleError(
+        raise FileError(
             f"cannot write {path}: {(error.strerror or str(error)).lower()}; {remedy}"
         ) from error
 

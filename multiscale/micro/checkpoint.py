@@ -9,14 +9,17 @@ from zipfile import BadZipFile
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.io.files import replacing
+from multiscale.io.files import make_folder, replacing
 
-__all__ = ["Checkpoint"]
+__all__ = ["WORTH", "Checkpoint"]
 
 State = TypeVar("State")
 Steps = list[dict[str, Any]]
 
-WORTH = 2.0  # s that a step took from which on it is kept: cheaper ones are computed again
+WORTH = 2.0
+"""Time, s, from which on a step is kept, and of sparing runs a realisation and a dataset: cheaper
+ones are computed again."""
+
 NONE = np.zeros(0)  # stands for None
 OF_THE_WAY = ("status", "residuals", "linear_iterations")  # nothing starts from these
 
@@ -54,6 +57,7 @@ class Checkpoint:
             parts = enumerate(value) if isinstance(value, tuple) else [("", value)]
             if name not in OF_THE_WAY:
                 content |= {f"state/{name}/{k}": NONE if one is None else one for k, one in parts}
+        make_folder(self.file.parent)
         with replacing(self.file) as part, part.open("wb") as file:
             np.savez(file, allow_pickle=False, **content)
 

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path as FilePath
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.micro.cell import AnyCell
 from multiscale.micro.cell_solver import solve_cell
-from multiscale.micro.checkpoint import Checkpoint
+from multiscale.micro.checkpoint import WORTH, Checkpoint
 from multiscale.micro.path import Path
 from multiscale.schema import MICRO_RESPONSE
 
@@ -31,6 +32,7 @@ def run_ensemble(
     *,
     executor: Executor | None = None,
     folder: FilePath | None = None,
+    sparing: bool = False,
     identity: str = "",
     keep_fields: bool = False,
     keep_spots: bool = False,
@@ -49,6 +51,9 @@ def run_ensemble(
     folder : Path, optional
         Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
         there are not computed again, nor steps that took long of one that was killed.
+    sparing : bool
+        Whether the folder gets only realisations that took longer than :data:`WORTH`, from which
+        a run that was killed goes on.
     identity : str
         What the cells were made from, for instance the checksum of a case.
     keep_fields : bool
@@ -88,6 +93,7 @@ def run_ensemble(
         ],
         executor=executor,
         folder=folder,
+        sparing=sparing,
         identity=identity,
         progress=progress,
     )
@@ -105,6 +111,7 @@ def run_realisations(
     *,
     executor: Executor | None,
     folder: FilePath | None,
+    sparing: bool = False,
     identity: str,
     progress: Callable[[int], None],
     name: str = "realisation",
@@ -116,15 +123,13 @@ def run_realisations(
     function : callable
         Importable by name; gives the response to its arguments, of one realisation or of several.
     arguments : sequence of tuple
-    executor, folder, identity, progress
+    executor, folder, sparing, identity, progress
         See :func:`run_ensemble`.
     name : str
         Of the files, before their number.
     """
     import xarray as xr
 
-    if folder is not None:
-        make_folder(folder)
     numbers = range(len(arguments))
     files = [_file_of(folder, k, name) if folder else None for k in numbers]
     results = {
@@ -138,7 +143,7 @@ def run_realisations(
 
     todo = [k for k in numbers if k not in results]
     progress(len(results))
-    jobs = {k: (function, arguments[k], files[k], identity) for k in todo}
+    jobs = ((k, (function, arguments[k], files[k], identity, sparing)) for k in todo)
     run_jobs(_compute_and_keep, jobs, executor, finish)
     ends = np.cumsum([0, *(results[k].sizes["realisation"] for k in numbers)])
     ordered = [
@@ -166,10 +171,13 @@ def _compute_and_keep(
     arguments: tuple[Any, ...],
     file: FilePath | None,
     identity: str,
+    sparing: bool,
 ) -> "xr.Dataset":
-    """Compute a realisation and write its file."""
+    """Compute a realisation and write its file, unless it is spared."""
+    begun = perf_counter()
     response = function(*arguments)
-    if file is not None:
+    if file is not None and not (sparing and perf_counter() - begun < WORTH):
+        make_folder(file.parent)
         write_dataset(response, file, MICRO_RESPONSE, identity=identity)
         remove(_steps_of(file))
     return response

@@ -100,7 +100,7 @@ def slide_cell(
     slide = np.zeros((steps + 1, 2))
     slide[:, axis] = np.linspace(0.0, distance, steps + 1)
     found: dict[int, xr.Dataset] = {}
-    jobs = {k: (cell, one, slide, tolerance) for k, one in enumerate(pressure)}
+    jobs = ((k, (cell, one, slide, tolerance)) for k, one in enumerate(pressure))
     run_jobs(_slide_once, jobs, executor, found.__setitem__)
 
     values = {

@@ -186,7 +186,7 @@ def with_joint_budget(
         solved[key] = answers(found)
         job.progress(len(solved), len(jobs), "solves for the intervals")
 
-    run_jobs(solve, {key: (change,) for key, change in jobs.items()}, job.executor, finish)
+    run_jobs(solve, ((key, (change,)) for key, change in jobs.items()), job.executor, finish)
     value, mesh = answers(result), {ratio: solved[ratio] for ratio in coarser}
     once, beds = [], np.zeros((len(names), steps.size))
     if cycles is not None:

@@ -15,7 +15,7 @@ from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Sett
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import ShowProgress, unseen
+from multiscale.pipeline.stage import Job, ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.control_cells import press_control
 from multiscale.pipeline.stages.joint import solve_joint
@@ -261,7 +261,7 @@ class _Campaign:
         if few or not self.case.micro.control or not file.exists():
             return None
         cells = resize(self.case, setting, pilot=pilot)
-        found = press_control(cells, open_response(file), file.parent / "control", self.executor)
+        found = press_control(cells, open_response(file), Job(file.parent, self.executor))
         write_dataset(found, file.with_name(f"{CONTROL_RESPONSE.name}.nc"), CONTROL_RESPONSE)
         return self.at_large(found)
 

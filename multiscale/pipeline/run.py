@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, open_law, write_dataset
+from multiscale.micro.checkpoint import WORTH
 from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
@@ -83,6 +84,7 @@ def run(
     executor: Executor | None = None,
     progress: ShowProgress = unseen,
     force: bool = False,
+    sparing: bool = False,
 ) -> Results:
     """Run the stages that a case asks for, one after another, as far as they are out of date.
 
@@ -98,15 +100,19 @@ def run(
         Called as ``progress(finished, total, parts)`` after every realisation, time step or solve.
     force : bool, default False
         Whether all stages are computed anew, also those that are up to date, with their cells.
+    sparing : bool, default False
+        Whether only what took long is written, from which a run that was killed goes on: no case,
+        no fields, and no cells and datasets that cost less than :data:`WORTH`.
 
     Raises
     ------
     MultiscaleError
         If an input is refused, a file cannot be written, or nothing converged.
     """
-    folder = make_folder(Path(out))
-    job = Job(folder, executor, progress, read_law=_read_laws(folder, executor))
-    claim_folder(job.out, case, force=force)
+    folder = Path(out)
+    job = Job(folder, executor, progress, sparing=sparing, read_law=_read_laws(folder, executor))
+    if not sparing or folder.exists():
+        claim_folder(make_folder(folder), case, force=force)
     for stage in stages_of(case.tables):
         stage.prepare(case)
     planned_files = [job.out / one.file for one in PLANNED if one.asked_for(case.tables)]
@@ -196,9 +202,9 @@ def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path)
     logger.info("%s: begun", stage.name)
     begin = perf_counter()
     result = stage.run(case, found, job)
-    if _writes(job):
+    if _writes(job) and not (job.sparing and perf_counter() - begin < WORTH):
         make_folder(file.parent)
-        if stage.write_fields is not None:
+        if stage.write_fields is not None and not job.sparing:
             stage.write_fields(result, make_folder(file.parent / "fields"), name=file.stem)
         write_dataset(result, file, stage.schema, identity=stage.identity(case))
     logger.info("%s: finished after %.3g s", stage.name, perf_counter() - begin)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
 from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.point_store import STORE
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS
@@ -16,7 +17,7 @@ from multiscale.pipeline.toml_model import read_toml
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "open_stages"]
+__all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "is_whole", "open_stages"]
 
 
 def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
@@ -32,7 +33,8 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
         If the folder holds another run, or a sweep.
     """
     file = out / "case.toml"
-    if file.exists() and any(out.rglob("*.nc")):
+    results = any(out.rglob("*.nc"))
+    if file.exists() and (results or (out / STORE).exists()):
         if "sweep" in read_toml(file):
             raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
         other = load_case(file)
@@ -41,6 +43,7 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
                 f"{out} holds another run, {other.title!r}, of {other.scope}; choose another "
                 f"folder, or delete this one"
             )
+    if results:
         for stage in stages_of(case.tables):
             if force or not is_up_to_date(stage, case, out):
                 remove(out / stage.file)
@@ -56,6 +59,11 @@ def is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
     except SchemaError:  # missing, damaged or of another version
         return False
     return bool(left.attrs.get("identity") == stage.identity(case))
+
+
+def is_whole(out: Path, case: AnyCase) -> bool:
+    """Whether a run folder has an up-to-date dataset of each stage of a case."""
+    return all(is_up_to_date(stage, case, out) for stage in stages_of(case.tables))
 
 
 def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":

@@ -109,6 +109,7 @@ class Job:
     executor : Executor or None, see :func:`multiscale.executors.run_jobs`
     progress : ShowProgress, called after every part of a stage that takes long
     team : ProcessGroup or None, processes that share the substructures of a structure
+    sparing : bool, whether only what took long is written; see :func:`~multiscale.pipeline.run`
     read_law : callable
         From a dataset, or a case and whether it is quick, to an interface law; a case is run in a
         folder of its own.
@@ -118,6 +119,7 @@ class Job:
     executor: Executor | None = None
     progress: ShowProgress = unseen
     team: "ProcessGroup | None" = None
+    sparing: bool = False
     read_law: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_law(file)
 
 

@@ -8,20 +8,23 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from itertools import product
+from itertools import count, product
 from math import prod
-from operator import getitem
+from operator import getitem, methodcaller
 from pathlib import Path
+from shutil import rmtree
+from sys import intern
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, ConvergenceError, FileError, MultiscaleError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, open_dataset, remove, write_bytes, write_dataset
+from multiscale.io import make_folder, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
+from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run import run
-from multiscale.pipeline.run_folder import gather_cautions
+from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.stage import Shown, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
@@ -35,20 +38,24 @@ __all__ = ["Sweep", "load_sweep", "run_sweep"]
 
 MOST_POINTS = 100_000
 
-NUMBERS = ((), ("limit",))
-"""Last dimensions of an answer that is one number, and of its intervals."""
+MOST_KEPT = 100
+"""Largest number of points whose run folders are kept without request."""
 
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    """What a point has left: its answers with their values, or why it has none."""
+class _Cases(Sequence[AnyCase]):
+    """Cases that are made when they are asked for: all cases of a sweep would fill the memory."""
 
-    answers: tuple[StageAnswer, ...] = ()
-    values: "xr.Dataset | None" = None
-    caution: str = ""
-    failure: str = ""
+    make: Callable[[Any], AnyCase]
+    given: Sequence[Any]
+
+    def __len__(self) -> int:
+        return len(self.given)
+
+    def __getitem__(self, k: Any) -> Any:
+        return self.make(self.given[k])
 
 
 @dataclass(frozen=True)
@@ -60,8 +67,8 @@ class Sweep:
     title : str
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
-    points : tuple of Case or TyreCase
-        Every combination of the values, the last key fastest.
+    points : sequence of Case or TyreCase
+        Every combination of the values, the last key fastest; each is made when it is asked for.
     settings : tuple of tuple of str, for each point the values, as the file says them
     content : dict
         What the file says, with ``[sweep]`` where it has one; empty if it is from no file.
@@ -69,15 +76,19 @@ class Sweep:
 
     title: str
     parameters: tuple[str, ...]
-    points: tuple[AnyCase, ...]
+    points: Sequence[AnyCase]
     settings: tuple[tuple[str, ...], ...]
     content: dict[str, Any] = field(default_factory=dict)
 
     def quick(self) -> "Sweep":
         """Return the same sweep of quick cases."""
         title = f"{self.title} (quick)"
-        points = tuple(case.quick() for case in self.points)
+        points = _Cases(methodcaller("quick"), self.points)
         return replace(self, title=title, points=points, content=self.content | {"title": title})
+
+    def name(self, k: int) -> str:
+        """Name a point by its keys and values."""
+        return name_point(self.parameters, self.settings[k])
 
     def folders(self, out: Path) -> list[Path]:
         """Run folder of each point, named after what it says, so that a sweep may grow."""
@@ -111,29 +122,27 @@ def load_sweep(case: str | Path) -> Sweep:
     lists = dict(_lists(table, path)) if isinstance(table, Mapping) else {}
     if not lists and table != {}:
         raise CaseError(f"{path}: [sweep] should be a table of lists, got {table!r}")
-    count = prod(len(values) for values in lists.values())
-    if count > MOST_POINTS:
+    size = prod(len(values) for values in lists.values())
+    if size > MOST_POINTS:
         raise CaseError(
-            f"{path}: [sweep] makes {count} points; list fewer values, at most {MOST_POINTS} points"
+            f"{path}: [sweep] makes {size} points; list fewer values, at most {MOST_POINTS} points"
         )
     parameters = tuple(".".join(key) for key in lists)
-    points, settings = [], []
-    for values in product(*lists.values()):
-        said = tuple(map(_say, values))
+
+    def case_of(values: Sequence[Any]) -> AnyCase:
         point = deepcopy(content)
         for key, value in zip(lists, values, strict=True):
             _set(point, key, value, path)
         if lists:
-            point["title"] = f"{content.get('title', '')}: {name_point(parameters, said)}"
-        points.append(validate_case(point, path))
-        settings.append(said)
-    return Sweep(
-        str(content.get("title", points[0].title)),
-        parameters,
-        tuple(points),
-        tuple(settings),
-        whole,
-    )
+            said = name_point(parameters, map(_say, values))
+            point["title"] = f"{content.get('title', '')}: {said}"
+        return validate_case(point, path)
+
+    combinations = list(product(*lists.values()))
+    cases = _Cases(case_of, combinations)
+    first, *_ = [case.title for case in cases]  # every case is checked
+    settings = tuple(tuple(map(_say, values)) for values in combinations)
+    return Sweep(str(content.get("title", first)), parameters, cases, settings, whole)
 
 
 def run_sweep(
@@ -143,28 +152,33 @@ def run_sweep(
     executor: Executor | None = None,
     progress: Callable[[int], None] = lambda finished: None,
     force: bool = False,
+    keep: bool = False,
 ) -> "xr.Dataset":
-    """Run every point of a sweep in its own folder, and join the results.
+    """Run every point of a sweep, and join the results.
 
     Parameters
     ----------
     sweep : Sweep
     out : path
-        Gets ``sweep.nc`` and the folder ``points``. Finished points and cells found there are
-        kept, also those of another sweep.
+        Gets ``sweep.nc``, the results of the points in ``points.sqlite`` and the folder ``points``.
+        Finished points and cells found there are kept, also those of another sweep.
     executor : Executor, optional
         See :func:`multiscale.executors.run_jobs`; a point is one job.
     progress : callable
         Gets the number of finished points.
     force : bool, default False
         Whether all points are computed anew, also finished ones.
+    keep : bool, default False
+        Whether each point keeps its run folder, as in sweeps of up to :data:`MOST_KEPT` points.
+        Other sweeps keep the answers alone, and write what took long until a point is finished.
 
     Returns
     -------
     Dataset
         Follows ``SWEEP``: every answer of the last stage that has any, with its intervals, and the
         parameters as coordinates of ``point``, in SI units where they are numbers. A point without
-        result is NaN, with its failure as text.
+        result is NaN, with its failure as text; it is computed again by the next run, unless a
+        solver did not converge.
 
     Raises
     ------
@@ -181,27 +195,29 @@ def run_sweep(
     remove(out / POINTS.file)  # of other points
     write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
     folders = sweep.folders(out)
-    names = [name_point(sweep.parameters, setting) for setting in sweep.settings]
-    found: dict[int, _Point] = {}
+    kept = keep or len(folders) <= MOST_KEPT
 
-    def finish(k: int, point: _Point) -> None:
-        found[k] = point
-        logger.info("%s: %s", names[k], point.failure or "finished")
-        progress(len(found))
+    def finish(k: int, point: Point) -> None:
+        store.keep(folders[k].name, point)
+        if point.final and not kept:
+            rmtree(folders[k], ignore_errors=True)
+        logger.info("%s: %s", sweep.name(k), point.failure or "finished")
+        progress(next(finished))
 
-    for k, folder in enumerate(() if force else folders):
-        with suppress(MultiscaleError):  # missing, damaged or of another version: run again
-            found[k] = _read_point(sweep.points[k], folder)
-    progress(len(found))
-    jobs = {k: (case, folders[k], force) for k, case in enumerate(sweep.points) if k not in found}
-    run_jobs(_run_point, jobs, executor, finish)
-    points = [found[k] for k in range(len(folders))]
-    if all(point.failure for point in points):
-        raise MultiscaleError(
-            f"none of the {len(folders)} points of the sweep has a result; at {names[0]}: "
-            f"{points[0].failure}"
-        )
-    joined = _join(sweep, points, [path.name for path in folders])
+    with open_store(out) as store:
+        stored = set() if force else store.finished()
+        todo = {
+            folder.name: k
+            for k, folder in enumerate(folders)
+            if folder.name not in stored or (kept and not is_whole(folder, sweep.points[k]))
+        }
+        finished = count(len(folders) - len(todo))
+        progress(next(finished))
+        jobs = ((k, (sweep.points[k], folders[k], force, kept)) for k in todo.values())
+        run_jobs(_run_point, jobs, executor, finish)
+        joined = _join(sweep, [folder.name for folder in folders], store)
+    with suppress(OSError):  # of points that are kept, or failed for lack of memory
+        (out / "points").rmdir()
     write_dataset(joined, out / POINTS.file, SWEEP)
     return joined
 
@@ -236,97 +252,101 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: AnyCase, folder: Path, force: bool) -> _Point:
+def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
     """Run a point; what is refused is a sentence, not the end."""
     try:
-        run(case, folder, force=force)
-        return _read_point(case, folder)
-    except MultiscaleError as error:
-        return _Point(failure=str(error))
+        results = run(case, folder, force=force, sparing=not kept)
+    except FileError:  # of the folder of all points
+        raise
+    except ConvergenceError as error:
+        return Point(failure=str(error))
+    except MultiscaleError as error:  # a file that is missing may be there the next time
+        return Point(failure=str(error), final=False)
     except MemoryError as error:
-        return _Point(failure=f"not enough memory ({error}); use fewer points or jobs")
-
-
-def _read_point(case: AnyCase, folder: Path) -> _Point:
-    """Open the answers of a finished point, with the cautions of its whole run.
-
-    Raises
-    ------
-    MultiscaleError
-        If a dataset is missing or refused, or answers nothing.
-    """
+        return Point(failure=f"not enough memory ({error}); use fewer jobs", final=False)
     stages = stages_of(case.tables)
-    found: dict[Shown, xr.Dataset] = {}
-    for stage in stages:
-        found[stage] = open_dataset(folder / stage.file, stage.schema)
-        stage.check(found[stage])
+    found: dict[Shown, xr.Dataset] = {stage: results[stage.name] for stage in stages}
     answering = [stage for stage in stages if stage.answers][-1]
-    values = answering.compared(found[answering])
-    answers = tuple(one for one in answering.answers if one.name in values.variables)
-    kept = [name for one in answers for name in _with_intervals(one.name) if name in values]
+    values = answering.compared(found[answering]).reset_coords()
+    answers = tuple(one for one in answering.answers if one.name in values)
+    names = [name for one in answers for name in _with_intervals(one.name) if name in values]
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
-    return _Point(answers, values.reset_coords()[kept], caution)
+    return Point(answers, values[names].reset_coords(drop=True).to_dict()["data_vars"], caution)
 
 
 def _with_intervals(name: str) -> tuple[str, str, str]:
     return name, f"{name}_mean_law", f"{name}_one_part"
 
 
-def _join(sweep: Sweep, points: Sequence[_Point], folders: list[str]) -> "xr.Dataset":
-    """Put the points side by side; what a point has not is NaN."""
+def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> "xr.Dataset":
+    """Put the points side by side, which are read one by one; what a point has not is NaN."""
     import xarray as xr
 
-    answers = {one.name: one for point in points for one in point.answers}
+    answers: dict[str, StageAnswer] = {}
+    kinds: dict[str, tuple[list[str], dict[str, Any]]] = {}
+    shapes: dict[str, np.ndarray] = {}
+    failures, cautions = [], []
+    for name in names:
+        point = store.read(name)
+        answers |= {one.name: one for one in point.answers}
+        for own, one in point.values.items():
+            kinds.setdefault(own, (one["dims"], one["attrs"]))
+            shapes[own] = np.maximum(shapes.get(own, 0), np.shape(one["data"]))
+        failures.append(intern(point.failure))
+        cautions.append(intern(point.caution))
+    if all(failures):
+        raise MultiscaleError(
+            f"none of the {len(names)} points of the sweep has a result; at {sweep.name(0)}: "
+            f"{failures[0]}"
+        )
+    tables = {own: np.full((len(names), *shape), np.nan) for own, shape in shapes.items()}
+    place = np.zeros((len(names), len(answers)), dtype=int)
+    for k, name in enumerate(names):
+        values = store.read(name).values
+        for own, one in values.items():
+            data = np.array(one["data"])
+            here: Any = (k, *map(slice, data.shape))
+            tables[own][here] = data
+        for column, answer in enumerate(answers):
+            if answer in values and values[answer]["dims"]:
+                place[k, column] = np.shape(values[answer]["data"])[-1] - 1
     columns = {
-        column: [getattr(one, column) for one in answers.values()]
+        f"answer_{column}": [getattr(one, column) for one in answers.values()]
         for column in ("label", "unit", "scale", "over", "drawn")
     }
-    place = np.zeros((len(points), len(answers)), dtype=int)
-    values = {}
-    for column, name in enumerate(answers):
-        for own in _with_intervals(name):
-            found = [None if one.values is None else one.values.get(own) for one in points]
-            first = next((one for one in found if one is not None), None)
-            if first is None:
-                continue
-            shape = np.max([one.shape for one in found if one is not None], axis=0).astype(int)
-            table = np.full((len(points), *shape), np.nan)
-            for k, one in enumerate(found):
-                if one is not None:
-                    here: Any = (k, *map(slice, one.shape))
-                    table[here] = one.to_numpy()
-                    place[k, column] = one.shape[-1] - 1 if one.dims[-1:] not in NUMBERS else 0
-            values[own] = (("point", *first.dims), table, first.attrs)
     joined = SWEEP.build(
-        {
-            "setting": np.array(sweep.settings, dtype=str).reshape(len(points), -1),
-            "folder": [f"points/{name}" for name in folders],
-            "failure": [one.failure for one in points],
-            "caution": [one.caution for one in points],
+        columns
+        | {
+            "setting": np.array(sweep.settings, dtype=str).reshape(len(names), -1),
+            "folder": [f"points/{name}" for name in names],
+            "failure": np.array(failures, dtype=object),
+            "caution": np.array(cautions, dtype=object),
             "answer_place": place,
-        }
-        | {f"answer_{column}": said for column, said in columns.items()},
+        },
         title=sweep.title,
     )
     labels = {"parameter": list(sweep.parameters), "answer": list(answers)}
     joined = joined.assign_coords(labels | _coordinates(sweep))
-    return joined.merge(xr.Dataset(values), combine_attrs="override")
+    found = {own: (("point", *kinds[own][0]), tables[own], kinds[own][1]) for own in tables}
+    return joined.merge(xr.Dataset(found), combine_attrs="override")
 
 
 def _coordinates(sweep: Sweep) -> dict[str, Any]:
     """Parameters along the points: numbers in SI units, or text."""
-    dumps = [case.model_dump(mode="json") for case in sweep.points]
     coordinates: dict[str, Any] = {}
     for column, name in enumerate(sweep.parameters):
-        values = [reduce(getitem, name.split("."), dump) for dump in dumps]
-        parts = [str(value).split(" ", maxsplit=1) for value in values]
+        texts = [setting[column] for setting in sweep.settings]
+        first = {text: k for k, text in reversed([*enumerate(texts)])}
+        said = {}
+        for text, k in first.items():
+            dump = sweep.points[k].model_dump(mode="json")
+            said[text] = str(reduce(getitem, name.split("."), dump)).split(" ", maxsplit=1)
         try:
-            numbers = [float(part[0]) for part in parts]
+            numbers = [float(said[text][0]) for text in texts]
         except ValueError:
-            texts = [setting[column] for setting in sweep.settings]
             coordinates[name] = ("point", texts, {"long_name": name})
             continue
-        unit = parts[0][1] if len(parts[0]) > 1 else "1"
+        unit = said[texts[0]][1] if len(said[texts[0]]) > 1 else "1"
         coordinates[name] = ("point", numbers, {"units": unit, "long_name": name})
     return coordinates

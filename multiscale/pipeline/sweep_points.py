@@ -21,6 +21,12 @@ __all__ = ["POINTS", "name_point"]
 MOST_NAMED = 3
 """Points that are named for one caution."""
 
+MOST_TOLD = 10
+"""Cautions that are told, which may differ from point to point by a number."""
+
+MOST_SHOWN = 200
+"""Points of a table or a figure."""
+
 
 def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
     """Say which point of a sweep is meant: its keys in full, with their values."""
@@ -35,12 +41,20 @@ def _list_cautions(result: "xr.Dataset") -> list[str]:
     beware = _places((line, k) for k, one in enumerate(cautions) for line in one.splitlines())
     solved = failures.count("")
     return [
-        *(f"at {_list(names, at)}: {text}" for text, at in refused.items()),
-        *(
+        *_first(f"at {_list(names, at)}: {text}" for text, at in refused.items()),
+        *_first(
             f"at {'every point with a result' if len(at) == solved else _list(names, at)}: {text}"
-            for text, at in beware.items()
+            for text, at in sorted(beware.items(), key=lambda one: -len(one[1]))
         ),
     ]
+
+
+def _first(cautions: Iterable[str]) -> list[str]:
+    """Return the first cautions, and how many more there are."""
+    every = list(cautions)
+    more = len(every) - MOST_TOLD
+    left = f"{more} more sentences like these are in {POINTS.file}" if more > 0 else ""
+    return [*every[:MOST_TOLD], *filter(None, [left])]
 
 
 def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
@@ -90,14 +104,23 @@ def _parameters(result: "xr.Dataset") -> list[str]:
     return list(map(str, result["parameter"].values))
 
 
+def _shown(result: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
+    """Return the points that a table or a figure has room for, and a sentence about the rest."""
+    count = result.sizes["point"]
+    if count <= MOST_SHOWN:
+        return result, []
+    few = result.isel(point=np.linspace(0, count - 1, MOST_SHOWN).astype(int))
+    return few, [f"{MOST_SHOWN} of {count} points are shown; {POINTS.file} has all."]
+
+
 def _lines(found: Datasets) -> list[str]:
-    result = found[POINTS.name]
-    return format_table(result.attrs["title"], *tabulate_sweep(result))
+    few, more = _shown(found[POINTS.name])
+    return [*format_table(few.attrs["title"], *tabulate_sweep(few)), *more]
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     """Show the answers at the end of all points, over the steps of each, and where the runs are."""
-    result = found[POINTS.name]
+    result, more = _shown(found[POINTS.name])
     drawn = list(map(str, result["answer"].values[result["answer_drawn"].values == 1]))
     over_steps = [one for one in drawn if result["answer_over"].sel(answer=one).item()][:1]
 
@@ -108,14 +131,18 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     figures |= {f"sweep_{one}_steps": draw(plot_sweep_steps, one) for one in over_steps}
     told = [
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
-        "figures a bar, and lighter the interval of one part."
+        "figures a bar, and lighter the interval of one part.",
+        *more,
     ]
     yield Section("Points", told, *tabulate_sweep(result), figures)
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
     runs = dict(zip(_names(result), pages, strict=True))
     yield Section(
         "Runs",
-        ["multiscale report FOLDER writes the page of a point that has a result and no page here."],
+        [
+            "multiscale report FOLDER writes the page of a point that has a folder and no page; "
+            "run --keep keeps the folders of all points."
+        ],
         links={name: page for name, page in runs.items() if (out / page).exists()},
     )
 

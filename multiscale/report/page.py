@@ -67,10 +67,10 @@ def write_reports(
 ) -> None:
     """Draw the figures and write the reports of the points of a sweep in a folder.
 
-    The points are those of its dataset that have a result, and a report older than their datasets.
+    The points are those that have a result and a folder, and a report older than their datasets.
     """
-    solved = sweep["folder"].values[sweep["failure"].values == ""]
-    jobs = {name: (Path(out) / str(name),) for name in solved}
+    solved = [Path(out) / str(name) for name in sweep["folder"].values[sweep["failure"] == ""]]
+    jobs = ((folder, (folder,)) for folder in solved if any(folder.glob("*.nc")))
     run_jobs(_report_point, jobs, executor, lambda name, nothing: None)
 
 

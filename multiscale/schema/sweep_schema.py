@@ -14,7 +14,7 @@ SWEEP = Schema(
     version=2,
     variables={
         "setting": Variable(("point", "parameter"), "1", "what the case of a point says"),
-        "folder": _point("1", "run folder of a point"),
+        "folder": _point("1", "run folder of a point, if it is kept"),
         "failure": _point("1", "why a point has no result; empty if it has one"),
         "caution": _point("1", "what to beware of at a point, a line for each"),
         "answer_label": _answer("1", "name of an answer in words"),

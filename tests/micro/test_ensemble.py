@@ -2,13 +2,17 @@
 
 import os
 import signal
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
+from threading import Event
 
+import numba
 import numpy as np
 import pytest
 import xarray as xr
 
+from multiscale import executors
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.executors import process_pool, run_jobs
@@ -98,15 +102,59 @@ def test_local_fields_are_kept_for_the_first_realisation_only(cells, tmp_path):
         assert "pressure" not in second
 
 
+def test_jobs_are_taken_as_others_finish_and_a_slow_one_delays_none(monkeypatch):
+    monkeypatch.setattr(executors, "IN_FLIGHT", 4)
+    taken, finished, slow = [], [], Event()
+
+    def jobs():
+        for k in range(20):
+            taken.append(k)
+            yield k, (slow.wait if k == 0 else bool,)
+
+    def finish(key, result):
+        finished.append(key)
+        assert len(taken) - len(finished) < 4
+        if len(finished) == 19:
+            slow.set()
+
+    with ThreadPoolExecutor(2) as executor:
+        run_jobs(call, jobs(), executor, finish)
+    assert finished[-1] == 0
+    assert sorted(finished) == taken == list(range(20))
+
+
+def call(function):
+    return function()
+
+
+def _threads():
+    return numba.get_num_threads()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("setting", "expected"), [(None, 1), ("2", 2)])
+def test_workers_of_others_have_one_thread_unless_their_user_set_a_number(
+    setting, expected, monkeypatch
+):
+    if setting is None:
+        monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    else:
+        monkeypatch.setenv("NUMBA_NUM_THREADS", setting)
+    found = []
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        run_jobs(_threads, [(0, ())], executor, lambda key, threads: found.append(threads))
+    assert found == [expected]
+
+
 def _die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_a_killed_worker_is_one_sentence():
-    jobs = dict.fromkeys(range(3), ())
+    jobs = [(k, ()) for k in range(3)]
     with (
         process_pool(1) as executor,
-        pytest.raises(MultiscaleError, match="a worker process died after 0 of 3 jobs"),
+        pytest.raises(MultiscaleError, match="a worker process died after 0 finished jobs"),
     ):
         run_jobs(_die, jobs, executor, lambda key, result: None)
 

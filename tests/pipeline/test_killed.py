@@ -15,6 +15,8 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 
+from multiscale import executors
+from multiscale.errors import MultiscaleError
 from multiscale.io import open_dataset
 from multiscale.schema import STABILITY
 from tests.support import COMMAND, small_steel
@@ -116,7 +118,8 @@ def check_whole(out):
         elif file.suffix == ".html":
             assert file.read_text(encoding="utf-8").rstrip().endswith("</html>")
         else:
-            assert file.name in ("case.toml", "log.txt"), file
+            known = ("case.toml", "log.txt", "points.sqlite", "points.sqlite-wal")
+            assert file.name in known, file
 
 
 def cells(out):
@@ -264,7 +267,8 @@ def test_a_killed_stability_table_keeps_what_was_found_and_its_workers_leave(tmp
 def dask(tmp_path):
     """Give a scheduler with two worker processes, and its address."""
     program, file = str(Path(sys.executable).with_name("dask")), tmp_path / "scheduler.json"
-    options = {"env": ONE_THREAD, "stderr": subprocess.DEVNULL}
+    environment = ONE_THREAD | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1"}
+    options = {"env": environment, "stderr": subprocess.DEVNULL}
     where = ["--host", "127.0.0.1", "--no-dashboard"]
     started = [
         subprocess.Popen(
@@ -292,6 +296,35 @@ def test_a_worker_of_dask_that_is_killed_is_replaced_by_another(dask, swept, tmp
     assert begun.returncode == 0, said
     assert "Traceback" not in said
     assert_identical(tmp_path / "out", swept)
+
+
+@pytest.mark.slow
+def test_jobs_end_in_one_sentence_when_all_workers_of_dask_are_gone(dask, monkeypatch):
+    address, (_, *processes) = dask
+    monkeypatch.setattr(executors, "LOST", 1.0)
+    finished = []
+
+    def finish(key, result):
+        finished.append(key)
+        for process in processes:
+            process.kill()
+
+    with (
+        pytest.raises(MultiscaleError, match="the workers were lost after 1 finished jobs"),
+        executors.workers(1, address) as executor,
+    ):
+        executors.run_jobs(sleep, ((k, (20.0 * k,)) for k in range(5)), executor, finish)
+    assert finished == [0]
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_workers_of_dask_is_one_sentence(dask):
+    address, _ = dask
+    with (
+        pytest.raises(MultiscaleError, match="several workers of dask died of the same job"),
+        executors.workers(1, address) as executor,
+    ):
+        executors.run_jobs(os._exit, [(0, (1,))], executor, lambda key, result: None)
 
 
 @pytest.mark.long

@@ -9,13 +9,15 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from multiscale.cli import app
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, FileError, MultiscaleError
 from multiscale.macro import solve_static
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.rows import tabulate_sweep
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.plotting import plot_sweep, sweep_ends
 from tests.support import TWO_BLOCKS, small_steel, write_law
+
+sweep_module = import_module("multiscale.pipeline.sweep")
 
 SMALL = small_steel(3, "\n[law]\nsamples = 10\n")
 
@@ -168,11 +170,96 @@ def test_a_sweep_that_grows_keeps_its_points(write, tmp_path):
     assert kept.stat().st_mtime_ns == before
     assert list(grown["cell.layers"].values) == [6.0, 8.0]
     assert not any(grown["failure"].values)
-    assert load_sweep(tmp_path / "out" / "case.toml").points == sweep.points
+    assert list(load_sweep(tmp_path / "out" / "case.toml").points) == list(sweep.points)
     with pytest.raises(CaseError, match="holds a sweep; choose another folder"):
         run(sweep.points[0], tmp_path / "out")
     with pytest.raises(CaseError, match="holds a single run; choose another folder for a sweep"):
         run_sweep(sweep, kept.parent)
+
+
+def files(folder):
+    return sorted(str(one.relative_to(folder)) for one in folder.rglob("*") if one.is_file())
+
+
+ALONE = ["case.toml", "points.sqlite", "sweep.nc"]
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Keep no run folders, and list the points that are run."""
+    titles, whole = [], sweep_module.run
+    monkeypatch.setattr(sweep_module, "MOST_KEPT", 0)
+    monkeypatch.setattr(
+        sweep_module, "run", lambda case, *a, **k: titles.append(case.title) or whole(case, *a, **k)
+    )
+    return titles
+
+
+def test_a_large_sweep_leaves_three_files_and_a_killed_one_repeats_no_point(
+    write, tmp_path, solved
+):
+    sweep = load_sweep(write(GRID))
+    kept = run_sweep(sweep, tmp_path / "kept", keep=True)
+    assert len(list((tmp_path / "kept").glob("points/*/macro_result.nc"))) == 4
+
+    def kill(finished):
+        if finished == 2:
+            raise KeyboardInterrupt
+
+    solved.clear()
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(sweep, tmp_path / "out", progress=kill)
+    resumed = run_sweep(sweep, tmp_path / "out")
+    xr.testing.assert_identical(resumed, kept)
+    assert solved == [case.title for case in sweep.points]  # each once
+    assert files(tmp_path / "out") == ALONE
+    run_sweep(sweep, tmp_path / "out", keep=True)
+    assert len(solved) == 8  # of which no folders were left
+
+
+def test_a_sparing_run_keeps_what_took_long_and_goes_on_from_it(write, tmp_path, monkeypatch):
+    case = load_sweep(write(GRID)).points[1]
+
+    def tension(folder, worth):
+        monkeypatch.setattr(import_module("multiscale.pipeline.run"), "WORTH", worth)
+        return run(case, tmp_path / folder, sparing=True).macro_result["tension"]
+
+    alone = tension("spared", np.inf)
+    assert not (tmp_path / "spared").exists()
+    xr.testing.assert_identical(tension("long", 0.0), alone)
+    assert files(tmp_path / "long") == ["macro_result.nc"]
+    written = (tmp_path / "long" / "macro_result.nc").stat().st_mtime_ns
+    xr.testing.assert_identical(tension("long", 0.0), alone)
+    assert (tmp_path / "long" / "macro_result.nc").stat().st_mtime_ns == written
+
+
+def test_a_full_disk_ends_a_sweep_in_a_sentence_and_what_was_stored_stays(write, tmp_path, solved):
+    resource = pytest.importorskip("resource")
+    sweep, before = load_sweep(write(GRID)), resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(finished):
+        if finished == 2:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+
+    try:
+        with pytest.raises(FileError, match=r"points.sqlite: .*; finished points stay, so free"):
+            run_sweep(sweep, tmp_path / "out", progress=fill)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    solved.clear()
+    assert not any(run_sweep(sweep, tmp_path / "out")["failure"].values)
+    assert solved == [case.title for case in sweep.points][2:]
+
+
+def test_a_folder_that_cannot_be_written_ends_a_sweep_and_is_no_failure_of_a_point(write, tmp_path):
+    sweep = load_sweep(write(GRID))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "points").touch()
+    with pytest.raises(FileError, match=r"cannot write .*points.*: not a directory; choose"):
+        run_sweep(sweep, tmp_path / "out")
+    (tmp_path / "other" / "points.sqlite").mkdir(parents=True)
+    with pytest.raises(FileError, match=r"points.sqlite: unable to open database file; finished"):
+        run_sweep(sweep, tmp_path / "other")
 
 
 @pytest.mark.slow

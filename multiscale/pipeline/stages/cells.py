@@ -28,7 +28,15 @@ from multiscale.pipeline.case_cells import (
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Section, ShowProgress, Stage, format_table, unseen
+from multiscale.pipeline.stage import (
+    Datasets,
+    Job,
+    Section,
+    ShowProgress,
+    Stage,
+    format_table,
+    unseen,
+)
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
@@ -95,32 +103,48 @@ def run_micro(
     -------
     Dataset, follows ``MICRO_RESPONSE``
     """
+    response = _press(case, Job(file.parent, executor, progress))
+    if fields:
+        write_fields(case, file.parent, file.parent)
+    write_dataset(response, file, MICRO_RESPONSE)
+    return response
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    response = _press(case, job)
+    if not job.sparing:
+        write_fields(case, job.out, job.out)
+    return response
+
+
+def _press(case: Case, job: Job) -> "xr.Dataset":
+    """Press all cells of a case in the folder of a job."""
     (cells, measured), identity = measured_cells(case), case.identity()
     response = run_ensemble(
         cells,
         LoadPath(pressure=case.micro.path),
-        executor=executor,
-        folder=file.parent / "micro",
+        executor=job.executor,
+        folder=job.out / "micro",
+        sparing=job.sparing,
         identity=identity,
-        keep_fields=True,
+        keep_fields=not job.sparing,
         keep_spots=case.micro.spots,
         keep_flow=case.micro.leakage,
-        progress=lambda finished: progress(finished, len(cells), "realisations"),
+        progress=lambda finished: job.progress(finished, len(cells), "realisations"),
     )
     if case.yield_stress is not None:
         halved = run_ensemble(
             cells[:1],
             LoadPath(pressure=case.micro.path, refinement=2),
-            folder=file.parent / "micro-halved-increments",
+            folder=job.out / "micro-halved-increments",
+            sparing=job.sparing,
             identity=identity,
         )
         response = MICRO_RESPONSE.assign(response, increment_errors(response, halved))
     if case.cell.mesh is None:
-        pair, folder = flat_bodies(case), file.parent / "micro-slope-order"
+        pair, folder = flat_bodies(case), job.out / "micro-slope-order"
         one = None if isinstance(cells[0], FlatCell) else flat_composite(case)
-        response = with_slope_errors(response, pair, folder, identity, one)
-    if fields:
-        write_fields(case, file.parent, file.parent)
+        response = with_slope_errors(response, pair, folder, identity, one, sparing=job.sparing)
     response = _with_roughness(response, measured).assign_attrs(
         title=case.title,
         contact_modulus=contact_modulus(composite_material(case)),
@@ -147,9 +171,7 @@ def run_micro(
             ]
         ),
     )
-    response = with_real_pressure(case, response)
-    write_dataset(response, file, MICRO_RESPONSE)
-    return response
+    return with_real_pressure(case, response)
 
 
 def write_fields(case: Case, cells: Path, out: Path) -> None:
@@ -187,6 +209,8 @@ def with_slope_errors(
     folder: Path,
     identity: str,
     one: FlatCell | None = None,
+    *,
+    sparing: bool = False,
 ) -> "xr.Dataset":
     """Return a response with its errors from slopes, estimated on one of its realisations.
 
@@ -202,7 +226,7 @@ def with_slope_errors(
     except CaseError as error:
         errors, told = dict.fromkeys(names, np.full(len(path), np.nan)), f"not known: {error}"
     else:
-        found = run_ensemble(solved, path, folder=folder, identity=identity)
+        found = run_ensemble(solved, path, folder=folder, identity=identity, sparing=sparing)
         rest = (SLOPE_OF_PAIR if pair.second else 2.0) * float(response["rms_slope"].max())
         share = rest if pair.slope_order == 2 else 1.0 + rest
         changes = {name: found[name].to_numpy() for name in names}
@@ -361,9 +385,7 @@ CELLS: Stage = Stage(
         **dict.fromkeys(("title", "elastic", "body_1", "body_2", "cell", "accuracy"), True),
         "micro": {"realisations", "pressures", "seed", "unload", "spots", "leakage"},
     },
-    run=lambda case, found, job: run_micro(
-        case, job.out / CELLS.file, executor=job.executor, progress=job.progress
-    ),
+    run=_run,
     needs=_needs,
     lines=_lines,
     sections=_sections,

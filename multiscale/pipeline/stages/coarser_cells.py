@@ -28,6 +28,7 @@ def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         Path(pressure=case.micro.pressures),
         executor=job.executor,
         folder=job.out / FOLDER,
+        sparing=job.sparing,
         identity=case.identity(),
         progress=lambda finished: job.progress(finished, len(cells), "coarser cells"),
     )

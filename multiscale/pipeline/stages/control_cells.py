@@ -1,8 +1,6 @@
 """Stage: many flat cells, control variates of dearer ones on the same surfaces."""
 
-from concurrent.futures import Executor
 from itertools import pairwise
-from pathlib import Path as FilePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +10,7 @@ from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
-from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
+from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
 from multiscale.upscaling import loading_branch, normal_observations
@@ -48,17 +46,10 @@ OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    response, folder = found[CELLS.name], job.out / FOLDER
-    return press_control(case, response, folder, job.executor, job.progress)
+    return press_control(case, found[CELLS.name], job)
 
 
-def press_control(
-    case: Case,
-    response: "xr.Dataset",
-    folder: FilePath,
-    executor: Executor | None,
-    progress: ShowProgress = unseen,
-) -> "xr.Dataset":
+def press_control(case: Case, response: "xr.Dataset", job: Job) -> "xr.Dataset":
     """Press the flat cells that are control variates of the cells of a response.
 
     Their number is the one stated, or the best one; see :func:`_best_count`.
@@ -66,16 +57,12 @@ def press_control(
     pairs, count = response.sizes["realisation"], case.micro.control_realisations
     told = f"{count} as stated"
     if count is None:
-        first = _press(case, pairs, folder, executor, progress)
-        count, told = _best_count(response, first)
+        count, told = _best_count(response, _press(case, pairs, job))
         count = max(count, pairs)
-    control = _press(case, count, folder, executor, progress)
-    return control.assign_attrs(title=case.title, number=told)
+    return _press(case, count, job).assign_attrs(title=case.title, number=told)
 
 
-def _press(
-    case: Case, count: int, folder: FilePath, executor: Executor | None, progress: ShowProgress
-) -> "xr.Dataset":
+def _press(case: Case, count: int, job: Job) -> "xr.Dataset":
     """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
     step = 1 if case.measured else BATCH
     whole = -(-count // step)
@@ -84,10 +71,11 @@ def _press(
     control = run_realisations(
         _press_batch,
         arguments,
-        executor=executor,
-        folder=folder / way[:12],
+        executor=job.executor,
+        folder=job.out / FOLDER / way[:12],
+        sparing=job.sparing,
         identity=way,
-        progress=lambda finished: progress(step * finished, step * whole, "control cells"),
+        progress=lambda finished: job.progress(step * finished, step * whole, "control cells"),
         name="cells",
     )
     return control.isel(realisation=range(count))

@@ -91,14 +91,14 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
 
 def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
     """Slide rubber over all roads; finished roads that are found are kept."""
-    out = job.out
     identity = case.identity()
     roads = make_roads(case)
     response = run_realisations(
         slide_road,
         [(case, road) for road in roads],
         executor=job.executor,
-        folder=out / "micro",
+        folder=job.out / "micro",
+        sparing=job.sparing,
         identity=identity,
         progress=lambda finished: job.progress(finished, len(roads), "roads"),
     )

@@ -57,6 +57,7 @@ def run_shear(case: Case, job: Job) -> "xr.Dataset":
         path,
         executor=job.executor,
         folder=job.out / FOLDER / way[:12],
+        sparing=job.sparing,
         identity=way,
         progress=lambda finished: job.progress(finished, len(cells), "sheared cells"),
     )
