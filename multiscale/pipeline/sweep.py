@@ -1,7 +1,7 @@
 """Many cases in one file: every combination of the values that it lists, each run by itself."""
 
-import hashlib
 import logging
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["Sweep", "load_sweep", "run_sweep"]
 
 MOST_POINTS = 100_000
+
+MOST_LETTERS = 60  # of the name of a folder, beside its checksum
 
 NUMBERS = ((), ("limit",))
 """Last dimensions of an answer that is one number, and of its intervals."""
@@ -81,8 +83,16 @@ class Sweep:
 
     def folders(self, out: Path) -> list[Path]:
         """Run folder of each point, named after what it says, so that a sweep may grow."""
-        texts = (case.to_toml().encode() for case in self.points)
-        return [out / "points" / hashlib.sha256(text).hexdigest()[:12] for text in texts]
+        said = (_readable_name(self.parameters, setting) for setting in self.settings)
+        sums = (case.checksum()[:8] for case in self.points)
+        return [out / "points" / f"{name}-{sum_}" for name, sum_ in zip(said, sums, strict=True)]
+
+
+def _readable_name(parameters: Sequence[str], setting: Sequence[str]) -> str:
+    """Name a folder after the keys of a point and their values, as far as letters go."""
+    pairs = (f"{key.split('.')[-1]} {text}" for key, text in zip(parameters, setting, strict=True))
+    words = re.split(r"[^\w.+]+", " ".join(pairs), flags=re.ASCII)
+    return "-".join(filter(None, words))[:MOST_LETTERS] or "point"
 
 
 def load_sweep(case: str | Path) -> Sweep:
@@ -278,10 +288,6 @@ def _join(sweep: Sweep, points: Sequence[_Point], folders: list[str]) -> "xr.Dat
     import xarray as xr
 
     answers = {one.name: one for point in points for one in point.answers}
-    columns = {
-        column: [getattr(one, column) for one in answers.values()]
-        for column in ("label", "unit", "scale", "over", "drawn")
-    }
     place = np.zeros((len(points), len(answers)), dtype=int)
     values = {}
     for column, name in enumerate(answers):
@@ -298,6 +304,13 @@ def _join(sweep: Sweep, points: Sequence[_Point], folders: list[str]) -> "xr.Dat
                     table[here] = one.to_numpy()
                     place[k, column] = one.shape[-1] - 1 if one.dims[-1:] not in NUMBERS else 0
             values[own] = (("point", *first.dims), table, first.attrs)
+    shown = {name: one.shown(values[name][1]) for name, one in answers.items()}
+    columns = {
+        column: [getattr(one, column) for one in answers.values()]
+        for column in ("label", "over", "drawn")
+    }
+    columns |= {"unit": [one.name for one in shown.values()]}
+    columns |= {"scale": [one.scale for one in shown.values()]}
     joined = SWEEP.build(
         {
             "setting": np.array(sweep.settings, dtype=str).reshape(len(points), -1),
@@ -316,17 +329,16 @@ def _join(sweep: Sweep, points: Sequence[_Point], folders: list[str]) -> "xr.Dat
 
 def _coordinates(sweep: Sweep) -> dict[str, Any]:
     """Parameters along the points: numbers in SI units, or text."""
-    dumps = [case.model_dump(mode="json") for case in sweep.points]
+    dumps = [case.model_dump() for case in sweep.points]
     coordinates: dict[str, Any] = {}
     for column, name in enumerate(sweep.parameters):
         values = [reduce(getitem, name.split("."), dump) for dump in dumps]
-        parts = [str(value).split(" ", maxsplit=1) for value in values]
         try:
-            numbers = [float(part[0]) for part in parts]
+            numbers = [float(str(value)) for value in values]  # true and false are text
         except ValueError:
             texts = [setting[column] for setting in sweep.settings]
             coordinates[name] = ("point", texts, {"long_name": name})
             continue
-        unit = parts[0][1] if len(parts[0]) > 1 else "1"
+        unit = getattr(values[0], "unit", "1")
         coordinates[name] = ("point", numbers, {"units": unit, "long_name": name})
     return coordinates

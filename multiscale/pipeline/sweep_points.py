@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.pipeline.rows import tabulate_sweep
+from multiscale.pipeline.rows import tabulate_sweep, tabulate_sweep_steps
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
@@ -108,16 +108,18 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     figures |= {f"sweep_{one}_steps": draw(plot_sweep_steps, one) for one in over_steps}
     told = [
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
-        "figures a bar, and lighter the interval of one part."
+        "figures a bar, and lighter the interval of one part. A number leads to the report of its "
+        "point."
     ]
-    yield Section("Points", told, *tabulate_sweep(result), figures)
+    head, rows = tabulate_sweep(result)
+    numbered = [(str(number), *row) for number, row in enumerate(rows, start=1)]
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
-    runs = dict(zip(_names(result), pages, strict=True))
-    yield Section(
-        "Runs",
-        ["multiscale report FOLDER writes the page of a point that has a result and no page here."],
-        links={name: page for name, page in runs.items() if (out / page).exists()},
-    )
+    links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
+    yield Section("Points", told, ("point", *head), numbered, figures, links)
+    head, rows = tabulate_sweep_steps(result)
+    if rows:
+        told = ["Behind each answer stands its error, half of the 95 % interval of one part."]
+        yield Section("All steps", told, head, rows)
 
 
 POINTS = Shown(

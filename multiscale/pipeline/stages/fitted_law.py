@@ -25,6 +25,7 @@ from multiscale.plotting.law_figures import (
     plot_unloading,
 )
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.units import stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
     area_from_dataset,
@@ -199,9 +200,11 @@ def _summary(found: Datasets) -> Summary:
     pressures = law["fit_pressure"].to_numpy()
     middle = pressures.size // 2
     normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
+    stiffness = float(normal.stiffness(gap))
+    unit = stiffness_unit([stiffness])
     values = {
         "mean_gap": (f"{1e6 * gap:.4g} µm", "the mean gap of the interface is"),
-        "stiffness": (f"{1e-12 * float(normal.stiffness(gap)):.4g} MPa/µm", "its stiffness"),
+        "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
         "contact_fraction": (
             f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
             "its real over nominal contact area",
@@ -209,8 +212,7 @@ def _summary(found: Datasets) -> Summary:
     }
     total = law["error_total"].isel(step=middle)
     told = [
-        f"{words} {value} (error {say_error(float(total.sel(quantity=name)))} %)"
-        for name, (value, words) in values.items()
+        f"{words} {value} ± {_say_total(total, name)}" for name, (value, words) in values.items()
     ]
     question = (
         f"How do gap, stiffness and contact of the interface depend on its pressure, between "
@@ -218,7 +220,12 @@ def _summary(found: Datasets) -> Summary:
     )
     answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
     planned = str(law.attrs.get("plan", "")).splitlines()
-    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law)])
+    return Summary(response.attrs["title"], question, [answer, *planned, *behaviour(law)])
+
+
+def _say_total(total: "xr.DataArray", quantity: str) -> str:
+    said = say_error(float(total.sel(quantity=quantity)))
+    return "an unknown error" if said == "unknown" else f"{said} %"
 
 
 def _compared(law: "xr.Dataset") -> "xr.Dataset":
@@ -255,7 +262,7 @@ FITTED_LAW = Stage(
     pictures=("gap_law", "area_law", "unloading", "conductance", "shear_law"),
     answers=(
         StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
-        StageAnswer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
+        StageAnswer("stiffness", "stiffness", over="fit_pressure", choose=stiffness_unit),
         StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
         StageAnswer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
         StageAnswer("shear_friction", "friction", "1"),

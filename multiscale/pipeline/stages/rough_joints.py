@@ -36,10 +36,12 @@ from multiscale.pipeline.joint_answers import joint_answers
 from multiscale.pipeline.joint_settings import Cycles
 from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.rows import (
+    joint_unit,
     list_bolts,
     list_cycles,
     list_facts,
-    say_answer,
+    say_both_intervals,
+    say_value,
     tabulate_cycles,
     tabulate_preloads,
 )
@@ -56,6 +58,7 @@ from multiscale.pipeline.structure_stage import (
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
+from multiscale.units import stiffness_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,9 +83,13 @@ PICTURES = (
 
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
-    StageAnswer("tangential_stiffness", "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
-    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    StageAnswer("joint_stiffness", "joint stiffness", over="preload", choose=stiffness_unit),
+    StageAnswer(
+        "tangential_stiffness", "tangential stiffness", over="preload", choose=stiffness_unit
+    ),
+    StageAnswer(
+        "interface_stiffness", "interface stiffness", over="preload", choose=stiffness_unit
+    ),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
     StageAnswer("slipping_load", "load that slips", "%", 100.0),
     StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
@@ -208,14 +215,15 @@ def _answer(result: "xr.Dataset") -> list[str]:
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
         return []
-    last = result.isel(step=known[-1])
+    last, unit = result.isel(step=known[-1]), joint_unit(result)
     normal, tangential = (
-        say_answer(last, f"{name}_stiffness", 1e-12, " MPa/µm") for name in ("joint", "tangential")
+        say_value(last, f"{name}_stiffness", unit) for name in ("joint", "tangential")
     )
     return [
         f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
         f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
         *(one[0].upper() + one[1:] + "." for one in list_cycles(result)[-2:]),
+        *say_both_intervals(last, "joint_stiffness", unit),
     ]
 
 
