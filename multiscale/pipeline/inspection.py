@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_topography
+from multiscale.io import open_topography, write_bytes
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.rows import tabulate_statistics
@@ -165,7 +165,9 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     if told.attrs["proposal"]:
         keys = [line.partition(" = ") for line in told.attrs["proposal"].splitlines()[1:] if line]
         rows = [(key, value) for key, _, value in keys]
-        yield Section("Proposed case", [told.attrs["held"]], rows=rows)
+        text = told.attrs["proposal"].encode()
+        files = {"case.toml": lambda file: write_bytes(file, text)}
+        yield Section("Proposed case", [told.attrs["held"]], rows=rows, files=files)
 
 
 def _summary(found: Datasets) -> Summary:
@@ -177,8 +179,8 @@ def _summary(found: Datasets) -> Summary:
         told.attrs["title"],
         "How rough is this surface, and which cells stand for it?",
         [
-            f"Its rms height is {height} and its rms slope {slope:.3g}; waves from "
-            f"{' to '.join(ends)} are reliable.",
+            f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "
+            f"waves from {' to '.join(ends)} are reliable.",
             *([told.attrs["held"]] if told.attrs["held"] else []),
         ],
     )

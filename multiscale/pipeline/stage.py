@@ -53,6 +53,7 @@ class Section:
     files : mapping of str to callable
         From the name of a download to a function that writes it into the file that it is given.
     notes : bool, whether the last column of the table is text
+    small : bool, whether three figures stand side by side, or else two
     """
 
     heading: str
@@ -63,6 +64,7 @@ class Section:
     links: Mapping[str, str] = field(default_factory=dict)
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     notes: bool = False
+    small: bool = False
 
 
 @dataclass(frozen=True)

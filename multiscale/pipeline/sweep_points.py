@@ -74,10 +74,11 @@ def _summary(found: Datasets) -> Summary:
             beside = "" if unit == "1" else f" {unit}"
             told.append(f"{label} {known.min():.4g} to {known.max():.4g}{beside}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
+    points = f"all {count} points" if solved == count else f"{solved} of {count} points"
     return Summary(
         result.attrs["title"],
         f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
-        [f"Over {solved} of {count} points with a result: {', '.join(told) or 'nothing known'}."],
+        [f"Over {points} with a result: {', '.join(told) or 'nothing known'}."],
     )
 
 
@@ -115,7 +116,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     numbered = [(str(number), *row) for number, row in enumerate(rows, start=1)]
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
     links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
-    yield Section("Points", told, ("point", *head), numbered, figures, links)
+    yield Section("Points", told, ("point", *head), numbered, figures, links, small=True)
     head, rows = tabulate_sweep_steps(result)
     if rows:
         told = ["Behind each answer stands its error, half of the 95 % interval of one part."]

@@ -132,7 +132,7 @@ def _label_logarithms(axis: "Axis") -> None:
     """Write numbers as an engineer does at the ticks of a logarithmic axis: 1, 2, 5, 10."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    low, high = axis.get_view_interval()
+    low, high = sorted(axis.get_view_interval())  # an inverted axis falls
     decades = np.log10(high / low)
     if not decades < DECADES:
         return

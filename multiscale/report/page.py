@@ -10,6 +10,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
 from multiscale.io import (
     make_folder,
@@ -21,6 +22,7 @@ from multiscale.io import (
 )
 from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section
+from multiscale.plotting.sweep_figures import say_key
 from multiscale.report.finished_run import FinishedRun, draw_sections, open_finished
 from multiscale.schema import SURFACE_STATISTICS
 
@@ -100,7 +102,7 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
     head = run.summary
     return {
         "title": head.title,
-        "question": head.question,
+        "question": _in_words(head.question),
         "answer": map(_in_words, head.answer),
         "cautions": map(_in_words, run.cautions),
         "sections": [
@@ -111,8 +113,9 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
                     for name in section.figures
                     if name in drawn
                 ],
-                "downloads": dict(_downloads(run, section)),
+                "downloads": [*_downloads(run, section)],
                 "lines": map(_in_words, section.lines),
+                "head": [*map(_in_words, section.head)],
             }
             for section in sections
         ],
@@ -120,19 +123,24 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
 
 
 def _in_words(sentence: str) -> str:
-    """Name bodies as words, for readers who have not seen the keys of the case."""
+    """Write keys of the case and names of bodies in words, for readers who have not seen it."""
+    sentence = re.sub(r"\b[a-z]\w*(\.[a-z]\w*)+", lambda key: say_key(key[0]), sentence)
     return re.sub(r"\bbody_(?=\d)", "body ", sentence)
 
 
 def _downloads(run: FinishedRun, section: Section) -> Iterator[tuple[str, str]]:
-    """Yield names and content of the files of a section: its table, exports, and the case."""
+    """Yield names and content of the table and files of a section, or why a file is refused."""
     if section.head:
         name = section.heading.lower().replace(" ", "_")
         yield f"{name}.csv", _encoded(_comma_separated([section.head, *section.rows]))
     for name, write in section.files.items():
         file = make_folder(run.out / "exports") / name
-        write(file)
-        yield name, _encoded(read_bytes(file))
+        try:
+            write(file)
+        except CaseError as refusal:
+            yield f"{name} is not written: {refusal}", ""
+        else:
+            yield name, _encoded(read_bytes(file))
 
 
 def _comma_separated(rows: Iterable[tuple[str, ...]]) -> bytes:

@@ -1,5 +1,6 @@
 """The page of a run: figures zoom without a script, and nothing comes from elsewhere."""
 
+import base64
 import re
 import subprocess
 from shutil import copytree, which
@@ -67,6 +68,36 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert re.findall(r"<td>micro.unload</td><td>false</td>", page)
 
 
+def test_downloads_stand_in_the_page(page, run_folder):
+    found = dict(re.findall(r'<a download="(.*?)" href="data:text/plain;base64,(.*?)">', page))
+    assert {"joint.csv", "error_budget.csv", "law.csv", "abaqus.inp", "case.toml"} <= set(found)
+    table = base64.b64decode(found["joint.csv"]).decode("utf-8-sig").splitlines()
+    assert table[0].startswith("preload (MPa),joint stiffness (MPa/µm)")
+    assert len(table) == 7
+    assert b"PRESSURE-OVERCLOSURE" in base64.b64decode(found["abaqus.inp"])
+    assert base64.b64decode(found["case.toml"]) == (run_folder / "case.toml").read_bytes()
+
+
+def test_the_budget_says_each_term_in_numbers_or_that_it_is_unknown(page):
+    budget = page.split("Error budget</h2>")[1].split("</table>")[0]
+    rows = [re.findall(r"<td>(.*?)</td>", row) for row in budget.split("</tr>")[1:-1]]
+    said = {term: values for term, *values in rows}
+    assert all(float(value) > 0.0 for value in said["sampling"][:-1])
+    assert set(said["cell size"][:-1]) == {"unknown"}
+    assert "without what is not known: cell size" in said["total"][-1]
+
+
+def test_no_key_and_no_formula_stands_in_the_sentences(page):
+    prose = re.findall(r"<p.*?>(.*?)</p>", page)
+    assert len(prose) > 12
+    assert not [one for one in prose if re.search(r"body_|[a-z]_[a-z]|\^|sum \(", one)]
+
+
+def test_inputs_are_shown_as_they_were_typed(page):
+    assert "<td>cell.size</td><td>800 um, 800 um</td>" in page
+    assert "<td>body_1.youngs_modulus</td><td>210 GPa</td>" in page
+
+
 def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
     told = "not known: cells of one size were solved; a target in [accuracy] solves others"
     assert told in page
@@ -110,7 +141,7 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     assert "<h1>Two &lt;grids&gt;</h1>" in page
     assert "Over 1 of 2 points with a result: joint stiffness" in page
     assert re.findall(
-        r"Caution:</strong> at cell.points = \[16, 16\]: no result: .*cannot carry", page
+        r"Caution:</strong> at points of cell = \[16, 16\]: no result: .*cannot carry", page
     )
     assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
     (link,) = re.findall(r'<td><a href="(.*?)">1</a></td><td>\[64, 64\]</td>', page)

@@ -1,6 +1,7 @@
 """Stage: the interface law fitted to the cells of two rough bodies."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,13 +37,19 @@ from multiscale.upscaling import (
     require_law,
     with_budget,
     with_conductance,
+    write_law_table,
+    write_pressure_overclosure,
 )
+from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["FITTED_LAW"]
+
+EXPORTED = 0.01
+"""Error of the pressure between the points of the tables that the page offers."""
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -119,19 +126,36 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{law.attrs['n_realisations']} realisations between "
             f"{1e-6 * law.attrs['pressure_min']:.4g} and "
             f"{1e-6 * law.attrs['pressure_max']:.4g} MPa, "
-            f"{law.attrs['pressures_per_decade']:.2g} pressures a decade. Branches: "
-            f"{law.attrs['branches']}.",
+            f"{law.attrs['pressures_per_decade']:.2g} pressures a decade.",
+            f"{_say_branches(law)}.",
             *_control(law),
             f"At pressures that were left out of the fit it erred by up to "
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
-            f"Admissibility: {law.attrs['admissibility']}.",
+            f"What every law must satisfy: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
             *(_conductance(law) if conducts else ()),
             *(_shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION]) if sheared else ()),
         ],
         figures=figures,
+        files={"law.csv": partial(write_law_table, law)}
+        | {
+            f"{code}.inp": partial(
+                write_pressure_overclosure,
+                law,
+                tolerance=EXPORTED,
+                friction_for=code if sheared else None,
+                conductance_for=code if "thermal_conductance" in conducts else None,
+            )
+            for code in ("abaqus", "calculix")
+        },
     )
+
+
+def _say_branches(law: "xr.Dataset") -> str:
+    branches = told_branches(str(law.attrs["branches"]))
+    told = ", ".join(f"{branch} is {how}" for branch, how in branches.items())
+    return told[0].upper() + told[1:]
 
 
 def _control(law: "xr.Dataset") -> list[str]:

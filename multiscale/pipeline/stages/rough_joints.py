@@ -38,7 +38,6 @@ from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.rows import (
     joint_unit,
     list_bolts,
-    list_cycles,
     list_facts,
     say_both_intervals,
     say_value,
@@ -58,7 +57,7 @@ from multiscale.pipeline.structure_stage import (
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
-from multiscale.units import stiffness_unit
+from multiscale.units import Unit, stiffness_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -222,9 +221,24 @@ def _answer(result: "xr.Dataset") -> list[str]:
     return [
         f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
         f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
-        *(one[0].upper() + one[1:] + "." for one in list_cycles(result)[-2:]),
+        *_losses(result),
         *say_both_intervals(last, "joint_stiffness", unit),
     ]
+
+
+def _losses(result: "xr.Dataset") -> Iterator[str]:
+    """Say what the last cycle at the last preload loses, and what slips."""
+    if "cycle_energy" in result and np.isfinite(result["cycle_energy"].values[-1]):
+        end = result.isel(step=-1, cycle=-1)
+        loss, slip = (
+            say_value(end, name, unit)
+            for name, unit in (("cycle_energy", Unit("mJ", 1e3)), ("slipping_load", Unit("%", 1e2)))
+        )
+        shear = 1e-6 * float(np.abs(result["shear"]).max())
+        yield (
+            f"A cycle of shear between {shear:.3g} and -{shear:.3g} MPa loses {loss}; at its ends, "
+            f"contacts under {slip} of the load slip."
+        )
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
