@@ -24,7 +24,6 @@ __all__ = [
     "list_facts",
     "round_by",
     "say_answer",
-    "say_both_intervals",
     "say_error",
     "say_intervals",
     "say_value",
@@ -291,17 +290,6 @@ def say_value(step: "xr.Dataset", name: str, unit: Unit) -> str:
     error = _error(step, name)
     beside = {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
     return f"{_value(step, name, unit.scale)} {unit.name}{beside}"
-
-
-def say_both_intervals(step: "xr.Dataset", name: str, unit: Unit) -> list[str]:
-    """Say both intervals of an answer in a sentence; none if there are none."""
-    law, part = _intervals(step, name, unit.scale)
-    if not law:
-        return []
-    return [
-        f"95 % of the mean laws that such cells give lie in {law} {unit.name}, and 95 % of single "
-        f"parts in {part} {unit.name}."
-    ]
 
 
 def _missing(step: "xr.Dataset") -> str:

@@ -1,6 +1,7 @@
 """Stage: two blocks pressed together through the law of their interface."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -17,7 +18,6 @@ from multiscale.pipeline.real_contact import behaviour, contact_dependence, real
 from multiscale.pipeline.rows import (
     joint_unit,
     list_facts,
-    say_both_intervals,
     say_value,
     tabulate,
     tabulate_budget,
@@ -63,7 +63,7 @@ from multiscale.upscaling.fit import told_branches
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "of_stiffness", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
@@ -71,19 +71,18 @@ TANGENTIAL = "tangential_stiffness"
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
 
+of_stiffness = partial(StageAnswer, over="preload", choose=stiffness_unit)
+"""Answer that is a stiffness over the preloads, from its name and label."""
+
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    StageAnswer("joint_stiffness", "joint stiffness", over="preload", choose=stiffness_unit),
-    StageAnswer(TANGENTIAL, "tangential stiffness", over="preload", choose=stiffness_unit),
-    StageAnswer(
-        "interface_stiffness", "interface stiffness", over="preload", choose=stiffness_unit
-    ),
+    of_stiffness("joint_stiffness", "joint stiffness"),
+    of_stiffness(TANGENTIAL, "tangential stiffness"),
+    of_stiffness("interface_stiffness", "interface stiffness"),
     StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
     StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    StageAnswer(
-        "unloading_stiffness", "unloading stiffness", over="preload", choose=stiffness_unit
-    ),
+    of_stiffness("unloading_stiffness", "unloading stiffness"),
     StageAnswer("thermal_conductance", "thermal conductance", "kW/(m² K)", 1e-3, over="preload"),
     StageAnswer("electrical_conductance", "electrical conductance", "S/mm²", 1e-6, over="preload"),
 )
@@ -310,7 +309,6 @@ def _answer(result: "xr.Dataset") -> list[str]:
         f"{joint}{touching}.",
         f"The interface alone has {interface}, the bodies {bodies}.",
         *unloading,
-        *say_both_intervals(step, "joint_stiffness", unit),
         *left_out,
         *list_facts(result)[:1],
     ]

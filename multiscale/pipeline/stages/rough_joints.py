@@ -39,7 +39,6 @@ from multiscale.pipeline.rows import (
     joint_unit,
     list_bolts,
     list_facts,
-    say_both_intervals,
     say_value,
     tabulate_cycles,
     tabulate_preloads,
@@ -47,7 +46,7 @@ from multiscale.pipeline.rows import (
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.joint import budget_section, of_stiffness
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     require_known,
@@ -57,7 +56,7 @@ from multiscale.pipeline.structure_stage import (
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import with_cautions
-from multiscale.units import Unit, stiffness_unit
+from multiscale.units import Unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,13 +81,9 @@ PICTURES = (
 
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    StageAnswer("joint_stiffness", "joint stiffness", over="preload", choose=stiffness_unit),
-    StageAnswer(
-        "tangential_stiffness", "tangential stiffness", over="preload", choose=stiffness_unit
-    ),
-    StageAnswer(
-        "interface_stiffness", "interface stiffness", over="preload", choose=stiffness_unit
-    ),
+    of_stiffness("joint_stiffness", "joint stiffness"),
+    of_stiffness("tangential_stiffness", "tangential stiffness"),
+    of_stiffness("interface_stiffness", "interface stiffness"),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
     StageAnswer("slipping_load", "load that slips", "%", 100.0),
     StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
@@ -222,7 +217,6 @@ def _answer(result: "xr.Dataset") -> list[str]:
         f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
         f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
         *_losses(result),
-        *say_both_intervals(last, "joint_stiffness", unit),
     ]
 
 
