@@ -17,6 +17,9 @@ __all__ = ["plot_bearing_curve", "plot_measured_heights", "plot_spectral_density
 SHOWN = (0.002, 0.998)
 """Quantiles of the heights between which colours differ: a speck of dust takes no colours."""
 
+SHOWN_DENSITY = 1e9
+"""Largest over smallest density that is shown: beyond cut-offs there is rounding alone."""
+
 
 def plot_measured_heights(statistics: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     """Plot the heights of a map in colours, or of a line scan as a line."""
@@ -53,14 +56,15 @@ def plot_spectral_density(statistics: "xr.Dataset", *, ax: "Axes | None" = None)
     if ends[0] < ends[1]:
         ax.axvspan(*ends, color="0.9", label="reliable waves")
     scale = 1e6 ** (2 + map_or_line)
-    ax.loglog(wave, scale * statistics[name].values, color="C0", linewidth=1.0, label="measured")
+    density = scale * statistics[name].values
+    ax.loglog(wave, density, color="C0", linewidth=1.0, label="measured")
     if (fit := fit_of_statistics(statistics)) is not None:
         q = 2.0 * np.pi / np.geomspace(statistics["longest_reliable"], statistics["fitted_to"], 99)
         q = q[q >= 2.0 * np.pi / float(statistics["longest_wave"])]
         told = f"fit, Hurst exponent {fit.hurst_exponent:.2g}"
         ax.loglog(2e6 * np.pi / q, scale * fit.density(q), "k--", label=told)
-    seen = wave >= 0.5 * ends[0]
-    ax.set_ylim(bottom=0.1 * scale * float(np.min(statistics[name].values[seen])))
+    lowest = 0.1 * float(np.min(density[wave >= 0.5 * ends[0]]))
+    ax.set_ylim(bottom=max(lowest, float(density.max()) / SHOWN_DENSITY))
     ax.invert_xaxis()
     ax.set(xlabel="wavelength (µm)", ylabel=f"power spectral density (µm$^{2 + map_or_line}$)")
     ax.legend()
