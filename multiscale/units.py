@@ -1,10 +1,11 @@
 """Conversion of quantities with units to floats in SI units."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from html import escape
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import CaseError
@@ -12,7 +13,15 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["ZERO_CELSIUS", "html_table", "readable", "to_si"]
+__all__ = [
+    "ZERO_CELSIUS",
+    "Unit",
+    "html_table",
+    "length_unit",
+    "readable",
+    "stiffness_unit",
+    "to_si",
+]
 
 ZERO_CELSIUS = 273.15
 """Melting point of ice, K."""
@@ -99,6 +108,47 @@ def _convert(number: str, given: str, unit: str) -> float:
     quantity: Any = _registry().Quantity(float(number), given)
     # via the decimal text of the number, so that "0.8 um" is exactly 8e-07
     return float(f"{quantity.to(unit).magnitude:.15g}")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit in which values are shown.
+
+    Attributes
+    ----------
+    name : str
+    scale : float, by which a value in the SI unit is multiplied
+    """
+
+    name: str
+    scale: float
+
+
+STIFFNESS_UNITS = (Unit("MPa/µm", 1e-12), Unit("MPa/mm", 1e-9), Unit("kPa/mm", 1e-6))
+LENGTH_UNITS = (Unit("m", 1.0), Unit("mm", 1e3), Unit("µm", 1e6), Unit("nm", 1e9))
+
+
+def stiffness_unit(values: Iterable[float]) -> Unit:
+    """Choose the unit of stiffnesses per area, Pa/m: soft joints are shown in MPa/mm.
+
+    Examples
+    --------
+    >>> stiffness_unit([1.2e13, 2e13]).name, stiffness_unit([4.4e8]).name
+    ('MPa/µm', 'MPa/mm')
+    """
+    return _largest(values, STIFFNESS_UNITS, 0.1)
+
+
+def length_unit(values: Iterable[float]) -> Unit:
+    """Choose the largest unit of lengths, m, in which none that is known is below one."""
+    return _largest(values, LENGTH_UNITS, 1.0)
+
+
+def _largest(values: Iterable[float], units: tuple[Unit, ...], least: float) -> Unit:
+    """Return the first of the units in which the smallest value is at least ``least``."""
+    smallest = min((abs(one) for one in values if isfinite(one) and one != 0.0), default=inf)
+    fitting = (unit for unit in units if smallest * unit.scale >= least)
+    return next(fitting, units[-1])
 
 
 def readable(value: object) -> str:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_topography
+from multiscale.io import open_topography, write_bytes
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.rows import tabulate_statistics
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
 from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import on_axes
@@ -30,7 +31,6 @@ __all__ = ["INSPECTION", "inspect_surface"]
 PLAUSIBLE_SLOPES = (1e-5, 3.0)
 FILLED = 0.1  # share of undefined points that needs a caution
 SELF_AFFINE = 0.4  # decades between spectrum and fit that need a caution
-LAY = 1.5  # ratio of slopes from which a surface has a lay
 
 
 def inspect_surface(
@@ -130,53 +130,13 @@ def _doubts(told: "xr.Dataset") -> Iterator[str]:
         yield "no wave is reliable: the map has too few points"
 
 
-def _describe(told: "xr.Dataset") -> list[tuple[str, str]]:
-    """Return names and values of the statistics as rows."""
-
-    def say(name: str, unit: str = "m", digits: int = 3) -> str:
-        value = float(told[name])
-        if not np.isfinite(value):
-            return "not known"
-        return f"{value:.{digits}g}" if unit == "1" else readable(f"{value:.{digits}g} {unit}")
-
-    edges = [readable(f"{edge:.4g} m") for edge in told["size"].values]
-    is_map = int(told["dimensions"]) == 2
-    rows = [
-        ("size", " x ".join(edges) if is_map else edges[0]),
-        ("points", told.attrs["points"]),
-        ("undefined points", f"{100.0 * float(told['filled_share']):.3g} %"),
-        (f"rms height without {told.attrs['trend']}", say("rms_height", digits=4)),
-        ("rms slope" if is_map else "rms slope of the line", say("rms_slope", "1", 4)),
-        ("highest to lowest point", say("peak_to_valley")),
-        ("skewness, kurtosis", f"{say('skewness', '1')}, {say('kurtosis', '1')}"),
-        ("99 % of the mean square height: waves up to", say("longest_wave")),
-        ("99 % of the mean square slope: waves down to", say("shortest_wave")),
-        ("reliable waves", f"{say('shortest_reliable')} to {say('longest_reliable')}"),
-        ("Hurst exponent", say("hurst_exponent", "1", 2)),
-        ("spectrum flat above", say("roll_off")),
-        ("rms distance of the spectrum from this fit", f"{say('fit_deviation', '1', 2)} decades"),
-        ("Nayak's parameter of the reliable waves", say("nayak_parameter", "1")),
-        ("bearing curve: height above 10, 50, 90 %", _bearing(told)),
-    ]
-    if is_map:
-        degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
-        lay = f"at {degrees:.0f} degrees to x" if ratio >= LAY else "no lay"
-        rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
-    return rows
-
-
-def _bearing(told: "xr.Dataset") -> str:
-    """Heights of which a tenth, a half and nine tenths of the surface lie above."""
-    share, height = told["bearing_share"].values, told["bearing_height"].values
-    return ", ".join(readable(f"{np.interp(at, share, height):.3g} m") for at in (0.1, 0.5, 0.9))
-
-
 def _lines(found: Datasets) -> list[str]:
     told = found[INSPECTION.name]
     lines = [f"{told.attrs['title']}: {told.attrs['format']}"]
     lines += [f"  channel {one}" for one in told.attrs["channels"].splitlines()]
-    width = max(len(name) for name, _ in _describe(told))
-    lines += [f"{name:<{width}}  {value}" for name, value in _describe(told)]
+    rows = tabulate_statistics(told, measured=True)
+    width = max(len(name) for name, _ in rows)
+    lines += [f"{name:<{width}}  {value}" for name, value in rows]
     if told.attrs["proposal"]:
         lines += ["", told.attrs["held"], "", *told.attrs["proposal"].splitlines()]
     return lines
@@ -191,7 +151,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section(
         "Surface",
         [f"Channel {told.attrs['channel']}; {told.attrs['format']}."],
-        rows=_describe(told),
+        rows=tabulate_statistics(told, measured=True),
         figures={
             "measured_heights": draw(plot_measured_heights),
             "spectral_density": draw(plot_spectral_density),
@@ -205,7 +165,9 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     if told.attrs["proposal"]:
         keys = [line.partition(" = ") for line in told.attrs["proposal"].splitlines()[1:] if line]
         rows = [(key, value) for key, _, value in keys]
-        yield Section("Proposed case", [told.attrs["held"]], rows=rows)
+        text = told.attrs["proposal"].encode()
+        files = {"case.toml": lambda file: write_bytes(file, text)}
+        yield Section("Proposed case", [told.attrs["held"]], rows=rows, files=files)
 
 
 def _summary(found: Datasets) -> Summary:
@@ -217,8 +179,8 @@ def _summary(found: Datasets) -> Summary:
         told.attrs["title"],
         "How rough is this surface, and which cells stand for it?",
         [
-            f"Its rms height is {height} and its rms slope {slope:.3g}; waves from "
-            f"{' to '.join(ends)} are reliable.",
+            f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "
+            f"waves from {' to '.join(ends)} are reliable.",
             *([told.attrs["held"]] if told.attrs["held"] else []),
         ],
     )

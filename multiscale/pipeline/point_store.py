@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from multiscale.errors import FileError
-from multiscale.pipeline.stage import StageAnswer
 from multiscale.schema import SWEEP
 
 __all__ = ["STORE", "Point", "PointStore", "open_store"]
@@ -28,7 +27,7 @@ class Point:
 
     Attributes
     ----------
-    answers : tuple of StageAnswer
+    answers : tuple of str, names
     values : dict
         Each answer and each of its intervals by name: ``dims``, ``attrs`` and ``data`` as of
         ``Dataset.to_dict``.
@@ -36,7 +35,7 @@ class Point:
     final : bool, whether the same case would give the same again
     """
 
-    answers: tuple[StageAnswer, ...] = ()
+    answers: tuple[str, ...] = ()
     values: dict[str, Any] = field(default_factory=dict)
     caution: str = ""
     failure: str = ""
@@ -69,9 +68,7 @@ class PointStore:
         with _said(self.file):
             query = "SELECT content FROM point WHERE name = ?"
             ((content,),) = self.connection.execute(query, (name,))
-        found = json.loads(zlib.decompress(content))
-        answers = tuple(StageAnswer(**one) for one in found.pop("answers"))
-        return Point(answers, **found)
+        return Point(**json.loads(zlib.decompress(content)))
 
 
 @contextmanager

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from multiscale.plotting.budget_figures import estimated_steps, step_labels
 from multiscale.plotting.sweep_figures import sweep_ends
-from multiscale.units import ZERO_CELSIUS
+from multiscale.units import ZERO_CELSIUS, Unit, readable, stiffness_unit
+from multiscale.upscaling.budget import how_attribute, total_error
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
     "Table",
+    "joint_unit",
     "list_bolts",
     "list_cycles",
     "list_facts",
@@ -23,15 +26,19 @@ __all__ = [
     "say_answer",
     "say_error",
     "say_intervals",
+    "say_value",
     "tabulate",
     "tabulate_braking",
+    "tabulate_budget",
     "tabulate_cycles",
     "tabulate_grains",
     "tabulate_links",
     "tabulate_loads",
     "tabulate_path",
     "tabulate_preloads",
+    "tabulate_statistics",
     "tabulate_sweep",
+    "tabulate_sweep_steps",
 ]
 
 Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
@@ -40,23 +47,13 @@ Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
 INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 """Both intervals of an answer; see :func:`multiscale.upscaling.with_intervals`."""
 
-HEAD = (
-    "preload (MPa)",
-    "joint stiffness (MPa/µm)",
-    *INTERVALS.values(),
-    "error (%)",
-    "interface (MPa/µm)",
-    "bodies (MPa/µm)",
-)
-"""Of joints at their preloads."""
-
 FURTHER = {
-    "unloading_stiffness": ("unloading (MPa/µm)", 1e-12),
-    "tangential_stiffness": ("tangential (MPa/µm)", 1e-12),
-    "thermal_conductance": ("heat (kW/m²K)", 1e-3),
-    "electrical_conductance": ("current (S/mm²)", 1e-6),
+    "unloading_stiffness": ("unloading", None),
+    "tangential_stiffness": ("tangential", None),
+    "thermal_conductance": ("heat", Unit("kW/m²K", 1e-3)),
+    "electrical_conductance": ("current", Unit("S/mm²", 1e-6)),
 }
-"""Answers that a joint has where its law has such a branch: heads and scales."""
+"""Answers that a joint has where its law has such a branch: heads, and units but of stiffnesses."""
 
 TWO_DIGITS = 3.55
 """Leading digits of an error up to which two of them are written, by the rule of the PDG."""
@@ -64,40 +61,72 @@ TWO_DIGITS = 3.55
 MOST_ROWS = 11
 """Of the table of a structure of links."""
 
+MOST_BUDGETS = 6
+"""Steps of an error budget in its table."""
+
+NEGLIGIBLE = 1e-5
+"""Relative error below which its number is not written in an error budget."""
+
+LAY = 1.5
+"""Ratio of slopes from which a surface has a lay."""
+
 ROUNDING = 1e-9
 """Relative error up to which an answer has none but rounding."""
 
 
 def tabulate(result: "xr.Dataset") -> Table:
     """Return head and rows of text for a joint."""
-    further = [name for name in FURTHER if name in result]
+    stiffness = joint_unit(result)
+    further = {
+        name: (label, unit or stiffness)
+        for name, (label, unit) in FURTHER.items()
+        if name in result
+    }
 
     def rest(step: "xr.Dataset") -> tuple[str, ...]:
         return (
             f"{1e6 * float(step['mean_gap']):.4g}",
             f"{100.0 * float(step['contact_fraction']):.3g}",
             _part(step, "real_pressure", 1e-6),
-            *(_part(step, name, FURTHER[name][1]) for name in further),
+            *(_part(step, name, unit.scale) for name, (_, unit) in further.items()),
         )
 
     beside = ("mean gap (µm)", "contact (%)", "real pressure (MPa)")
-    head = (*HEAD, *beside, *(FURTHER[name][0] for name in further))
+    more = (f"{label} ({unit.name})" for label, unit in further.values())
+    head = (*_head(stiffness), *beside, *more)
     return head, _rows_of_preloads(result, head, rest)
+
+
+def joint_unit(result: "xr.Dataset") -> Unit:
+    """Return the unit in which stiffnesses of a joint are shown, one for all of them."""
+    return stiffness_unit(result["joint_stiffness"].to_numpy())
+
+
+def _head(stiffness: Unit) -> tuple[str, ...]:
+    """Head of joints at their preloads."""
+    return (
+        "preload (MPa)",
+        f"joint stiffness ({stiffness.name})",
+        *INTERVALS.values(),
+        "error (%)",
+        f"interface ({stiffness.name})",
+        f"bodies ({stiffness.name})",
+    )
 
 
 def tabulate_preloads(result: "xr.Dataset") -> Table:
     """Head and rows of bodies with joints at their preloads."""
-    states = ("stick", "slip", "open")
+    states, unit = ("stick", "slip", "open"), joint_unit(result)
 
     def rest(step: "xr.Dataset") -> tuple[str, ...]:
         return (
-            _part(step, "tangential_stiffness"),
+            _part(step, "tangential_stiffness", unit.scale),
             *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
             _part(step, "real_pressure", 1e-6),
         )
 
     shares = tuple(f"{state} (%)" for state in states)
-    head = (*HEAD, FURTHER["tangential_stiffness"][0], *shares, "real pressure (MPa)")
+    head = (*_head(unit), f"tangential ({unit.name})", *shares, "real pressure (MPa)")
     pressed = int(np.argmax(result["shear"].values != 0.0)) or result.sizes["step"]
     return head, _rows_of_preloads(result.isel(step=slice(pressed)), head, rest)
 
@@ -105,8 +134,9 @@ def tabulate_preloads(result: "xr.Dataset") -> Table:
 def _rows_of_preloads(
     result: "xr.Dataset", head: tuple[str, ...], rest: Callable[["xr.Dataset"], tuple[str, ...]]
 ) -> list[tuple[str, ...]]:
-    """Rows of the columns ``HEAD`` at every step, and of the rest."""
+    """Rows of stiffnesses and their errors at every step, and of the rest."""
     rows: list[tuple[str, ...]] = []
+    scale = joint_unit(result).scale
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         preload = f"{1e-6 * float(step['preload']):.4g}"
@@ -115,11 +145,11 @@ def _rows_of_preloads(
             continue
         row = (
             preload,
-            _value(step, "joint_stiffness", 1e-12),
-            *_intervals(step, "joint_stiffness"),
+            _value(step, "joint_stiffness", scale),
+            *_intervals(step, "joint_stiffness", scale),
             _error(step, "joint_stiffness"),
-            _part(step, "interface_stiffness"),
-            _part(step, "solid_stiffness"),
+            _part(step, "interface_stiffness", scale),
+            _part(step, "solid_stiffness", scale),
         )
         rows.append(row + rest(step))
     return rows
@@ -128,11 +158,7 @@ def _rows_of_preloads(
 def tabulate_sweep(result: "xr.Dataset") -> Table:
     """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
     names = list(map(str, result["answer"].values))
-    labels, units = (result[f"answer_{column}"].values for column in ("label", "unit"))
-    head = tuple(
-        str(label) if unit == "1" else f"{label} ({unit})"
-        for label, unit in zip(labels, units, strict=True)
-    )
+    head = tuple(_answer_head(result, name) for name in names)
     columns = [_column(result, name) for name in names]
     rows = []
     for k, (said, failure) in enumerate(
@@ -141,6 +167,46 @@ def tabulate_sweep(result: "xr.Dataset") -> Table:
         found = ("no result",) if failure else tuple(column[k] for column in columns)
         rows.append(_padded((*map(str, said), *found), (*said, *head)))
     return (*map(str, result["parameter"].values), *head), rows
+
+
+def tabulate_sweep_steps(result: "xr.Dataset") -> Table:
+    """Return head and rows of a sweep at all steps of its points, with errors.
+
+    The answers are those over the steps; there are no rows if no answer has steps. The error is
+    half of the interval of one part, or else of the mean law.
+    """
+    over = {str(one.answer.item()): str(one.item()) for one in result["answer_over"]}
+    along = next(filter(None, over.values()), "")
+    if not along:
+        return (), []
+    names = [along, *(name for name, one in over.items() if one == along)]
+    head = (*map(str, result["parameter"].values), *(_answer_head(result, name) for name in names))
+    rows = []
+    for k, said in enumerate(result["setting"].values):
+        point = result.isel(point=k)
+        for step in np.flatnonzero(np.isfinite(point[along].values)):
+            found = (_with_error(point, name, int(step)) for name in names)
+            rows.append((*map(str, said), *found))
+    return head, rows
+
+
+def _answer_head(result: "xr.Dataset", name: str) -> str:
+    label, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("label", "unit"))
+    return str(label) if unit == "1" else f"{label} ({unit})"
+
+
+def _with_error(point: "xr.Dataset", name: str, step: int) -> str:
+    """Write an answer of a point of a sweep at a step, with its error if it has one."""
+    value = float(point[name].values[step])
+    if np.isnan(value):
+        return "unknown"
+    scale = float(point["answer_scale"].sel(answer=name))
+    for kind in ("one_part", "mean_law"):
+        if f"{name}_{kind}" in point:
+            half = 0.5 * float(np.ptp(point[f"{name}_{kind}"].values[:, step]))
+            error = say_error(half / abs(value))
+            return f"{round_by(scale * value, scale * half)} ± {error} %"
+    return f"{scale * value:.4g}"
 
 
 def _column(result: "xr.Dataset", name: str) -> list[str]:
@@ -184,7 +250,7 @@ def say_intervals(intervals: Sequence[str]) -> str:
     return f" ({said})" if said else ""
 
 
-def _intervals(step: "xr.Dataset", name: str, scale: float = 1e-12) -> list[str]:
+def _intervals(step: "xr.Dataset", name: str, scale: float) -> list[str]:
     """Both intervals of an answer; empty where there are none, unknown where they are unknown."""
     said = []
     for kind in INTERVALS:
@@ -219,6 +285,13 @@ def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
     return f"{_value(step, name, scale)}{unit}{intervals}"
 
 
+def say_value(step: "xr.Dataset", name: str, unit: Unit) -> str:
+    """Say an answer with its unit and its total error, if it has one."""
+    error = _error(step, name)
+    beside = {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
+    return f"{_value(step, name, unit.scale)} {unit.name}{beside}"
+
+
 def _missing(step: "xr.Dataset") -> str:
     """Why a step has no answer; empty if it has."""
     if not int(step["converged"]):
@@ -237,12 +310,12 @@ def _error(step: "xr.Dataset", name: str) -> str:
     return say_error(float(step["error_total"].sel(quantity=name)))
 
 
-def _part(step: "xr.Dataset", name: str, scale: float = 1e-12) -> str:
-    """Answer with its error, such as a stiffness in MPa/µm; empty in an earlier version."""
+def _part(step: "xr.Dataset", name: str, scale: float) -> str:
+    """Answer with its error, none if it is exact; empty in an earlier version."""
     if name not in step:
         return ""
     error = _error(step, name)
-    beside = f" ± {error} %" if error not in ("", "unknown") else ""
+    beside = f" ± {error} %" if error not in ("", "0", "unknown") else ""
     return f"{_value(step, name, scale)}{beside}"
 
 
@@ -388,17 +461,45 @@ def tabulate_braking(result: "xr.Dataset") -> Table:
     return head, rows
 
 
+def tabulate_budget(result: "xr.Dataset") -> Table:
+    """Head and rows of an error budget: half-widths in per cent of each term, and their total.
+
+    They are of the first quantity of the budget, at no more than ``MOST_BUDGETS`` steps; the last
+    column says what a term rests on.
+    """
+    one = estimated_steps(result, str(result["quantity"].values[0]))
+    some = np.unique(np.linspace(0, one.sizes["step"] - 1, MOST_BUDGETS).round().astype(int))
+    one = one.isel(step=some[some >= 0])
+    half = total_error(one["error_bias"].values, one["error_half_width"].values)
+
+    def say(half: float, absent: str) -> str:
+        if 0.0 < half < NEGLIGIBLE:
+            return f"< {100.0 * NEGLIGIBLE:g}"
+        return absent if np.isnan(half) else say_error(half)
+
+    rows = []
+    for term, values in zip(map(str, one["error_term"].values), half, strict=True):
+        how = str(result.attrs[how_attribute(term)])
+        absent = "-" if how.startswith("not in a law") else "unknown"
+        said = (say(value, absent) for value in values)
+        rows.append((term, *said, how))
+    total = (say_error(value) for value in one["error_total"].values)
+    beside = f"without what is not known: {unknown}" if (unknown := result.attrs["unknown"]) else ""
+    rows.append(("total", *total, f"terms add as squares; {beside}".removesuffix("; ")))
+    return ("error (%) at", *(f"{at} MPa" for at in step_labels(one)), "rests on"), rows
+
+
 def tabulate_cycles(result: "xr.Dataset") -> Table:
     """Head and rows of the closed cycles at every preload and amplitude, with their intervals."""
-    both = (" / ".join(INTERVALS.values()),)
+    both, unit = (" / ".join(INTERVALS.values()),), joint_unit(result)
     head = (
         "preload (MPa)",
         "amplitude (MPa)",
-        *("secant stiffness (MPa/µm)", *both),
+        *(f"secant stiffness ({unit.name})", *both),
         *("loss per cycle (mJ)", *both),
         *("load whose contacts slip (%)", *both),
     )
-    shown = (("secant_stiffness", 1e-12), ("cycle_loss", 1e3), ("cycle_slip", 100.0))
+    shown = (("secant_stiffness", unit.scale), ("cycle_loss", 1e3), ("cycle_slip", 100.0))
     rows: list[tuple[str, ...]] = []
     for level in range(result.sizes["level"]):
         for amplitude in range(result.sizes["amplitude"]):
@@ -434,3 +535,50 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
             f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"
         )
     return told
+
+
+def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str, str]]:
+    """Return names and values of ``SURFACE_STATISTICS`` as rows.
+
+    Undefined points, reliable waves and the fit to the spectrum are of a measured surface alone.
+    """
+
+    def say(name: str, unit: str = "m", digits: int = 3) -> str:
+        value = float(told[name])
+        if not np.isfinite(value):
+            return "not known"
+        return f"{value:.{digits}g}" if unit == "1" else readable(f"{value:.{digits}g} {unit}")
+
+    edges = [readable(f"{edge:.4g} m") for edge in told["size"].values]
+    is_map = int(told["dimensions"]) == 2
+    of_measured = [
+        ("undefined points", f"{100.0 * float(told['filled_share']):.3g} %"),
+        ("reliable waves", f"{say('shortest_reliable')} to {say('longest_reliable')}"),
+        ("Hurst exponent", say("hurst_exponent", "1", 2)),
+        ("spectrum flat above", say("roll_off")),
+        ("rms distance of the spectrum from this fit", f"{say('fit_deviation', '1', 2)} decades"),
+    ]
+    rows = [
+        ("size", " x ".join(edges) if is_map else edges[0]),
+        ("points", told.attrs["points"]),
+        (f"rms height without {told.attrs['trend']}", say("rms_height", digits=4)),
+        ("rms slope" if is_map else "rms slope of the line", say("rms_slope", "1", 4)),
+        ("highest to lowest point", say("peak_to_valley")),
+        ("skewness, kurtosis", f"{say('skewness', '1')}, {say('kurtosis', '1')}"),
+        ("99 % of the mean square height: waves up to", say("longest_wave")),
+        ("99 % of the mean square slope: waves down to", say("shortest_wave")),
+        *(of_measured if measured else ()),
+        (f"Nayak's parameter{' of the reliable waves' * measured}", say("nayak_parameter", "1")),
+        ("bearing curve: height above 10, 50, 90 %", _bearing(told)),
+    ]
+    if is_map:
+        degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
+        lay = f"at {degrees:.0f} degrees to x" if ratio >= LAY else "no lay"
+        rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
+    return rows
+
+
+def _bearing(told: "xr.Dataset") -> str:
+    """Heights of which a tenth, a half and nine tenths of the surface lie above."""
+    share, height = told["bearing_share"].values, told["bearing_height"].values
+    return ", ".join(readable(f"{np.interp(at, share, height):.3g} m") for at in (0.1, 0.5, 0.9))

@@ -11,8 +11,10 @@ from multiscale import __version__
 from multiscale.io import open_law
 from multiscale.needs import Needs
 from multiscale.schema import Schema
+from multiscale.units import Unit
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
 
     from multiscale.macro.substructures import ProcessGroup
@@ -55,7 +57,12 @@ class Section:
     head, rows : tuple of str, sequence of tuple of str, a table
     figures : mapping of str to callable
         From the name of a figure to a function that draws it into the file that it is given.
-    links : mapping of str to str, from text to the page of a run, relative to this one
+    links : mapping of str to str
+        From the text of a first cell of the table to the page of a run, relative to this one.
+    files : mapping of str to callable
+        From the name of a download to a function that writes it into the file that it is given.
+    notes : bool, whether the last column of the table is text
+    small : bool, whether three figures stand side by side, or else two
     """
 
     heading: str
@@ -64,6 +71,9 @@ class Section:
     rows: Sequence[tuple[str, ...]] = ()
     figures: Mapping[str, Callable[[Path], Path]] = field(default_factory=dict)
     links: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
+    notes: bool = False
+    small: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,16 +97,23 @@ class StageAnswer:
     label : str, its name in words
     unit : str, in which it is shown
     scale : float, by which its value in SI units is multiplied to be shown
+    choose : callable, optional
+        From its values to the unit in which they are shown, in place of the two.
     over : str, the answer of the same steps over which it is drawn, if there is one
     drawn : bool, whether a figure shows it
     """
 
     name: str
     label: str
-    unit: str
+    unit: str = "1"
     scale: float = 1.0
     over: str = ""
     drawn: bool = True
+    choose: Callable[[Iterable[float]], Unit] | None = None
+
+    def shown(self, values: "np.ndarray") -> Unit:
+        """Return the unit in which values, in SI units, are shown."""
+        return self.choose(values.ravel()) if self.choose else Unit(self.unit, self.scale)
 
 
 @dataclass(frozen=True)

@@ -164,8 +164,10 @@ def structure_stage(
     def summary(found: Datasets) -> Summary:
         result = found[schema.name]
         steps, solved = result.sizes["step"], int((result["converged"] == 1).sum())
-        solved_steps = f"{solved} of {steps} steps have an answer; see the table."
-        return Summary(result.attrs["title"], question, [*answer(result), solved_steps])
+        told = answer(result)
+        if solved < steps or not told:
+            told.append(f"{solved} of {steps} steps have an answer; see the table.")
+        return Summary(result.attrs["title"], question, told)
 
     return Stage(
         schema=schema,

@@ -1,7 +1,7 @@
 """Many cases in one file: every combination of the values that it lists, each run by itself."""
 
-import hashlib
 import logging
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -25,7 +25,7 @@ from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_cas
 from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
-from multiscale.pipeline.stage import Shown, StageAnswer
+from multiscale.pipeline.stage import Shown, Stage, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
@@ -40,6 +40,7 @@ MOST_POINTS = 100_000
 
 MOST_KEPT = 100
 """Largest number of points whose run folders are kept without request."""
+MOST_LETTERS = 60  # of the name of a folder, beside its checksum
 
 logger = logging.getLogger(__name__)
 
@@ -92,8 +93,16 @@ class Sweep:
 
     def folders(self, out: Path) -> list[Path]:
         """Run folder of each point, named after what it says, so that a sweep may grow."""
-        texts = (case.to_toml().encode() for case in self.points)
-        return [out / "points" / hashlib.sha256(text).hexdigest()[:12] for text in texts]
+        said = (_readable_name(self.parameters, setting) for setting in self.settings)
+        sums = (case.checksum()[:8] for case in self.points)
+        return [out / "points" / f"{name}-{sum_}" for name, sum_ in zip(said, sums, strict=True)]
+
+
+def _readable_name(parameters: Sequence[str], setting: Sequence[str]) -> str:
+    """Name a folder after the keys of a point and their values, as far as letters go."""
+    pairs = (f"{key.split('.')[-1]} {text}" for key, text in zip(parameters, setting, strict=True))
+    words = re.split(r"[^\w.+]+", " ".join(pairs), flags=re.ASCII)
+    return "-".join(filter(None, words))[:MOST_LETTERS] or "point"
 
 
 def load_sweep(case: str | Path) -> Sweep:
@@ -264,15 +273,19 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
         return Point(failure=str(error), final=False)
     except MemoryError as error:
         return Point(failure=f"not enough memory ({error}); use fewer jobs", final=False)
-    stages = stages_of(case.tables)
-    found: dict[Shown, xr.Dataset] = {stage: results[stage.name] for stage in stages}
-    answering = [stage for stage in stages if stage.answers][-1]
+    found: dict[Shown, xr.Dataset] = {one: results[one.name] for one in stages_of(case.tables)}
+    answering = _answering(case)
     values = answering.compared(found[answering]).reset_coords()
-    answers = tuple(one for one in answering.answers if one.name in values)
-    names = [name for one in answers for name in _with_intervals(one.name) if name in values]
+    answers = tuple(one.name for one in answering.answers if one.name in values)
+    names = [name for one in answers for name in _with_intervals(one) if name in values]
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
     return Point(answers, values[names].reset_coords(drop=True).to_dict()["data_vars"], caution)
+
+
+def _answering(case: AnyCase) -> Stage:
+    """Return the last stage that answers something."""
+    return [stage for stage in stages_of(case.tables) if stage.answers][-1]
 
 
 def _with_intervals(name: str) -> tuple[str, str, str]:
@@ -287,9 +300,10 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> "xr.Dataset"
     kinds: dict[str, tuple[list[str], dict[str, Any]]] = {}
     shapes: dict[str, np.ndarray] = {}
     failures, cautions = [], []
-    for name in names:
+    for k, name in enumerate(names):
         point = store.read(name)
-        answers |= {one.name: one for one in point.answers}
+        if not answers.keys() >= set(point.answers):
+            answers |= {one.name: one for one in _answering(sweep.points[k]).answers}
         for own, one in point.values.items():
             kinds.setdefault(own, (one["dims"], one["attrs"]))
             shapes[own] = np.maximum(shapes.get(own, 0), np.shape(one["data"]))
@@ -300,6 +314,7 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> "xr.Dataset"
             f"none of the {len(names)} points of the sweep has a result; at {sweep.name(0)}: "
             f"{failures[0]}"
         )
+    answers = {name: one for name, one in answers.items() if name in shapes}
     tables = {own: np.full((len(names), *shape), np.nan) for own, shape in shapes.items()}
     place = np.zeros((len(names), len(answers)), dtype=int)
     for k, name in enumerate(names):
@@ -313,8 +328,11 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> "xr.Dataset"
                 place[k, column] = np.shape(values[answer]["data"])[-1] - 1
     columns = {
         f"answer_{column}": [getattr(one, column) for one in answers.values()]
-        for column in ("label", "unit", "scale", "over", "drawn")
+        for column in ("label", "over", "drawn")
     }
+    units = [one.shown(tables[name]) for name, one in answers.items()]
+    columns |= {"answer_unit": [one.name for one in units]}
+    columns |= {"answer_scale": [one.scale for one in units]}
     joined = SWEEP.build(
         columns
         | {
@@ -338,15 +356,15 @@ def _coordinates(sweep: Sweep) -> dict[str, Any]:
     for column, name in enumerate(sweep.parameters):
         texts = [setting[column] for setting in sweep.settings]
         first = {text: k for k, text in reversed([*enumerate(texts)])}
-        said = {}
-        for text, k in first.items():
-            dump = sweep.points[k].model_dump(mode="json")
-            said[text] = str(reduce(getitem, name.split("."), dump)).split(" ", maxsplit=1)
+        values = {
+            text: reduce(getitem, name.split("."), sweep.points[k].model_dump())
+            for text, k in first.items()
+        }
         try:
-            numbers = [float(said[text][0]) for text in texts]
+            numbers = [float(str(values[text])) for text in texts]  # true and false are text
         except ValueError:
             coordinates[name] = ("point", texts, {"long_name": name})
             continue
-        unit = said[texts[0]][1] if len(said[texts[0]]) > 1 else "1"
+        unit = getattr(values[texts[0]], "unit", "1")
         coordinates[name] = ("point", numbers, {"units": unit, "long_name": name})
     return coordinates

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.pipeline.rows import tabulate_sweep
+from multiscale.pipeline.rows import tabulate_sweep, tabulate_sweep_steps
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
@@ -88,10 +88,11 @@ def _summary(found: Datasets) -> Summary:
             beside = "" if unit == "1" else f" {unit}"
             told.append(f"{label} {known.min():.4g} to {known.max():.4g}{beside}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
+    points = f"all {count} points" if solved == count else f"{solved} of {count} points"
     return Summary(
         result.attrs["title"],
         f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
-        [f"Over {solved} of {count} points with a result: {', '.join(told) or 'nothing known'}."],
+        [f"Over {points} with a result: {', '.join(told) or 'nothing known'}."],
     )
 
 
@@ -134,17 +135,15 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "figures a bar, and lighter the interval of one part.",
         *more,
     ]
-    yield Section("Points", told, *tabulate_sweep(result), figures)
+    head, rows = tabulate_sweep(result)
+    numbered = [(str(number), *row) for number, row in enumerate(rows, start=1)]
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
-    runs = dict(zip(_names(result), pages, strict=True))
-    yield Section(
-        "Runs",
-        [
-            "multiscale report FOLDER writes the page of a point that has a folder and no page; "
-            "run --keep keeps the folders of all points."
-        ],
-        links={name: page for name, page in runs.items() if (out / page).exists()},
-    )
+    links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
+    yield Section("Points", told, ("point", *head), numbered, figures, links, small=True)
+    head, rows = tabulate_sweep_steps(result)
+    if rows:
+        told = ["Behind each answer stands its error, half of the 95 % interval of one part."]
+        yield Section("All steps", told, head, rows)
 
 
 POINTS = Shown(

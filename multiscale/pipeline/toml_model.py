@@ -14,12 +14,12 @@ from typing import Annotated, Any, Self, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     PlainSerializer,
     Strict,
     ValidationError,
+    WrapValidator,
     model_validator,
 )
 
@@ -51,21 +51,37 @@ __all__ = [
 ]
 
 
-def quantity(unit: str) -> BeforeValidator:
+class Typed(float):
+    """A float in an SI unit that a file has given as a text; both are kept."""
+
+    text: str
+    unit: str
+
+
+def quantity(unit: str) -> WrapValidator:
     """Read text such as ``"0.8 um"`` as a float in an SI unit."""
-    return BeforeValidator(partial(_convert, unit=unit))
+    return WrapValidator(partial(_convert, unit=unit))
 
 
-def _convert(value: object, *, unit: str) -> float:
+def _convert(value: object, check: Callable[[float], float], *, unit: str) -> float:
     try:
-        return to_si(value, unit)
+        number = check(to_si(value, unit))
     except CaseError as error:
         raise ValueError(str(error)) from error
+    if not isinstance(value, str):
+        return number
+    typed = Typed(number)
+    typed.text, typed.unit = value, unit
+    return typed
 
 
 def with_unit(unit: str) -> PlainSerializer:
-    """Write a float with its SI unit."""
-    return PlainSerializer(lambda value: f"{value!r} {unit}", when_used="json")
+    """Write a float as its file has said it, or with its SI unit."""
+    return PlainSerializer(lambda value: _write(value, unit), when_used="json")
+
+
+def _write(value: float, unit: str) -> str:
+    return value.text if isinstance(value, Typed) else f"{value!r} {unit}"
 
 
 Length = Annotated[float, quantity("m"), Field(gt=0.0), with_unit("m")]
@@ -122,7 +138,7 @@ class Settings(BaseModel):
         return sha256(text.encode()).hexdigest()
 
     def to_toml(self) -> str:
-        """Return a file of these settings, in SI units."""
+        """Return a file of these settings, quantities as they were given."""
         import tomli_w
 
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True))

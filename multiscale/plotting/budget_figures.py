@@ -1,6 +1,6 @@
 """Error budgets as stacked bars."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,9 +11,12 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["plot_error_budget"]
+__all__ = ["estimated_steps", "plot_error_budget", "step_labels"]
 
 COLOURS = (*(f"C{k}" for k in range(10)), "0.3", "0.7")  # of the terms
+
+UNKNOWN = 0.15
+"""Height of what is not known, over the largest total; it has no number."""
 
 SMALLEST_SHARE = 0.02
 """Ratio to the largest total below which a bar has no caption."""
@@ -24,9 +27,10 @@ def plot_error_budget(
 ) -> "Axes":
     """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
 
-    The height of a bar is the total. As terms add as squares, each term has its share of the sum
-    of the squares; unknown terms are named in the legend alone. A total with an unknown term has
-    no bar but the word unknown.
+    The height of a filled bar is the total. As terms add as squares, each term has its share of
+    the sum of the squares. Terms that are not known stand hatched on top of every bar, with a
+    question mark: their height means nothing. A total with an unknown term has no bar but the word
+    unknown.
 
     Parameters
     ----------
@@ -38,8 +42,7 @@ def plot_error_budget(
     """
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
-    one = budget.sel(quantity=chosen)
-    one = one.isel(step=np.flatnonzero(one["error_half_width"].notnull().any("error_term")))
+    one = estimated_steps(budget, chosen)
     half = 100.0 * total_error(one["error_bias"].values, one["error_half_width"].values)
     known = np.isfinite(one["error_total"].values)
     total = np.where(known, 100.0 * one["error_total"].values, 0.0)
@@ -50,22 +53,38 @@ def plot_error_budget(
             continue
         ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=COLOURS[k], label=str(term))
         bottom = bottom + share[k] * total
-    for term in filter(None, str(budget.attrs.get("unknown", "")).split(", ")):
-        ax.bar(0, 0.0, color="none", edgecolor="0.5", hatch="///", label=f"{term}: not known")
-    top = total.max(initial=0.0)
+    top, unknown = total.max(initial=0.0), str(budget.attrs.get("unknown", ""))
+    above = UNKNOWN * (top or 1.0) if unknown else 0.0
+    if unknown:
+        style: dict[str, Any] = {
+            "color": "none",
+            "edgecolor": "0.5",
+            "hatch": "///",
+            "linestyle": ":",
+        }
+        ax.bar(at, above, 0.7, bottom=total, label=f"not known: {unknown}", **style)
     for x, height, is_known in zip(at, total, known, strict=True):
         if height > SMALLEST_SHARE * top or not is_known:
-            caption = f"{height:.2g}" if is_known else "unknown"
-            ax.text(float(x), float(height), caption, ha="center", va="bottom", fontsize="small")
-    ax.set_xticks(at, _labels(one))
-    ax.set_ylim(0.0, 1.5 * top or 1.0)  # room for the legend
-    ax.set(xlabel="mean pressure (MPa)", title="error budget")
+            caption = f"{height:.2g}{' + ?' if unknown else ''}" if is_known else "unknown"
+            ax.text(
+                float(x), float(height + above), caption, ha="center", va="bottom", fontsize="small"
+            )
+    ax.set_xticks(at, step_labels(one))
+    ax.set_ylim(0.0, 1.2 * (top or 1.0) + above)
+    ax.grid(visible=False, axis="x")
+    ax.set(xlabel="mean pressure (MPa)")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
-    ax.legend(loc="upper center", ncols=2, fontsize="small")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize="small")
     return ax
 
 
-def _labels(budget: "xr.Dataset") -> list[str]:
+def estimated_steps(budget: "xr.Dataset", quantity: str) -> "xr.Dataset":
+    """Return the budget of a quantity at the steps where any term was estimated."""
+    one = budget.sel(quantity=quantity)
+    return one.isel(step=np.flatnonzero(one["error_half_width"].notnull().any("error_term")))
+
+
+def step_labels(budget: "xr.Dataset") -> list[str]:
     """Pressures of the steps, MPa, from the first of three variables; else numbers of the steps."""
     for name in ("nominal_pressure", "fit_pressure", "preload"):
         if name in budget.variables:

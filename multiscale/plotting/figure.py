@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "WIDE",
     "add_colour_bar",
     "axes_or_current",
     "new_figure",
@@ -27,6 +28,9 @@ __all__ = [
 ]
 
 DOTS_PER_INCH = 150
+
+WIDE = (8.6, 4.2)
+"""Width and height of a figure that stands alone in the width of a page, inches."""
 
 LAYOUT_PASSES, SETTLED = 5, 1e-3
 """Most layout passes, as axes of fixed aspect change in size with the room for their labels, and
@@ -128,7 +132,7 @@ def _label_logarithms(axis: "Axis") -> None:
     """Write numbers as an engineer does at the ticks of a logarithmic axis: 1, 2, 5, 10."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    low, high = axis.get_view_interval()
+    low, high = sorted(axis.get_view_interval())  # an inverted axis falls
     decades = np.log10(high / low)
     if not decades < DECADES:
         return
@@ -139,15 +143,31 @@ def _label_logarithms(axis: "Axis") -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
+def _dress(ax: "Axes") -> None:
+    """Give axes the style of all figures: open frame, quiet title, legend without a box."""
+    if ax.get_label() == "<colorbar>":
+        return
+    if not ax.images:
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.grid(color="0.9", linewidth=0.6)
+        ax.set_axisbelow(True)
+    ax.title.set_fontsize("medium")
+    if (legend := ax.get_legend()) is not None:
+        legend.get_frame().set(linewidth=0.0, alpha=0.8)
+
+
 def save_figure(figure: "Figure", file: Path) -> Path:
-    """Write a figure as a complete PNG file, or no file."""
+    """Write a figure in the style of all figures as a complete PNG file, or no file."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     for ax in figure.axes:
+        _dress(ax)
         for axis in (ax.xaxis, ax.yaxis):
             if axis.get_scale() == "log":
                 _label_logarithms(axis)
     layout = figure.get_layout_engine()
     if layout is not None:
-        figure.set_dpi(DOTS_PER_INCH)  # on which the sizes of letters depend
+        figure.set_dpi(DOTS_PER_INCH)  # sizes of letters depend on it
         fixed = any(ax.get_aspect() != "auto" for ax in figure.axes)
         before = np.full((len(figure.axes), 4), np.inf)
         for _ in range(LAYOUT_PASSES if fixed else 1):
@@ -158,7 +178,8 @@ def save_figure(figure: "Figure", file: Path) -> Path:
             before = places
         figure.set_layout_engine("none")  # or it would be drawn twice
     buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=DOTS_PER_INCH)
+    figure.set_dpi(DOTS_PER_INCH)
+    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]  # draws once
     write_bytes(file, buffer.getvalue())
     return file
 

@@ -15,6 +15,7 @@ from multiscale.fe.facets import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
+from multiscale.units import Unit, stiffness_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,11 +45,11 @@ LEVEL = 1e-6
 BANDS_SAID = "mean law and one part, 95 %"
 
 CYCLES = {
-    "secant_stiffness": ("secant shear stiffness (MPa/µm)", 1e-12),
-    "cycle_loss": ("loss per cycle (mJ)", 1e3),
-    "cycle_slip": ("load whose contacts slip (%)", 100.0),
+    "secant_stiffness": ("secant shear stiffness", None),
+    "cycle_loss": ("loss per cycle", Unit("mJ", 1e3)),
+    "cycle_slip": ("load whose contacts slip", Unit("%", 100.0)),
 }
-"""Quantities of closed cycles, with their labels and scales."""
+"""Quantities of closed cycles, with their labels and units but of stiffnesses."""
 
 QUANTITIES = {
     "pressure": "pressure (MPa)",
@@ -232,7 +233,9 @@ def plot_amplitudes(
         ``"secant_stiffness"``, ``"cycle_loss"``, which has logarithmic axes, or ``"cycle_slip"``.
     """
     ax = axes_or_current(ax)
-    label, scale = CYCLES[quantity]
+    label, unit = CYCLES[quantity]
+    unit = unit or stiffness_unit(result["joint_stiffness"].values)
+    label, scale = f"{label} ({unit.name})", unit.scale
     shear, low = 1e-6 * result["cycle_shear"].values, np.inf
     for level, preload in enumerate(1e-6 * result["cycle_preload"].values):
         value, colour = scale * result[quantity].values[level], f"C{level}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.plotting.figure import axes_or_current
+from multiscale.units import stiffness_unit
 from multiscale.upscaling import (
     area_from_dataset,
     areas_from_dataset,
@@ -185,7 +186,8 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     ax = axes_or_current(ax)
     result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))
     preload = 1e-6 * result["preload"].values
-    to_plot = 1e-12  # Pa/m to MPa/um
+    unit = stiffness_unit(result["joint_stiffness"].values)
+    to_plot = unit.scale
     for kind, alpha in BANDS.items():
         if f"joint_stiffness_{kind}" in result:
             low, high = to_plot * result[f"joint_stiffness_{kind}"].values
@@ -200,6 +202,8 @@ def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "
     solid = to_plot * result["solid_stiffness"].values
     ax.plot(preload, solid, color="0.4", linestyle=":", label="bodies alone")
     ax.set(xscale="log", yscale="log")
-    ax.set(xlabel="preload (MPa)", ylabel="normal stiffness (MPa/µm)", title="joint stiffness")
+    ax.set(
+        xlabel="preload (MPa)", ylabel=f"normal stiffness ({unit.name})", title="joint stiffness"
+    )
     ax.legend()
     return ax

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-__all__ = ["plot_sweep", "plot_sweep_steps", "sweep_ends"]
+__all__ = ["plot_sweep", "plot_sweep_steps", "say_key", "sweep_ends"]
 
 LARGEST_LEGEND = 10
 """Largest number of lines with a legend."""
@@ -20,6 +20,17 @@ DECADE = 10.0
 
 INTERVALS = {"mean_law": 0.2, "one_part": 0.08}
 """Intervals of answers, and how opaque their bands are."""
+
+
+def say_key(key: str) -> str:
+    """Return a key of a case in words.
+
+    Examples
+    --------
+    >>> say_key("body_1.surface.rms_height")
+    'rms height of surface of body 1'
+    """
+    return " of ".join(reversed(key.split("."))).replace("_", " ")
 
 
 def sweep_ends(result: "xr.Dataset", answer: str) -> "xr.Dataset":
@@ -93,9 +104,10 @@ def plot_sweep(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -
     if unit != "1":
         ax.xaxis.set_major_formatter(EngFormatter(unit.replace("u", "µ")))
     _label_answer(result, answer, ax)
-    ax.set_xlabel(key)
+    ax.set_xlabel(say_key(key))
     if lines != [""] and len(lines) <= LARGEST_LEGEND:
-        ax.legend(title=", ".join(np.delete(result["parameter"].values, along)), fontsize="small")
+        keys = np.delete(result["parameter"].values, along)
+        ax.legend(title=", ".join(map(say_key, keys)), fontsize="small", title_fontsize="small")
     return ax
 
 
@@ -126,7 +138,7 @@ def plot_sweep_steps(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = N
                 )
     _label_answer(result, answer, ax)
     _label_answer(result, over, ax, axis="x")
-    ax.set_title(", ".join(map(str, result["parameter"].values)), fontsize="small")
+    ax.set_title(", ".join(map(say_key, result["parameter"].values)))
     if count <= LARGEST_LEGEND:
         ax.legend(fontsize="small")
     return ax

@@ -1,12 +1,16 @@
 """A finished run as one page that opens anywhere: no script, nothing from elsewhere."""
 
 import base64
-from collections.abc import Iterator, Mapping
+import csv
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from importlib import resources
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
 from multiscale.io import (
     make_folder,
@@ -18,9 +22,9 @@ from multiscale.io import (
 )
 from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section
+from multiscale.plotting.sweep_figures import say_key
 from multiscale.report.finished_run import FinishedRun, draw_sections, open_finished
 from multiscale.schema import SURFACE_STATISTICS
-from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -92,42 +96,97 @@ def _write(run: FinishedRun, sections: list[Section]) -> Path:
 
 
 def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
+    """Arrange what the template shows: head, and sections with their pictures and downloads."""
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
-    sections = [*sections, Section("Inputs", rows=list(_keys(run.case))), _work(run)]
-    return vars(run.summary) | {
-        "cautions": run.cautions,
+    sections = [*sections, _inputs(run), *_work(run)]
+    head = run.summary
+    return {
+        "title": head.title,
+        "question": _in_words(head.question),
+        "answer": map(_in_words, head.answer),
+        "cautions": map(_in_words, run.cautions),
         "sections": [
             vars(section)
             | {
-                "figures": [
-                    (name.replace("_", " "), base64.b64encode(read_bytes(drawn[name])).decode())
+                "pictures": [
+                    (name.replace("_", " "), _encoded(read_bytes(drawn[name])))
                     for name in section.figures
                     if name in drawn
-                ]
+                ],
+                "downloads": [*_downloads(run, section)],
+                "lines": map(_in_words, section.lines),
+                "head": [*map(_in_words, section.head)],
             }
             for section in sections
         ],
     }
 
 
+def _in_words(sentence: str) -> str:
+    """Write keys of the case and names of bodies in words, for readers who have not seen it."""
+    sentence = re.sub(r"\b[a-z]\w*(\.[a-z]\w*)+", lambda key: say_key(key[0]), sentence)
+    return re.sub(r"\bbody_(?=\d)", "body ", sentence)
+
+
+def _downloads(run: FinishedRun, section: Section) -> Iterator[tuple[str, str]]:
+    """Yield names and content of the table and files of a section, or why a file is refused."""
+    if section.head:
+        name = section.heading.lower().replace(" ", "_")
+        yield f"{name}.csv", _encoded(_comma_separated([section.head, *section.rows]))
+    for name, write in section.files.items():
+        file = make_folder(run.out / "exports") / name
+        try:
+            write(file)
+        except CaseError as refusal:
+            yield f"{name} is not written: {refusal}", ""
+        else:
+            yield name, _encoded(read_bytes(file))
+
+
+def _comma_separated(rows: Iterable[tuple[str, ...]]) -> bytes:
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode("utf-8-sig")  # or spreadsheets take µ for two letters
+
+
+def _encoded(content: bytes) -> str:
+    return base64.b64encode(content).decode()
+
+
+def _inputs(run: FinishedRun) -> Section:
+    """List the keys of the case, with its file."""
+    case = run.out / "case.toml"
+    files = {case.name: lambda file: write_bytes(file, read_bytes(case))}
+    return Section("Inputs", rows=list(_keys(run.case)), files=files if case.exists() else {})
+
+
 def _keys(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, ...]]:
-    """Give the keys of a case with their values, tables flattened."""
+    """Give the keys of a case with their values as the file says them, tables flattened."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _keys(value, f"{prefix}{key}.")
         elif isinstance(value, list):
             if value:  # or it stands for nothing
-                yield f"{prefix}{key}", ", ".join(readable(item) for item in value)
+                yield f"{prefix}{key}", ", ".join(map(str, value))
         elif isinstance(value, bool):
-            yield f"{prefix}{key}", str(value).lower()  # as the file says it
+            yield f"{prefix}{key}", str(value).lower()
         else:
-            yield f"{prefix}{key}", readable(value)
+            yield f"{prefix}{key}", str(value)
 
 
-def _work(run: FinishedRun) -> Section:
-    """Say what was computed, with what, by which command and when."""
+def _work(run: FinishedRun) -> Iterator[Section]:
+    """Say what was computed, with what, by which command and when, and how to cite it."""
     counted = [row for stage in run.stages for row in stage.work(run.found)]
     said = run.found[run.stages[-1].name].attrs
     names = {"source": "program", "environment": "computed with", "history": "command"}
     told = [(name, str(said[key])) for key, name in names.items() if key in said]
-    return Section("Work and provenance", rows=[*counted, *told])
+    yield Section("Work and provenance", rows=[*counted, *told])
+    day = str(said.get("history", ""))[:10]
+    program = said.get("source", "multiscale")
+    yield Section(
+        "Citation",
+        [
+            f"{run.summary.title}, computed with {program}, {day}. The sources of its methods are "
+            f"listed in the README of the package."
+        ],
+    )

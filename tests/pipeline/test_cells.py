@@ -215,7 +215,7 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
     cutoff = "The cells of body_1 keep the waves down to 25 um, 8 points of the grid"
     assert cutoff in printed.out
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert cutoff in page
+    assert cutoff.replace("body_1", "body 1") in page
     assert "<td>body_1 cells</td>" in page
     assert "<td>0, 0, 0</td>" in page
     result = open_dataset(tmp_path / "out" / "macro_result.nc", MACRO_RESULT)

@@ -72,7 +72,7 @@ def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monke
     )
     assert next(finished.lines()) == "mean real pressure is known"
     page = write_report(out).read_text(encoding="utf-8")
-    assert "<h2>Mean real pressure</h2>" in page
+    assert ">Mean real pressure</h2>" in page
     assert "How stiff is the joint of the two bodies" in page
 
 

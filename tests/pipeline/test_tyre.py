@@ -131,7 +131,7 @@ def test_figures_and_report_show_friction_force_and_footprint(finished):
     assert names == pictures
     page = write_report(out).read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == len(pictures)
-    assert "braking force (N)" in page
+    assert "braking force <span>(N)</span>" in page
     assert set(open_run(out)) == {"micro_response", "interface_law", "macro_result"}
 
 

@@ -27,22 +27,27 @@ def test_bars_stack_up_to_the_total(axes, carried):
     dataset = with_budget(law, budget) if carried else budget
     ax = plot_error_budget(dataset, quantity="stiffness", ax=axes)
     top = np.zeros(8)
-    for container in ax.containers:
+    *known, unknown = ax.containers
+    for container in known:
         for k, bar in enumerate(container):
-            if len(container) == 8:
-                top[k] = max(top[k], bar.get_y() + bar.get_height())
+            top[k] = max(top[k], bar.get_y() + bar.get_height())
     total = budget["error_total"].sel(quantity="stiffness").values
     np.testing.assert_allclose(top, 100.0 * total)
-    assert sum(len(container) == 8 for container in ax.containers) == 2
+    assert len(known) == 2
+    np.testing.assert_allclose([bar.get_y() for bar in unknown], top)  # hatched, above the total
+    assert all(bar.get_hatch() and bar.get_height() > 0.0 for bar in unknown)
+    assert [text.get_text() for text in ax.texts] == [f"{value:.2g} + ?" for value in top]
     names = [text.get_text() for text in ax.get_legend().get_texts()]
     assert names[:2] == ["sampling", "fit"]
-    assert "scale separation: not known" in names
+    assert names[2].startswith("not known: ")
+    assert "scale separation" in names[2]
     assert ax.get_ylabel() == "95 % half-width of stiffness (%)"
     assert ax.get_xticklabels()[0].get_text() == "5"
 
 
-def test_a_total_that_lacks_a_term_is_no_bar_but_the_word_unknown(axes):
+def test_a_total_that_lacks_a_term_is_hatched_under_the_word_unknown(axes):
     response = response_of(exponential_gaps(1))
     ax = plot_error_budget(error_budget(response, fit_law(response)), ax=axes)
     assert [text.get_text() for text in ax.texts] == 8 * ["unknown"]
-    assert max(bar.get_height() for bar in ax.patches) == 0.0
+    assert max(bar.get_height() for bar in ax.patches if not bar.get_hatch()) == 0.0
+    assert max(bar.get_height() for bar in ax.patches if bar.get_hatch()) > 0.0

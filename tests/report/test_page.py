@@ -1,5 +1,6 @@
 """The page of a run: figures zoom without a script, and nothing comes from elsewhere."""
 
+import base64
 import re
 import subprocess
 from shutil import copytree, which
@@ -38,28 +39,58 @@ def photograph(text, folder, size):
 
 def test_the_page_has_no_script_and_fetches_nothing(page):
     assert "<script" not in page
-    assert re.findall(r"(?:src|href)=\"(?!data:)", page) == []
+    assert re.findall(r"(?:src|href)=\"(?!data:|#part-)", page) == []
 
 
 def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
-    found = re.findall(r"<h2>(.*?)</h2>", page)
+    found = re.findall(r"<h2 id=.*?>(.*?)</h2>", page)
+    assert re.findall(r'<li><a href="#part-\d+">(.*?)</a>', page) == found
     assert found == [
         "Joint",
         "Error budget",
         "Interface law",
+        "Contact",
         "Surface",
         "Inputs",
         "Work and provenance",
+        "Citation",
     ]
     assert page.count("Caution:") == 3  # two grids, and the pressure of elastic spots
-    assert "multiscale 0" in page.split("Work and provenance")[1]
-    assert "numpy" in page.split("Work and provenance")[1]
+    assert "multiscale 0" in page.split("Work and provenance</h2>")[1]
+    assert "numpy" in page.split("Work and provenance</h2>")[1]
     assert "(from 2 MPa to 240 MPa)" in page
-    between = r"[\d.]+ \.\.\. [\d.]+"
-    assert re.search(
-        rf"MPa/µm \(mean law {between}; one part {between}\) with a 95 % error bound of \d", page
-    )
+    assert re.search(r"<td>[\d.]+ \.\.\. [\d.]+</td>", page)  # an interval
     assert re.findall(r"<td>micro.unload</td><td>false</td>", page)
+
+
+def test_downloads_stand_in_the_page(page, run_folder):
+    found = dict(re.findall(r'<a download="(.*?)" href="data:text/plain;base64,(.*?)">', page))
+    assert {"joint.csv", "error_budget.csv", "law.csv", "abaqus.inp", "case.toml"} <= set(found)
+    table = base64.b64decode(found["joint.csv"]).decode("utf-8-sig").splitlines()
+    assert table[0].startswith("preload (MPa),joint stiffness (MPa/µm)")
+    assert len(table) == 7
+    assert b"PRESSURE-OVERCLOSURE" in base64.b64decode(found["abaqus.inp"])
+    assert base64.b64decode(found["case.toml"]) == (run_folder / "case.toml").read_bytes()
+
+
+def test_the_budget_says_each_term_in_numbers_or_that_it_is_unknown(page):
+    budget = page.split("Error budget</h2>")[1].split("</table>")[0]
+    rows = [re.findall(r"<td>(.*?)</td>", row) for row in budget.split("</tr>")[1:-1]]
+    said = {term: values for term, *values in rows}
+    assert all(float(value) > 0.0 for value in said["sampling"][:-1])
+    assert set(said["cell size"][:-1]) == {"unknown"}
+    assert "without what is not known: cell size" in said["total"][-1]
+
+
+def test_no_key_and_no_formula_stands_in_the_sentences(page):
+    prose = re.findall(r"<p.*?>(.*?)</p>", page)
+    assert len(prose) > 12
+    assert not [one for one in prose if re.search(r"body_|[a-z]_[a-z]|\^|sum \(", one)]
+
+
+def test_inputs_are_shown_as_they_were_typed(page):
+    assert "<td>cell.size</td><td>800 um, 800 um</td>" in page
+    assert "<td>body_1.youngs_modulus</td><td>210 GPa</td>" in page
 
 
 def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
@@ -70,9 +101,13 @@ def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
 
 
 def test_the_answer_shows_the_interface_the_bodies_and_that_it_is_elastic(page):
-    answer = page[: page.index("<h2>Joint</h2>")]
-    assert re.findall(r"the interface alone has [\d.]+ ± [\d.]+ % and the bodies 21 ± 0 %", answer)
-    assert re.findall(r"of it touches, under [\d.]+ MPa on the mean", answer)
+    answer = page[: page.index(">Joint</h2>")]
+    first = re.search(r'</h1>\s*<p class="answer">(.*?)</p>', answer)[1]
+    assert re.match(r"At a preload of 40 MPa the joint has a stiffness of [\d.]+ MPa/µm ± ", first)
+    assert re.search(r"[\d.]+ % of its area touches, under a mean pressure of [\d.]+ MPa ± ", first)
+    assert re.search(
+        r"interface alone has [\d.]+ MPa/µm ± [\d.]+ %, the bodies 21 MPa/µm\.", answer
+    )
     assert "The answer is elastic: no body has a hardness, and nothing flows." in answer
     assert "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm." in page
 
@@ -101,11 +136,14 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     assert "<h1>Two &lt;grids&gt;</h1>" in page
     assert "Over 1 of 2 points with a result: joint stiffness" in page
     assert re.findall(
-        r"Caution:</strong> at cell.points = \[16, 16\]: no result: .*cannot carry", page
+        r"Caution:</strong> at points of cell = \[16, 16\]: no result: .*cannot carry", page
     )
     assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
-    assert page.count("<td>[64, 64]</td>") == 1  # its result
-    (link,) = re.findall(r'<a href="(.*?)">cell.points = \[64, 64\]</a>', page)  # its own page
+    (link,) = re.findall(r'<td><a href="(.*?)">1</a></td><td>\[64, 64\]</td>', page)
     assert (tmp_path / link).is_file()
+    assert link.startswith("points/points-64-64-")
+    steps = page.split("All steps</h2>")[1]
+    assert steps.count("<td>[64, 64]</td>") == 6  # preloads
+    assert re.search(r"<td>40</td><td>18\.\d+ ± 1\.\d+ %</td>", steps)
     assert 'alt="sweep joint stiffness"' in page
-    assert "multiscale 0" in page.split("Work and provenance")[1]
+    assert "multiscale 0" in page.split("Work and provenance</h2>")[1]

@@ -14,7 +14,7 @@ from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking
+from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking, tabulate_budget
 from multiscale.pipeline.stage import (
     Datasets,
     Section,
@@ -27,12 +27,11 @@ from multiscale.pipeline.stage import (
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
-from multiscale.plotting.figure import on_axes
+from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import cell_share, fit_law, law_from_dataset, observe
-from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.reading import frictions_at
 
 if TYPE_CHECKING:
@@ -224,7 +223,7 @@ def _hardest(result: "xr.Dataset") -> "xr.Dataset":
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
-    force = on_axes(lambda ax: plot_braking_force(result, ax=ax))
+    force = on_axes(lambda ax: plot_braking_force(result, ax=ax), *WIDE)
     yield Section(
         "Tread block", list_facts(result), *tabulate_braking(result), {"braking_force": force}
     )
@@ -241,18 +240,12 @@ def _budget(result: "xr.Dataset") -> Section:
     """Say of each term of the error budget how large it is and how it was estimated."""
     if "error_total" not in result:
         return Section("Error budget", ["Nothing was estimated."])
-    best = _hardest(result).squeeze("quantity")
-    rows = []
-    for term, half in zip(
-        result["error_term"].values, best["error_half_width"].values, strict=True
-    ):
-        known = f"{100.0 * half:.2g}" if np.isfinite(half) else ""
-        rows.append((str(term), known, result.attrs[how_attribute(str(term))]))
+    best = int(np.nanargmax(result["braking_force"].values))
     return Section(
         "Error budget",
         ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
-        ("term", "half-width (%)", "rests on"),
-        rows,
+        *tabulate_budget(result.isel(step=[best])),
+        notes=True,
     )
 
 

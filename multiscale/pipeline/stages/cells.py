@@ -1,6 +1,6 @@
 """Stage: the cells of two rough bodies, pressed together."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from multiscale.pipeline.case_cells import (
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
+from multiscale.pipeline.rows import tabulate_statistics
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
     Datasets,
@@ -39,14 +40,14 @@ from multiscale.pipeline.stage import (
 )
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
+from multiscale.plotting.inspection_figures import plot_bearing_curve, plot_spectral_density
 from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
-from multiscale.schema import FIELDS, MICRO_RESPONSE
-from multiscale.surfaces import Roughness
+from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = [
     "CELLS",
@@ -57,8 +58,8 @@ __all__ = [
     "write_fields",
 ]
 
-COMPOSITE = "composite surface of body_1 and body_2; 1/E* = sum (1 - nu^2)/E; small slopes"
-MESHED = "mesh against a rigid flat; each volume has 1/E* = sum (1 - nu^2)/E of itself and body_2"
+COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
+MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
 MESH_CAUTION = (
     "each volume of the mesh has the moduli of itself and body_2 together, against a rigid flat: "
     "this is right where body_2 is much stiffer, or like the mesh at every depth"
@@ -365,17 +366,50 @@ def _lines(found: Datasets) -> list[str]:
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    response = found[CELLS.name]
+    response, fields = found[CELLS.name], open_dataset(out / "fields" / "fields.nc", FIELDS)
+    asked, pressure = _asked_pressure(found), fields["nominal_pressure"].to_numpy()
+    step = int(np.abs(np.log(pressure / asked)).argmin())
+    told = f"The map shows the first cell under {1e-6 * pressure[step]:.4g} MPa"
+    if not np.isclose(pressure[step], asked):
+        told += f", the pressure of the cells that is nearest to {1e-6 * asked:.4g} MPa"
+    figures = {
+        "surface": on_axes(lambda ax: plot_surface(fields, ax=ax)),
+        "contact_map": on_axes(lambda ax: plot_contact_map(fields, step=step, ax=ax)),
+    }
+    yield Section("Contact", [f"{told}."], figures=figures)
+    yield from _roughness(fields)
+    if list_cutoffs(response):
+        yield Section("Measured surfaces", list_cutoffs(response), *tabulate_roughness(response))
 
-    def draw(plot: "Callable[..., Axes]") -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot(open_dataset(out / "fields" / "fields.nc", FIELDS), ax=ax))
 
+def _roughness(fields: "xr.Dataset") -> Iterator[Section]:
+    """Show statistics and spectrum of the heights of a cell; nothing of a smooth one."""
+    size = (float(fields.attrs["size_x"]), float(fields.attrs["size_y"]))
+    surface = Surface(fields["height"].to_numpy().T, size)
+    if not np.ptp(surface.heights) > 0.0:
+        return
+    told = describe_surface(surface, waves=spectrum([surface])).assign_attrs(
+        points=" x ".join(map(str, surface.heights.shape)), trend="mean"
+    )
+    of_cell = told.assign(fit_level=np.nan)  # whose few waves tell no Hurst exponent
     yield Section(
         "Surface",
-        list_cutoffs(response),
-        *tabulate_roughness(response),
-        figures={"surface": draw(plot_surface), "contact_map": draw(plot_contact_map)},
+        ["Statistics of the heights of both bodies together, in the first realisation."],
+        rows=tabulate_statistics(told, measured=False),
+        figures={
+            "spectral_density": on_axes(lambda ax: plot_spectral_density(of_cell, ax=ax)),
+            "bearing_curve": on_axes(lambda ax: plot_bearing_curve(told, ax=ax)),
+        },
     )
+
+
+def _asked_pressure(found: Datasets) -> float:
+    """Return the middle one of the preloads of a structure, or else of the pressures, Pa."""
+    result = found.get(MACRO_RESULT.name)
+    response = found[CELLS.name]
+    of_cells = response["nominal_pressure"]
+    asked = of_cells if result is None else result.get("preload", of_cells)
+    return float(np.quantile(asked.values, 0.5, method="higher"))
 
 
 CELLS: Stage = Stage(
@@ -389,7 +423,7 @@ CELLS: Stage = Stage(
     needs=_needs,
     lines=_lines,
     sections=_sections,
-    pictures=("surface", "contact_map"),
+    pictures=("surface", "contact_map", "spectral_density", "bearing_curve"),
     work=count_cells,
     folders=("micro", "micro-halved-increments", "micro-slope-order", "plan"),
 )

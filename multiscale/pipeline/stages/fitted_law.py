@@ -1,6 +1,7 @@
 """Stage: the interface law fitted to the cells of two rough bodies."""
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from multiscale.plotting.law_figures import (
 )
 from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
 from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.units import stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
     area_from_dataset,
@@ -40,8 +42,11 @@ from multiscale.upscaling import (
     with_budget,
     with_conductance,
     with_leakage,
+    write_law_table,
+    write_pressure_overclosure,
 )
 from multiscale.upscaling.bootstrap import half_range
+from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 if TYPE_CHECKING:
@@ -50,6 +55,8 @@ if TYPE_CHECKING:
 __all__ = ["FITTED_LAW"]
 
 FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s, of a fit and of a sample of it, about
+EXPORTED = 0.01
+"""Error of the pressure between the points of the tables that the page offers."""
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -134,20 +141,37 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"{law.attrs['n_realisations']} realisations between "
             f"{1e-6 * law.attrs['pressure_min']:.4g} and "
             f"{1e-6 * law.attrs['pressure_max']:.4g} MPa, "
-            f"{law.attrs['pressures_per_decade']:.2g} pressures a decade. Branches: "
-            f"{law.attrs['branches']}.",
+            f"{law.attrs['pressures_per_decade']:.2g} pressures a decade.",
+            f"{_say_branches(law)}.",
             *_control(law),
             f"At pressures that were left out of the fit it erred by up to "
             f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
             f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
-            f"Admissibility: {law.attrs['admissibility']}.",
+            f"What every law must satisfy: {law.attrs['admissibility']}.",
             *(_unloading(law) if unloads else ()),
             *(_conductance(law) if conducts else ()),
             *(_leakage(law) if leaks else ()),
             *(_shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION]) if sheared else ()),
         ],
         figures=figures,
+        files={"law.csv": partial(write_law_table, law)}
+        | {
+            f"{code}.inp": partial(
+                write_pressure_overclosure,
+                law,
+                tolerance=EXPORTED,
+                friction_for=code if sheared else None,
+                conductance_for=code if "thermal_conductance" in conducts else None,
+            )
+            for code in ("abaqus", "calculix")
+        },
     )
+
+
+def _say_branches(law: "xr.Dataset") -> str:
+    branches = told_branches(law)
+    told = ", ".join(f"{branch} is {how}" for branch, how in branches.items())
+    return told[0].upper() + told[1:]
 
 
 def _control(law: "xr.Dataset") -> list[str]:
@@ -225,9 +249,11 @@ def _summary(found: Datasets) -> Summary:
     pressures = law["fit_pressure"].to_numpy()
     middle = pressures.size // 2
     normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
+    stiffness = float(normal.stiffness(gap))
+    unit = stiffness_unit([stiffness])
     values = {
         "mean_gap": (f"{1e6 * gap:.4g} µm", "the mean gap of the interface is"),
-        "stiffness": (f"{1e-12 * float(normal.stiffness(gap)):.4g} MPa/µm", "its stiffness"),
+        "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
         "contact_fraction": (
             f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
             "its real over nominal contact area",
@@ -235,8 +261,7 @@ def _summary(found: Datasets) -> Summary:
     }
     total = law["error_total"].isel(step=middle)
     told = [
-        f"{words} {value} (error {say_error(float(total.sel(quantity=name)))} %)"
-        for name, (value, words) in values.items()
+        f"{words} {value} ± {_say_total(total, name)}" for name, (value, words) in values.items()
     ]
     question = (
         f"How do gap, stiffness and contact of the interface depend on its pressure, between "
@@ -245,7 +270,13 @@ def _summary(found: Datasets) -> Summary:
     answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
     planned = str(law.attrs.get("plan", "")).splitlines()
     tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
-    return Summary(response.attrs["title"], question, [*planned, answer, *behaviour(law), *tight])
+    said = [answer, *planned, *behaviour(law), *tight]
+    return Summary(response.attrs["title"], question, said)
+
+
+def _say_total(total: "xr.DataArray", quantity: str) -> str:
+    said = say_error(float(total.sel(quantity=quantity)))
+    return "an unknown error" if said == "unknown" else f"{said} %"
 
 
 def _compared(law: "xr.Dataset") -> "xr.Dataset":
@@ -291,7 +322,7 @@ FITTED_LAW = Stage(
     ),
     answers=(
         StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
-        StageAnswer("stiffness", "stiffness", "MPa/µm", 1e-12, over="fit_pressure"),
+        StageAnswer("stiffness", "stiffness", over="fit_pressure", choose=stiffness_unit),
         StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
         StageAnswer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
         StageAnswer("shear_friction", "friction", "1"),

@@ -1,6 +1,7 @@
 """Stage: two blocks pressed together through the law of their interface."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,7 +15,13 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
-from multiscale.pipeline.rows import INTERVALS, list_facts, say_intervals, tabulate
+from multiscale.pipeline.rows import (
+    joint_unit,
+    list_facts,
+    say_value,
+    tabulate,
+    tabulate_budget,
+)
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
     Datasets,
@@ -28,9 +35,10 @@ from multiscale.pipeline.stage import (
 )
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
-from multiscale.plotting.figure import on_axes
+from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.schema import MACRO_RESULT, with_cautions
+from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
     Dependence,
@@ -50,13 +58,12 @@ from multiscale.upscaling import (
     with_intervals,
     with_scales,
 )
-from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.fit import told_branches
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "of_stiffness", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
@@ -64,15 +71,18 @@ TANGENTIAL = "tangential_stiffness"
 STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
 """Of the whole, of its interface and of its bodies: all have an error budget."""
 
+of_stiffness = partial(StageAnswer, over="preload", choose=stiffness_unit)
+"""Answer that is a stiffness over the preloads, from its name and label."""
+
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
-    StageAnswer(TANGENTIAL, "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
-    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    of_stiffness("joint_stiffness", "joint stiffness"),
+    of_stiffness(TANGENTIAL, "tangential stiffness"),
+    of_stiffness("interface_stiffness", "interface stiffness"),
     StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
     StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    StageAnswer("unloading_stiffness", "unloading stiffness", "MPa/µm", 1e-12, over="preload"),
+    of_stiffness("unloading_stiffness", "unloading stiffness"),
     StageAnswer("thermal_conductance", "thermal conductance", "kW/(m² K)", 1e-3, over="preload"),
     StageAnswer("electrical_conductance", "electrical conductance", "S/mm²", 1e-6, over="preload"),
 )
@@ -278,51 +288,51 @@ def _answer(result: "xr.Dataset") -> list[str]:
     done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
     if done.size == 0:
         return ["The answer is known at no preload."]
-    head, rows = tabulate(result.isel(step=[done[done.size // 2]]))
-    row = dict(zip(head, rows[0], strict=True))
-    intervals = say_intervals([row[name] for name in INTERVALS.values()])
-    bound = f"{intervals} with a 95 % error bound of {row['error (%)']} %"
-    error = bound if row["error (%)"] else ""
-    if row["error (%)"] == "unknown":
-        error = " with an unknown error"
+    step, unit = result.isel(step=done[done.size // 2]), joint_unit(result)
+    joint, interface, bodies = (say_value(step, name, unit) for name in STIFFNESSES)
+    touching = ""
+    if np.isfinite(step["contact_fraction"]):
+        real = say_value(step, "real_pressure", Unit("MPa", 1e-6))
+        touching = (
+            f"; {100.0 * float(step['contact_fraction']):.3g} % of its area touches, under a mean "
+            f"pressure of {real}"
+        )
     unloading = (
-        f" When the preload begins to fall, it is {row['unloading (MPa/µm)']} MPa/µm."
+        [f"When the preload begins to fall, it is {say_value(step, 'unloading_stiffness', unit)}."]
         if "unloading_stiffness" in result
-        else ""
+        else []
     )
     unknown = result.attrs.get("unknown", "")
-    beside = f" The error does not count what is not known of it: {unknown}." if unknown else ""
-    if row["error (%)"] == "unknown":
-        beside = f" Not known of the error: {unknown}; see the error budget."
+    left_out = [f"What is not known of the error, and not counted: {unknown}."] if unknown else []
     return [
-        f"At {row['preload (MPa)']} MPa its stiffness is {row['joint stiffness (MPa/µm)']} MPa/µm"
-        f"{error}, and {row['contact (%)']} % of it touches, under "
-        f"{row['real pressure (MPa)'].split(' ±')[0]} MPa on the mean.{unloading} "
-        f"In MPa/µm, the interface alone has {row['interface (MPa/µm)']} and the bodies "
-        f"{row['bodies (MPa/µm)']}.{beside}",
+        f"At a preload of {1e-6 * float(step['preload']):.4g} MPa the joint has a stiffness of "
+        f"{joint}{touching}.",
+        f"The interface alone has {interface}, the bodies {bodies}.",
+        *unloading,
+        *left_out,
         *list_facts(result)[:1],
     ]
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[JOINT.name]
-    told = [*_decisions(result), *list_facts(result)]
-    stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax))
+    told = [*_decisions(result), *list_facts(result)[1:]]  # the first one is in the answer
+    stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax), *WIDE)
     yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
     yield budget_section(result)
 
 
 def budget_section(result: "xr.Dataset") -> Section:
-    """Say of each term of the error budget how it was estimated."""
+    """Say of each term of the error budget how large it is and how it was estimated."""
     if "error_total" not in result:
         return Section("Error budget", ["Nothing was estimated."])
-    terms = map(str, result["error_term"].values)
-    rows = [(term, result.attrs[how_attribute(term)]) for term in terms]
+    quantity = str(result["quantity"].values[0]).replace("_", " ")
     return Section(
         "Error budget",
-        ["Half-widths of 95 % intervals of the joint stiffness; each term rests on this:"],
-        rows=rows,
-        figures={"error_budget": on_axes(lambda ax: plot_error_budget(result, ax=ax))},
+        [f"Half-widths of 95 % intervals of the {quantity}, in per cent of it."],
+        *tabulate_budget(result),
+        figures={"error_budget": on_axes(lambda ax: plot_error_budget(result, ax=ax), *WIDE)},
+        notes=True,
     )
 
 

@@ -34,17 +34,17 @@ from multiscale.pipeline.joint_answers import joint_answers
 from multiscale.pipeline.joint_settings import Cycles
 from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.rows import (
+    joint_unit,
     list_bolts,
-    list_cycles,
     list_facts,
-    say_answer,
+    say_value,
     tabulate_cycles,
     tabulate_preloads,
 )
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.joint import budget_section, of_stiffness
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     require_known,
@@ -55,6 +55,7 @@ from multiscale.pipeline.structure_stage import (
 )
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
+from multiscale.units import Unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -77,9 +78,9 @@ PICTURES = (
 
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    StageAnswer("joint_stiffness", "joint stiffness", "MPa/µm", 1e-12, over="preload"),
-    StageAnswer("tangential_stiffness", "tangential stiffness", "MPa/µm", 1e-12, over="preload"),
-    StageAnswer("interface_stiffness", "interface stiffness", "MPa/µm", 1e-12, over="preload"),
+    of_stiffness("joint_stiffness", "joint stiffness"),
+    of_stiffness("tangential_stiffness", "tangential stiffness"),
+    of_stiffness("interface_stiffness", "interface stiffness"),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
     StageAnswer("slipping_load", "load that slips", "%", 100.0),
     StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
@@ -191,15 +192,30 @@ def _answer(result: "xr.Dataset") -> list[str]:
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
         return []
-    last = result.isel(step=known[-1])
+    last, unit = result.isel(step=known[-1]), joint_unit(result)
     normal, tangential = (
-        say_answer(last, f"{name}_stiffness", 1e-12, " MPa/µm") for name in ("joint", "tangential")
+        say_value(last, f"{name}_stiffness", unit) for name in ("joint", "tangential")
     )
     return [
         f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
         f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
-        *(one[0].upper() + one[1:] + "." for one in list_cycles(result)[-2:]),
+        *_losses(result),
     ]
+
+
+def _losses(result: "xr.Dataset") -> Iterator[str]:
+    """Say what the last cycle at the last preload loses, and what slips."""
+    if "cycle_energy" in result and np.isfinite(result["cycle_energy"].values[-1]):
+        end = result.isel(step=-1, cycle=-1)
+        loss, slip = (
+            say_value(end, name, unit)
+            for name, unit in (("cycle_energy", Unit("mJ", 1e3)), ("slipping_load", Unit("%", 1e2)))
+        )
+        shear = 1e-6 * float(np.abs(result["shear"]).max())
+        yield (
+            f"A cycle of shear between {shear:.3g} and -{shear:.3g} MPa loses {loss}; at its ends, "
+            f"contacts under {slip} of the load slip."
+        )
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
