@@ -99,12 +99,19 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
     """Arrange what the template shows: head, and sections with their pictures and downloads."""
     drawn = {file.stem: file for file in (run.out / "figures").glob("*.png")}
     sections = [*sections, _inputs(run), *_work(run)]
-    head = run.summary
+    head, keys = run.summary, {key.removeprefix("sweep.") for key, _ in _keys(run.case)}
+
+    def in_words(sentence: str) -> str:
+        """Write keys of the case and names of bodies in words, for readers who have not seen it."""
+        for key in keys:
+            sentence = re.sub(rf"\b{re.escape(key)}\b", say_key(key), sentence)
+        return re.sub(r"\bbody_(?=\d)", "body ", sentence)
+
     return {
         "title": head.title,
-        "question": _in_words(head.question),
-        "answer": map(_in_words, head.answer),
-        "cautions": map(_in_words, run.cautions),
+        "question": in_words(head.question),
+        "answer": map(in_words, head.answer),
+        "cautions": map(in_words, run.cautions),
         "sections": [
             vars(section)
             | {
@@ -114,18 +121,12 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
                     if name in drawn
                 ],
                 "downloads": [*_downloads(run, section)],
-                "lines": map(_in_words, section.lines),
-                "head": [*map(_in_words, section.head)],
+                "lines": map(in_words, section.lines),
+                "head": [*map(in_words, section.head)],
             }
             for section in sections
         ],
     }
-
-
-def _in_words(sentence: str) -> str:
-    """Write keys of the case and names of bodies in words, for readers who have not seen it."""
-    sentence = re.sub(r"\b[a-z]\w*(\.[a-z]\w*)+", lambda key: say_key(key[0]), sentence)
-    return re.sub(r"\bbody_(?=\d)", "body ", sentence)
 
 
 def _downloads(run: FinishedRun, section: Section) -> Iterator[tuple[str, str]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, WrapValidator
 from pydantic.fields import FieldInfo
 
 from multiscale.pipeline.settings import Case
@@ -164,7 +164,7 @@ def _unit(hint: Any) -> str:
     """SI unit of a quantity."""
     kind, metadata = _parts(hint)
     for item in metadata:
-        if isinstance(item, BeforeValidator):
+        if isinstance(item, BeforeValidator | WrapValidator):
             return str(getattr(item.func, "keywords", {}).get("unit", ""))
     return next(filter(None, map(_unit, get_args(kind))), "") if get_origin(kind) is tuple else ""
 
