@@ -210,7 +210,7 @@ def cores() -> int:
 
 
 def usable_memory() -> float:
-    """Return the byte of this machine that a solve may take; infinite where it is not told."""
+    """Return the bytes of this machine that a solve may take; infinite where they are not known."""
     if not hasattr(os, "sysconf"):  # Windows
         return inf
     return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -113,7 +113,8 @@ def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarra
 def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Make the slacks of the cables in a braced lattice, A = k - k B K^-1 B^T k, k = 1 N/m.
 
-    It has so many nodes along an edge; a quarter of its links are bars, ``contrast`` as stiff.
+    It has so many nodes along an edge; a quarter of its links, the bars, is ``contrast`` times as
+    stiff.
 
     Returns
     -------

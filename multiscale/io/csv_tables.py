@@ -54,7 +54,7 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
             raise CaseError(f"{path}, line {number}: {len(row)} entries for {len(head)} columns")
         for name, cell in zip(head, row, strict=True):
             kind = types.get(name, float)
-            plain = cell.replace(",", ".") if kind is float else cell
+            plain = cell.replace(",", ".") if kind is float and separator != "," else cell
             try:
                 table[name].append(kind(plain))
             except ValueError as error:

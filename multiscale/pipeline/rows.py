@@ -203,9 +203,11 @@ def _with_error(point: "xr.Dataset", name: str, step: int) -> str:
     scale = float(point["answer_scale"].sel(answer=name))
     for kind in ("one_part", "mean_law"):
         if f"{name}_{kind}" in point:
-            half = 0.5 * float(np.ptp(point[f"{name}_{kind}"].values[:, step]))
-            error = say_error(half / abs(value))
-            return f"{round_by(scale * value, scale * half)} ± {error} %"
+            low, high = scale * point[f"{name}_{kind}"].values[:, step]
+            half, size = 0.5 * (high - low), abs(scale * value)
+            if half >= size:  # of an answer that may be zero, such as a leak rate
+                return f"{scale * value:.3g} ({low:.2g} ... {high:.2g})"
+            return f"{round_by(scale * value, half)}{_beside(say_error(half / size))}"
     return f"{scale * value:.4g}"
 
 
@@ -287,9 +289,12 @@ def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
 
 def say_value(step: "xr.Dataset", name: str, unit: Unit) -> str:
     """Say an answer with its unit and its total error, if it has one."""
-    error = _error(step, name)
-    beside = {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
-    return f"{_value(step, name, unit.scale)} {unit.name}{beside}"
+    return f"{_value(step, name, unit.scale)} {unit.name}{_beside(_error(step, name))}"
+
+
+def _beside(error: str) -> str:
+    """Write an error behind its answer; nothing if there is none."""
+    return {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
 
 
 def _missing(step: "xr.Dataset") -> str:

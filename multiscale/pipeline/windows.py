@@ -22,6 +22,7 @@ from multiscale.surfaces import (
     window,
 )
 from multiscale.surfaces.surface import Surface
+from multiscale.units import readable
 
 __all__ = ["STAGES", "Measured", "cut_windows"]
 
@@ -290,5 +291,5 @@ def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> 
 
 
 def _length(value: float) -> str:
-    """Write a length as a case file has it."""
-    return f"{1e6 * value:.3g} um"
+    """Write a length as a case file may have it."""
+    return readable(f"{value:.3g} m")

@@ -34,7 +34,7 @@ def plot_leakage(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     low, high = np.maximum(band, LEAST * np.nanmin(both, initial=np.inf)) + 0.0 * both
     ax.fill_between(pressure, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
     ax.plot(pressure, both, color="C0", label="aperture, both")
-    tight = pressure[np.isnan(both)]
+    tight = pressure[law["hydraulic_aperture"].sel(direction="both") == 0.0]
     if tight.size:
         ax.axvspan(tight[0], tight[-1], color="0.9", zorder=0, label="tight")
     ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)", ylabel="gap, aperture (µm)")

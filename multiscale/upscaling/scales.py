@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.units import readable
 
 __all__ = [
     "ScaleSeparation",
@@ -74,9 +75,9 @@ def compare_scales(
     cautions = []
     if cell_size / macro_length > FARTHEST_CELL:
         cautions.append(
-            f"the pressure varies over {macro_length:.3g} m, less than the cell of {cell_size:.3g} "
-            f"m: no point of the structure is loaded as the cell was; resolve the longest waves in "
-            f"the structure, and let the cell begin where it ends"
+            f"the pressure varies over {readable(f'{macro_length:.3g} m')}, less than the cell of "
+            f"{readable(f'{cell_size:.3g} m')}: no point of the structure is loaded as the cell "
+            f"was; resolve the longest waves in the structure, and let the cell begin where it ends"
         )
     return ScaleSeparation(wavelength / macro_length, cell_size / whole, tuple(cautions))
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.pipeline import load_case, run
+from multiscale.pipeline import load_case, load_sweep, run, run_sweep
+from multiscale.pipeline.rows import tabulate_sweep_steps
 from multiscale.report import open_finished
 
 TEXT = """
@@ -98,6 +99,16 @@ def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
     told = run(case_of(tmp_path, lay, across), tmp_path / "out")["seal"]
     np.testing.assert_array_equal(told["hydraulic_aperture"][1], y)
     assert "another aperture" not in told.attrs["cautions"]
+
+
+
+def test_a_sweep_writes_the_leak_of_a_tight_ring_without_a_relative_error(tmp_path):
+    (tmp_path / "case.toml").write_text(f'{TEXT}[sweep]\nseal.width = ["2 mm"]\n')
+    joined = run_sweep(load_sweep(tmp_path / "case.toml"), tmp_path / "out")
+    head, rows = tabulate_sweep_steps(joined)
+    leaks = [row[head.index("leak rate (ml/h)")] for row in rows]
+    assert leaks[-1] == "0 (0 ... 0)"
+    assert leaks[0].endswith(" %")
 
 
 def test_a_ring_without_cells_is_refused(tmp_path):

@@ -62,7 +62,7 @@ def test_windows_keep_every_pixel_as_it_was_measured(cut):
 def test_a_lost_roughness_is_a_caution_whose_advice_holds(cut):
     heights = rough(256, 4)
     _, held = cut(heights, "128 um", 32)
-    assert held.cutoff == "32 um, 8 points of the grid, as the case gives no short_cutoff"
+    assert held.cutoff == "32 µm, 8 points of the grid, as the case gives no short_cutoff"
     (said,) = [one for one in held.cautions if "rms slope" in one]
     share = held.stages[2].rms_slope / held.stages[0].rms_slope
     assert share < 0.5
@@ -73,7 +73,7 @@ def test_a_lost_roughness_is_a_caution_whose_advice_holds(cut):
     _, better = cut(heights, "128 um", points, short_cutoff=cutoff)
     assert better.stages[2].rms_slope >= 0.9 * better.stages[1].rms_slope
     assert not [one for one in better.cautions if "leaves" in one]
-    _, worse = cut(heights, "128 um", points, short_cutoff=f"{1.1 * float(cutoff[:-3])} um")
+    _, worse = cut(heights, "128 um", points, short_cutoff=f"{1.1 * float(cutoff[:-3])} µm")
     assert worse.stages[2].rms_slope < 0.9 * worse.stages[1].rms_slope
 
 
@@ -82,7 +82,7 @@ def test_windows_that_are_too_small_for_the_long_waves_say_which_cells_are_not(c
     heights = 1e-6 * np.cos(2.0 * np.pi * x / 128.0)[:, None] + noise((512, 512))
     _, held = cut(heights, "64 um", 32)
     (said,) = [one for one in held.cautions if "rms height" in one]
-    needed = float(said.split("where cells of ")[1].split(" um")[0])
+    needed = float(said.split("where cells of ")[1].split(" µm")[0])
     assert needed == pytest.approx(256.0, rel=0.02)  # windows of one wave, mirrored
     _, held = cut(heights, f"{needed} um", 128)
     assert not [one for one in held.cautions if "rms height" in one]

@@ -60,7 +60,7 @@ def test_scales_that_are_apart_pass_without_caution():
 def test_scales_that_are_not_apart_are_reported():
     scales = compare_scales(1e-3, 4e-3, 2e-3)
     assert len(scales.cautions) == 1
-    assert "less than the cell of 0.004 m" in scales.cautions[0]
+    assert "less than the cell of 4 mm" in scales.cautions[0]
     with pytest.raises(CaseError, match="macro_length must be positive and finite, got 0"):
         compare_scales(1.0, 1.0, 0.0)
 

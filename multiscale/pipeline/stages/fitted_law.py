@@ -256,7 +256,7 @@ def _summary(found: Datasets) -> Summary:
         "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
         "contact_fraction": (
             f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
-            "its real over nominal contact area",
+            "the share of its area that touches",
         ),
     }
     total = law["error_total"].isel(step=middle)

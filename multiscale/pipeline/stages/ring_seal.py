@@ -96,9 +96,13 @@ def _tabulate(result: "xr.Dataset") -> Table:
     head = (*(f"{one.label} ({one.unit})" for one in ANSWERS), "leak rate, 95 % (ml/h)")
     steps = [result.isel(step=k) for k in range(result.sizes["step"])]
     return head, [
-        (*(f"{one.scale * float(step[one.name]):.3g}" for one in ANSWERS), _interval(step))
+        (*(_say(one.scale * float(step[one.name])) for one in ANSWERS), _interval(step))
         for step in steps
     ]
+
+
+def _say(value: float) -> str:
+    return "unknown" if np.isnan(value) else f"{value:.3g}"
 
 
 def _interval(step: "xr.Dataset") -> str:
@@ -116,9 +120,10 @@ def _summary(found: Datasets) -> Summary:
     """Say the middle one of the pressures, and from which one the ring is tight."""
     told = found[RING_SEAL.name].attrs
     step = found[RING_SEAL.name].isel(step=found[RING_SEAL.name].sizes["step"] // 2)
+    leak = _say(PER_HOUR * float(step["leak_rate"]))
     answer = (
         f"{told['ring']}: pressed on by {1e-6 * float(step['nominal_pressure']):.4g} MPa it leaks "
-        f"{PER_HOUR * float(step['leak_rate']):.3g} ml/h (95 % interval: {_interval(step)}), while "
+        f"{leak} ml/h (95 % interval: {_interval(step)}), while "
         f"{100.0 * float(step['contact_fraction']):.3g} % of it touches."
     )
     question = "How much leaks through the roughness under a ring, against its pressure?"
@@ -131,8 +136,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "The intervals count the scatter of the surfaces, and not the grid of the cells, which has "
         "no channels between its points."
     )
-    told = f"{result.attrs['ring']}. {result.attrs['sealing']}"
-    yield Section("Seal", [told, scatter], *_tabulate(result))
+    yield Section("Seal", [scatter], *_tabulate(result))
 
 
 RING_SEAL = Stage(
