@@ -2,6 +2,7 @@
 
 import logging
 import re
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -82,10 +83,11 @@ class Sweep:
     content: dict[str, Any] = field(default_factory=dict)
 
     def quick(self) -> "Sweep":
-        """Return the same sweep of quick cases."""
-        title = f"{self.title} (quick)"
+        """Return the same sweep of quick cases, whose keys are then the content."""
         points = _Cases(methodcaller("quick"), self.points)
-        return replace(self, title=title, points=points, content=self.content | {"title": title})
+        head = {"title": f"{self.title} (quick)", "sweep": self.content.get("sweep", {})}
+        content = tomllib.loads(points[0].to_toml()) | head
+        return replace(self, title=head["title"], points=points, content=content)
 
     def name(self, k: int) -> str:
         """Name a point by its keys and values."""

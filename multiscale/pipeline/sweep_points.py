@@ -81,18 +81,19 @@ def _summary(found: Datasets) -> Summary:
     labels = {str(name): str(result["answer_label"].sel(answer=name).values) for name in drawn}
     told = []
     for name, label in labels.items():
-        ends = sweep_ends(result, name)["value"].values
+        values = sweep_ends(result, name)["value"].values
         scale, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("scale", "unit"))
-        known = scale * ends[np.isfinite(ends)]
+        known = scale * values[np.isfinite(values)]
         if known.size:
             beside = "" if unit == "1" else f" {unit}"
-            told.append(f"{label} {known.min():.4g} to {known.max():.4g}{beside}")
+            ends = dict.fromkeys((f"{known.min():.4g}", f"{known.max():.4g}"))
+            told.append(f"{label} {' to '.join(ends)}{beside}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
-    points = f"all {count} points" if solved == count else f"{solved} of {count} points"
+    points = f"{'all' if solved == count else f'the {solved} with a result of'} {count} points"
     return Summary(
         result.attrs["title"],
         f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
-        [f"Over {points} with a result: {', '.join(told) or 'nothing known'}."],
+        [f"At the end of {points}: {', '.join(told) or 'nothing known'}."],
     )
 
 
@@ -142,7 +143,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Points", told, ("point", *head), numbered, figures, links, small=True)
     head, rows = tabulate_sweep_steps(result)
     if rows:
-        told = ["Behind each answer stands its error, half of the 95 % interval of one part."]
+        told = [
+            "Behind an answer stands its error, half of the 95 % interval of one part, or of the "
+            "mean law where there is no other; or the interval, where its half is not smaller."
+        ]
         yield Section("All steps", told, head, rows)
 
 

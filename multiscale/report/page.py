@@ -105,7 +105,7 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
         """Write keys of the case and names of bodies in words, for readers who have not seen it."""
         for key in keys:
             sentence = re.sub(rf"\b{re.escape(key)}\b", say_key(key), sentence)
-        return re.sub(r"\bbody_(?=\d)", "body ", sentence)
+        return re.sub(r"\bbody_(?=\d)(?!\d\.\w)", "body ", sentence)  # not of tables
 
     return {
         "title": head.title,

@@ -101,7 +101,6 @@ def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
     assert "another aperture" not in told.attrs["cautions"]
 
 
-
 def test_a_sweep_writes_the_leak_of_a_tight_ring_without_a_relative_error(tmp_path):
     (tmp_path / "case.toml").write_text(f'{TEXT}[sweep]\nseal.width = ["2 mm"]\n')
     joined = run_sweep(load_sweep(tmp_path / "case.toml"), tmp_path / "out")

@@ -45,6 +45,9 @@ def test_points_are_all_combinations_and_the_last_key_is_fastest(write):
     assert found == [(70e9, 8), (70e9, 14), (210e9, 8), (210e9, 14)]
     assert sweep.settings[1] == ("70 GPa", "14")
     assert len(set(sweep.folders(write("")))) == 4
+    quick = sweep.quick()
+    assert tuple(quick.content["cell"]["points"]) == quick.points[0].cell.points
+    assert quick.content["sweep"] == sweep.content["sweep"]
 
 
 def test_a_table_that_the_case_leaves_out_may_be_swept(write):

@@ -126,7 +126,8 @@ def test_a_figure_that_is_clicked_covers_the_page(page, tmp_path, size):
 def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_folder, tmp_path):
     case = load_case(run_folder / "case.toml")
     rough = case.model_copy(update={"cell": case.cell.model_copy(update={"points": (16, 16)})})
-    sweep = Sweep("Two <grids>", ("cell.points",), (case, rough), (("[64, 64]",), ("[16, 16]",)))
+    told, listed = (("[64, 64]",), ("[16, 16]",)), {"sweep": {"cell": {"points": ["..."]}}}
+    sweep = Sweep("Two <grids>", ("cell.points",), (case, rough), told, listed)
     (tmp_path / "points").mkdir()
     copytree(run_folder, sweep.folders(tmp_path)[0])
     joined = run_sweep(sweep, tmp_path)
@@ -134,10 +135,9 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     draw_figures(tmp_path)
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "<h1>Two &lt;grids&gt;</h1>" in page
-    assert "Over 1 of 2 points with a result: joint stiffness" in page
-    assert re.findall(
-        r"Caution:</strong> at points of cell = \[16, 16\]: no result: .*cannot carry", page
-    )
+    assert "At the end of the 1 with a result of 2 points: joint stiffness" in page
+    refused = r"at points of cell = \[16, 16\]: no result: .body_1.surface. .*cannot carry"
+    assert re.findall(rf"Caution:</strong> {refused}", page)
     assert re.findall(r"Caution:</strong> at every point with a result: the shortest wave of", page)
     (link,) = re.findall(r'<td><a href="(.*?)">1</a></td><td>\[64, 64\]</td>', page)
     assert (tmp_path / link).is_file()
