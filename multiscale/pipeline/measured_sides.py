@@ -20,6 +20,7 @@ from multiscale.surfaces import (
     spectrum,
 )
 from multiscale.surfaces.surface import Surface
+from multiscale.units import readable
 
 __all__ = ["RoughSide", "measured_map", "measured_side"]
 
@@ -152,13 +153,14 @@ def _isotropic(
         name: getattr(of_cells, name) / getattr(measured, name)
         for name in ("rms_height", "rms_slope")
     }
+    ends = [readable(f"{wave:.3g} m") for wave in (short, long)]
     said = (
         f"isotropic self-affine surfaces stand for a line scan, fitted with a Hurst exponent of "
-        f"{fit.hurst_exponent:.2g} and a roll-off at {1e6 * fit.roll_off:.3g} um; a lay is not "
-        f"seen in one line",
+        f"{fit.hurst_exponent:.2g} and a roll-off at {readable(f'{fit.roll_off:.3g} m')}; a lay "
+        f"is not seen in one line",
         *(
             f"the cells hold {share:.2g} of the {name.replace('_', ' ')} that belongs to the line "
-            f"scan, by their waves from {1e6 * short:.3g} to {1e6 * long:.3g} um"
+            f"scan, by their waves from {ends[0]} to {ends[1]}"
             for name, share in shares.items()
             if not HELD <= share <= 1.0 / HELD
         ),
@@ -166,6 +168,4 @@ def _isotropic(
     chosen = "the short_cutoff of the case" if settings.short_cutoff else "grid and line scan"
     stages = (measured, measured, of_cells)
     kept = (scan.filled_share,) * len(seeds)
-    return RoughSide(
-        surfaces, Measured(stages, kept[0], kept, f"{1e6 * short:.3g} um, {chosen}", said)
-    )
+    return RoughSide(surfaces, Measured(stages, kept[0], kept, f"{ends[0]}, {chosen}", said))

@@ -578,7 +578,7 @@ def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str
     ]
     if is_map:
         degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
-        lay = f"at {degrees:.0f} degrees to x" if ratio >= LAY else "no lay"
+        lay = f"at {round(degrees) % 180} degrees to x" if ratio >= LAY else "no lay"
         rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
     return rows
 

@@ -32,7 +32,15 @@ if TYPE_CHECKING:
 
     from multiscale.macro.substructures import ProcessGroup
 
-__all__ = ["require_converged", "require_known", "structure_stage", "with_too_far"]
+__all__ = [
+    "choose_solver",
+    "require_converged",
+    "require_known",
+    "solver_needs",
+    "structure_stage",
+    "with_law_cautions",
+    "with_too_far",
+]
 
 SOLVES = 3  # times of a whole path that all solves for the intervals take together, about
 

@@ -211,12 +211,12 @@ def test_a_run_with_a_measured_map_says_what_its_cells_hold_of_it(case, tmp_path
     assert float(response["map_filled_share"][0]) == pytest.approx(1500 / 20000)
     assert np.all(response["filled_share"].values == 0.0)
     assert "caution: body_1: the cells hold" in printed.err
-    assert "body_1 windows" in printed.out
-    cutoff = "The cells of body_1 keep the waves down to 25 um, 8 points of the grid"
+    assert "body 1 windows" in printed.out
+    cutoff = "The cells of body_1 keep the waves down to 25 µm, 8 points of the grid"
     assert cutoff in printed.out
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert cutoff.replace("body_1", "body 1") in page
-    assert "<td>body_1 cells</td>" in page
+    assert "<td>body 1 cells</td>" in page
     assert "<td>0, 0, 0</td>" in page
     result = open_dataset(tmp_path / "out" / "macro_result.nc", MACRO_RESULT)
     assert "surface" in result.attrs["unknown"].split(", ")

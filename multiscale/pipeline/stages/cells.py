@@ -45,6 +45,7 @@ from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
+from multiscale.units import readable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,14 +71,7 @@ STEEP = 0.3  # root mean square slope
 SLOPE_OF_PAIR = 8.0
 """Error of the second order in the slope over change by it and slope: 6 to 11 of alike bodies."""
 
-HEAD = (
-    "measured",
-    "rms height (µm)",
-    "rms slope",
-    "longest wave (µm)",
-    "shortest wave (µm)",
-    "filled (%)",
-)
+HEAD = ("measured", "rms height", "rms slope", "longest wave", "shortest wave", "filled (%)")
 
 
 def run_micro(
@@ -330,11 +324,11 @@ def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tu
             at = one.sel(stage=stage)
             rows.append(
                 (
-                    f"{body} {stage}",
-                    f"{1e6 * float(at['body_rms_height']):.3g}",
+                    f"{body} {stage}".replace("_", " "),
+                    readable(f"{float(at['body_rms_height']):.3g} m"),
                     f"{float(at['body_rms_slope']):.3g}",
-                    f"{1e6 * float(at['body_longest_wave']):.3g}",
-                    f"{1e6 * float(at['body_shortest_wave']):.3g}",
+                    readable(f"{float(at['body_longest_wave']):.3g} m"),
+                    readable(f"{float(at['body_shortest_wave']):.3g} m"),
                     filled.get(stage, ""),
                 )
             )
