@@ -113,7 +113,10 @@ def _isotropic(
     The rms height of an isotropic surface is the rms height of its profiles, and its rms slope is
     larger by the square root of two. Waviness above the fit is in the line scan alone.
     """
-    statistics = describe_surface(scan)
+    told = open_topography(
+        settings.file, channel=settings.channel, size=settings.size, unit=settings.unit
+    )
+    statistics = describe_surface(scan, resolution=told.resolution)
     fit = fit_of_statistics(statistics)
     if fit is None:
         raise CaseError(

@@ -314,3 +314,10 @@ def test_every_file_has_the_rms_height_of_the_library_or_a_sentence(reference_da
         assert surface.heights.std() > 0.0
     else:
         assert "no case is proposed" in told.attrs["cautions"]
+
+
+def test_cells_of_a_line_scan_have_the_spectrum_that_is_shown(reference_data):
+    # whose reliable waves begin where the uneven points of the file are far apart
+    told = inspect_surface(reference_data / "topography" / "dektak-1.csv")
+    shown = f"fitted with a Hurst exponent of {float(told['hurst_exponent']):.2g} and"
+    assert shown in told.attrs["cautions"]

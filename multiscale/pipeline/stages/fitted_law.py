@@ -29,7 +29,7 @@ from multiscale.plotting.law_figures import (
 )
 from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
 from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE
-from multiscale.units import stiffness_unit
+from multiscale.units import readable, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
     area_from_dataset,
@@ -252,7 +252,7 @@ def _summary(found: Datasets) -> Summary:
     stiffness = float(normal.stiffness(gap))
     unit = stiffness_unit([stiffness])
     values = {
-        "mean_gap": (f"{1e6 * gap:.4g} µm", "the mean gap of the interface is"),
+        "mean_gap": (readable(f"{gap:.4g} m"), "the mean gap of the interface is"),
         "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
         "contact_fraction": (
             f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
