@@ -351,7 +351,10 @@ def inspect_command(
     ),
     channel: Annotated[str, typer.Option(help="Number, from 0, or name of a channel.")] = "",
     size: Annotated[
-        str, typer.Option(help='Edge lengths, such as "90 um x 130 um", for those of the file.')
+        str,
+        typer.Option(
+            help='Edge lengths, such as "90 um x 130 um", if the file has none or others.'
+        ),
     ] = "",
     unit: Annotated[str, typer.Option(help="Unit of the file, such as um, if it has none.")] = "",
     detrend_order: Annotated[

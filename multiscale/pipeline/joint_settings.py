@@ -288,7 +288,7 @@ class RisingPreloads(Preloads):
     """Even pressures between blocks."""
 
     preloads: tuple[Pressure, ...] = Field(
-        min_length=1, description="Nominal pressures, Pa, rising; best within those of the law."
+        min_length=1, description="Nominal pressures, Pa, rising; best within the data of the law."
     )
 
     _rise = field_validator("preloads")(must_rise)

@@ -637,8 +637,8 @@ class Case(Settings):
         if self.cell.depth is not None and self.accuracy is not None:
             found.append(
                 f"depth in [cell] stays {readable(f'{self.cell.depth:.4g} m')} under the cells of "
-                f"all sizes that [accuracy] compares, and their errors mix with those of the "
-                f"depth; leave it out, and it grows with the cells"
+                f"all sizes that [accuracy] compares, and their errors mix with the errors of "
+                f"the depth; leave it out, and it grows with the cells"
             )
         if self.micro.realisations < FEWEST_REALISATIONS:
             found.append(

@@ -89,7 +89,7 @@ def with_law_cautions(
 ) -> "xr.Dataset":
     """Add the cautions of laws, by their names, once each.
 
-    Those of the law of the case's own cells stand beside those of the structure.
+    Cautions of the law of the case's own cells already stand beside those of the structure.
     """
     told = list_cautions(found[INTERFACE_LAW.name]) if case.has_cells else []
     for name, law in laws.items():

@@ -104,7 +104,7 @@ MACRO_RESULT = Schema(
             "m", "mean displacement of the loaded face along its load; of bolts, their closing"
         ),
         "load_secant": _load(
-            "N m-1", "change of a load over that of its displacement, since it was zero, alone"
+            "N m-1", "load over the change of its displacement since the load was zero, alone"
         ),
         "load_stiffness": _load(
             "N m-1", "stiffness against a small change of the load, no point slipping"

@@ -74,7 +74,7 @@ class Control:
         Parameters
         ----------
         dear, cheap : ndarray, shape (R, points) and (M, points)
-            The first R rows of the second belong to those of the first; NaN where no value is.
+            The first R rows of the second belong to the first; NaN where there is no value.
         """
         paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
         n = paired.sum(axis=0)

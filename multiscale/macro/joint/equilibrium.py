@@ -102,7 +102,7 @@ class _Pressed:
         return there(step_length(lambda step: float(way @ there(step).gradient), first))
 
     def _solve(self, here: _Iterate, floor: float) -> np.ndarray | None:
-        """Newton direction of (1)-(3), the tangent raised by a share of that of the bodies."""
+        """Newton direction of (1)-(3), the tangent raised by a share of the bodies' stiffness."""
         model = self.model
         j, w, contact = model.split(here.value)
         K = _interface_matrix(model, here.tangent + floor * model.solid_stiffness * model.weight)

@@ -288,7 +288,7 @@ def _needs(case: Case) -> Needs:
     planner = Choice(
         "planner",
         "starts from these cells, whose memory this is, and chooses size, grid and number of "
-        f"those of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
+        f"the cells of the answer: at most {2 ** SIZES[-1]} times as large, {2 ** GRIDS[-1]} times "
         f"as fine, {REALISATIONS[-1]}",
     )
     choices = needs.choices

@@ -123,7 +123,7 @@ def _needs(case: Case) -> Needs:
     number = f"{stated} flat ones" if stated else "flat ones, by times and correlation,"
     told = (
         f"{number} on the surfaces of the {case.micro.realisations} cells and on further ones, as "
-        f"control variates: the sampling error of the law is theirs, and that of the differences"
+        f"control variates: the law has their sampling error, and the error of the differences"
     )
     most = stated or min(MOST, int(COST) * case.micro.realisations)
     flat = CELLS.needs(case.control(most))
