@@ -15,6 +15,10 @@ def say_time(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
+def _say_memory(size: int) -> str:
+    return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e9:.3g} GB"
+
+
 @dataclass(frozen=True)
 class Choice:
     """Whether a part is built.
@@ -57,7 +61,7 @@ class Cost:
     def __str__(self) -> str:
         """Return the cost in words, as far as it is estimated."""
         time = "" if isnan(self.seconds) else f"about {say_time(self.seconds)} on one core"
-        size = f"{self.memory / 1e6:.3g} MB" if self.memory else ""
+        size = _say_memory(self.memory) if self.memory else ""
         return ", ".join(filter(None, (time, size))) or "not estimated"
 
 
@@ -117,7 +121,7 @@ class Needs:
             ("history kept", ", ".join(self.state_variables) or "none"),
             ("fields kept", ", ".join(self.fields) or "none"),
             ("libraries", ", ".join(self.libraries)),
-            ("memory", f"{self.memory / 1e6:.3g} MB for the largest solve"),
+            ("memory", f"{_say_memory(self.memory)} for the largest solve"),
             *((f"cost of {cost.stage}", str(cost)) for cost in self.costs),
             *((f"builds {part}", reason) for part, reason in self.built.items()),
             *((f"leaves out {part}", reason) for part, reason in self.omitted.items()),

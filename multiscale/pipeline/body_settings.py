@@ -3,13 +3,14 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from math import ceil
+from math import ceil, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from multiscale.fe.boxes import box_mesh
+from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.io import open_dataset
 from multiscale.laws import NormalLaw, Sliders
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
@@ -64,6 +65,9 @@ __all__ = [
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
 """Nodes of the plan of a lap joint over those of a grid, and those that hole and washer add; as
 counted at four sizes of elements."""
+
+COARSER = 1.2
+"""Ratio of the sizes of elements below which two meshes tell no error."""
 
 QUICK_ELEMENTS = 4
 """Elements along an edge, at most."""
@@ -158,8 +162,8 @@ class RoughBodies(StructureKind):
         """Nodes of a body and of its face, about."""
 
     @abstractmethod
-    def coarser(self) -> Self | None:
-        """Return the same structure on elements of twice the size; nothing if it has none."""
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same structure on larger elements, if any, by the ratio of their sizes."""
 
     @abstractmethod
     def build(self, laws: Sequence[Sliders]) -> Assembly:
@@ -327,12 +331,12 @@ class StackedBlocks(RoughBodies):
         """Number of joints."""
         return self.blocks - 1
 
-    def coarser(self) -> Self | None:
-        """Return the same blocks on elements of twice the size; nothing if their number is odd."""
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same blocks on elements of twice the size; none if their number is odd."""
         if any(number % 2 for number in self.elements):
-            return None
+            return {}
         x, y, z = (number // 2 for number in self.elements)
-        return self.model_copy(update={"elements": (x, y, z)})
+        return {2.0: self.model_copy(update={"elements": (x, y, z)})}
 
     def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the blocks and their joints."""
@@ -374,11 +378,17 @@ class LapJoint(RoughBodies):
         """Number of joints."""
         return 1
 
-    def coarser(self) -> Self | None:
-        """Return the same joint on elements of twice the size in plan; nothing if too large."""
-        if 2.0 * self.element > 0.5 * self.overlap:
-            return None
-        return self.model_copy(update={"element": 2.0 * self.element})
+    @property
+    def shape(self) -> LapShape:
+        """Dimensions and mesh."""
+        return LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
+
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same joint on larger elements in plan, as far as its hole lets them grow."""
+        larger = self.model_copy(update={"element": 2.0 * self.element})
+        own, coarse = (lap_meshes(one.shape)[0].nelements for one in (self, larger))
+        ratio = sqrt(own / coarse)
+        return {ratio: larger} if ratio >= COARSER else {}
 
     @model_validator(mode="after")
     def _check_bolt(self) -> Self:
@@ -391,13 +401,12 @@ class LapJoint(RoughBodies):
 
     def build(self, laws: Sequence[Sliders]) -> Assembly:
         """Build the plates and their joint."""
-        shape = LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
         shank = (
             None
             if self.bolt is None
             else shank_stiffness(self.bolt, 2.0 * self.thickness, self.youngs_modulus)
         )
-        return lap_joint(shape, self.materials, laws[0], shank)
+        return lap_joint(self.shape, self.materials, laws[0], shank)
 
     @property
     def nodes(self) -> tuple[int, int]:

@@ -202,6 +202,15 @@ def test_a_bolt_of_a_lap_joint_has_the_stiffness_of_its_shank(tmp_path):
         load_case(write_scene(tmp_path, text, wide))
 
 
+def test_a_lap_joint_whose_hole_keeps_its_elements_small_tells_no_error_of_the_mesh():
+    pytest.importorskip("gmsh", exc_type=Exception)
+    joint = load_case(SCENES / "lap_joint.toml").structure
+    ((ratio, larger),) = joint.model_copy(update={"element": 4e-3}).coarser().items()
+    assert 1.2 < ratio < 1.6
+    assert larger.element == 8e-3
+    assert larger.coarser() == {}  # the same mesh, whose answers would err by nothing
+
+
 def test_a_scene_tells_its_real_pressure_and_the_size_of_its_cells(blocks, tmp_path):
     law = open_law(tmp_path / "law.nc")
     law = law.assign_attrs(cell_size=1e-3, behaviour="The answer is elastic.")

@@ -112,9 +112,8 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
         changed = partial(_change_laws, bodies, case, dataset)
         near = follow_joint(joint.small, short, method=method)
         solve = partial(_solve_changed, near, assembly.areas, changed, method)
-        asked, coarser = joint_answers(result), bodies.coarser()
-        meshes = {} if coarser is None else {2.0: coarser}
-        result = with_joint_budget(result, [law], solve, asked, meshes, job)
+        asked = joint_answers(result)
+        result = with_joint_budget(result, [law], solve, asked, bodies.coarser(), job)
     return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
 
 
