@@ -251,9 +251,12 @@ def with_sample_band(dataset: "xr.Dataset", name: str) -> "xr.Dataset":
     return dataset.assign({band: ends.rename(quantile="limit")})
 
 
-def format_table(title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return a title, a head and rows of text as lines with aligned columns."""
+def format_table(
+    title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, notes: bool = False
+) -> list[str]:
+    """Return a title, a head and rows as lines with aligned columns, the last one text if notes."""
     widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    widths[-1] *= not notes
     return [
         title,
         *(

@@ -162,7 +162,8 @@ def structure_stage(
         yield from _told(result)
         for section in more(result):
             if section.head:
-                yield from format_table(section.heading, section.head, section.rows)
+                table = section.head, section.rows
+                yield from format_table(section.heading, *table, notes=section.notes)
 
     def sections(found: Datasets, out: Path) -> Iterator[Section]:
         result = found[schema.name]
