@@ -202,7 +202,12 @@ def run_sweep(
     if file.exists() and any(out.rglob("*.nc")) and "sweep" not in read_toml(file):
         raise CaseError(f"{out} holds a single run; choose another folder for a sweep")
     remove(out / POINTS.file)  # of other points
-    write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
+    columns = zip(*sweep.settings, strict=True)
+    values = {
+        key: [*dict.fromkeys(one)] for key, one in zip(sweep.parameters, columns, strict=True)
+    }
+    content = {"title": sweep.title, "sweep": values} | sweep.content
+    write_bytes(file, tomli_w.dumps(content).encode())
     folders = sweep.folders(out)
     kept = keep or len(folders) <= MOST_KEPT
 
