@@ -10,8 +10,8 @@ from multiscale.errors import CaseError
 from multiscale.io import open_topography, write_bytes
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.rows import tabulate_statistics
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
+from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.inspection_figures import (

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from multiscale.plotting.budget_figures import estimated_steps, step_labels
-from multiscale.plotting.sweep_figures import sweep_ends
-from multiscale.units import ZERO_CELSIUS, Unit, readable, stiffness_unit
+from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling.budget import how_attribute, total_error
 
 if TYPE_CHECKING:
@@ -22,23 +21,19 @@ __all__ = [
     "list_bolts",
     "list_cycles",
     "list_facts",
+    "padded",
     "round_by",
     "say_answer",
+    "say_beside",
     "say_error",
     "say_intervals",
     "say_value",
     "tabulate",
-    "tabulate_braking",
     "tabulate_budget",
     "tabulate_cycles",
     "tabulate_grains",
     "tabulate_links",
-    "tabulate_loads",
-    "tabulate_path",
     "tabulate_preloads",
-    "tabulate_statistics",
-    "tabulate_sweep",
-    "tabulate_sweep_steps",
 ]
 
 Table: TypeAlias = tuple[tuple[str, ...], list[tuple[str, ...]]]
@@ -66,9 +61,6 @@ MOST_BUDGETS = 6
 
 NEGLIGIBLE = 1e-5
 """Relative error below which its number is not written in an error budget."""
-
-LAY = 1.5
-"""Ratio of slopes from which a surface has a lay."""
 
 ROUNDING = 1e-9
 """Relative error up to which an answer has none but rounding."""
@@ -141,7 +133,7 @@ def _rows_of_preloads(
         step = result.isel(step=k)
         preload = f"{1e-6 * float(step['preload']):.4g}"
         if missing := _missing(step):
-            rows.append(_padded((preload, missing), head))
+            rows.append(padded((preload, missing), head))
             continue
         row = (
             preload,
@@ -153,78 +145,6 @@ def _rows_of_preloads(
         )
         rows.append(row + rest(step))
     return rows
-
-
-def tabulate_sweep(result: "xr.Dataset") -> Table:
-    """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
-    names = list(map(str, result["answer"].values))
-    head = tuple(_answer_head(result, name) for name in names)
-    columns = [_column(result, name) for name in names]
-    rows = []
-    for k, (said, failure) in enumerate(
-        zip(result["setting"].values, result["failure"].values, strict=True)
-    ):
-        found = ("no result",) if failure else tuple(column[k] for column in columns)
-        rows.append(_padded((*map(str, said), *found), (*said, *head)))
-    return (*map(str, result["parameter"].values), *head), rows
-
-
-def tabulate_sweep_steps(result: "xr.Dataset") -> Table:
-    """Return head and rows of a sweep at all steps of its points, with errors.
-
-    The answers are those over the steps; there are no rows if no answer has steps. The error is
-    half of the interval of one part, or else of the mean law.
-    """
-    over = {str(one.answer.item()): str(one.item()) for one in result["answer_over"]}
-    along = next(filter(None, over.values()), "")
-    if not along:
-        return (), []
-    names = [along, *(name for name, one in over.items() if one == along)]
-    head = (*map(str, result["parameter"].values), *(_answer_head(result, name) for name in names))
-    rows = []
-    for k, said in enumerate(result["setting"].values):
-        point = result.isel(point=k)
-        for step in np.flatnonzero(np.isfinite(point[along].values)):
-            found = (_with_error(point, name, int(step)) for name in names)
-            rows.append((*map(str, said), *found))
-    return head, rows
-
-
-def _answer_head(result: "xr.Dataset", name: str) -> str:
-    label, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("label", "unit"))
-    return str(label) if unit == "1" else f"{label} ({unit})"
-
-
-def _with_error(point: "xr.Dataset", name: str, step: int) -> str:
-    """Write an answer of a point of a sweep at a step, with its error if it has one."""
-    value = float(point[name].values[step])
-    if np.isnan(value):
-        return "unknown"
-    scale = float(point["answer_scale"].sel(answer=name))
-    for kind in ("one_part", "mean_law"):
-        if f"{name}_{kind}" in point:
-            low, high = scale * point[f"{name}_{kind}"].values[:, step]
-            half, size = 0.5 * (high - low), abs(scale * value)
-            if half >= size:  # of an answer that may be zero, such as a leak rate
-                return f"{scale * value:.3g} ({low:.2g} ... {high:.2g})"
-            return f"{round_by(scale * value, half)}{_beside(say_error(half / size))}"
-    return f"{scale * value:.4g}"
-
-
-def _column(result: "xr.Dataset", name: str) -> list[str]:
-    """Write an answer of a sweep at all points, with the interval of the mean law if it has one."""
-    ends, scale = sweep_ends(result, name), float(result["answer_scale"].sel(answer=name))
-    told = []
-    for value, (low, high) in zip(ends["value"].values, ends["mean_law"].values, strict=True):
-        half = 0.5 * scale * (high - low)
-        if np.isnan(value):
-            told.append("unknown")
-        elif half > 0.0:
-            band = f"{round_by(scale * low, half)} ... {round_by(scale * high, half)}"
-            told.append(f"{round_by(scale * value, half)} ({band})")
-        else:
-            told.append(f"{scale * value:.4g}")
-    return told
 
 
 def round_by(value: float, half_width: float) -> str:
@@ -289,10 +209,10 @@ def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
 
 def say_value(step: "xr.Dataset", name: str, unit: Unit) -> str:
     """Say an answer with its unit and its total error, if it has one."""
-    return f"{_value(step, name, unit.scale)} {unit.name}{_beside(_error(step, name))}"
+    return f"{_value(step, name, unit.scale)} {unit.name}{say_beside(_error(step, name))}"
 
 
-def _beside(error: str) -> str:
+def say_beside(error: str) -> str:
     """Write an error behind its answer; nothing if there is none."""
     return {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
 
@@ -304,7 +224,8 @@ def _missing(step: "xr.Dataset") -> str:
     return "unknown" if "known" in step and np.isnan(step["approach"]) else ""
 
 
-def _padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
+def padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
+    """Return a row as long as its head, with empty fields at its end."""
     return row + ("",) * (len(head) - len(row))
 
 
@@ -362,64 +283,6 @@ def _steps_shown(result: "xr.Dataset") -> np.ndarray:
     return np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
 
 
-def tabulate_loads(result: "xr.Dataset") -> Table:
-    """Head and rows of a body under its loads."""
-    largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
-    return ("load", "largest displacement (µm)", "iterations", "residual"), [
-        (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")
-        for load, u, n, residual in zip(
-            result["load_factor"].values,
-            largest,
-            result["iterations"].values,
-            result["residual"].values,
-            strict=True,
-        )
-    ]
-
-
-def tabulate_path(result: "xr.Dataset") -> Table:
-    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
-
-    Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
-    each interface its mean pressure and the shares of its area that slip and that are open.
-    """
-    loads = [str(name) for name in result["load"].values]
-    count = result.sizes.get("interface", 0)
-    bolts = result.sizes.get("bolt", 0)
-    moved = 1e6 * result["load_displacement"].values
-    if count:  # an interface without load has no gap from which displacements could count
-        moved = moved - moved[np.argmax(result["path_step"].values == 0)]
-    head = (
-        "step",
-        *(f"{name}: factor, µm, N/µm" for name in loads),
-        *(f"interface {k}: MPa, slip, open" for k in range(count)),
-        *(("bolts (kN)",) if bolts else ()),
-    )
-    rows: list[tuple[str, ...]] = []
-    for k in np.flatnonzero(result["path_step"].values >= 0):
-        step = result.isel(step=k)
-        name = f"{int(step['path_step'])}"
-        if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
-            missing = "unknown" if int(step["converged"]) else "not converged"
-            rows.append(_padded((name, missing), head))
-            continue
-        row = [name]
-        for at in range(len(loads)):
-            one = step.isel(load=at)
-            secant = 1e-6 * float(one["load_secant"])
-            said = [f"{float(one['factor']):.4g}", f"{moved[k, at]:.4g}"]
-            row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
-        for at in range(count):
-            one = step.isel(interface=at)
-            shares = (100.0 * float(one[f"interface_{what}"]) for what in ("slip", "open"))
-            told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
-            row.append(", ".join([*told, *(f"{share:.3g} %" for share in shares)]))
-        if bolts:
-            row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
-        rows.append(tuple(row))
-    return head, rows
-
-
 def list_facts(result: "xr.Dataset") -> list[str]:
     """Say what stands beside the table of a result: what flows, and how large a cell is."""
     return str(result.attrs.get("facts", "")).splitlines()
@@ -441,29 +304,6 @@ def list_bolts(result: "xr.Dataset", tightening: np.ndarray) -> list[str]:
         changes = f", then carries {known.min():.4g} to {known.max():.4g} kN" if known.size else ""
         told.append(f"Bolt {bolt} is tightened to {tightened:.4g} kN{changes}.")
     return told
-
-
-def tabulate_braking(result: "xr.Dataset") -> Table:
-    """Return head and rows of text for a tread block: each temperature at its speeds."""
-    head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
-    rows: list[tuple[str, ...]] = []
-    for k in range(result.sizes["step"]):
-        step = result.isel(step=k)
-        warm = float(step["temperature"]) - ZERO_CELSIUS
-        at = (f"{warm:.4g}", f"{float(step['sliding_speed']):.3g}")
-        if not int(step["converged"]):
-            rows.append((*at, "not converged", "", ""))
-            continue
-        if np.isnan(step["braking_force"]):
-            rows.append((*at, "unknown", "", ""))
-            continue
-        band = "none"
-        if "braking_force_sample" in result:
-            low, high = np.nanpercentile(step["braking_force_sample"], (2.5, 97.5))
-            band = f"{low:.4g} ... {high:.4g}"
-        force = f"{float(step['braking_force']):.4g}"
-        rows.append((*at, force, band, f"{float(step['braking_coefficient']):.3g}"))
-    return head, rows
 
 
 def tabulate_budget(result: "xr.Dataset") -> Table:
@@ -540,50 +380,3 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
             f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"
         )
     return told
-
-
-def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str, str]]:
-    """Return names and values of ``SURFACE_STATISTICS`` as rows.
-
-    Undefined points, reliable waves and the fit to the spectrum are of a measured surface alone.
-    """
-
-    def say(name: str, unit: str = "m", digits: int = 3) -> str:
-        value = float(told[name])
-        if not np.isfinite(value):
-            return "not known"
-        return f"{value:.{digits}g}" if unit == "1" else readable(f"{value:.{digits}g} {unit}")
-
-    edges = [readable(f"{edge:.4g} m") for edge in told["size"].values]
-    is_map = int(told["dimensions"]) == 2
-    of_measured = [
-        ("undefined points", f"{100.0 * float(told['filled_share']):.3g} %"),
-        ("reliable waves", f"{say('shortest_reliable')} to {say('longest_reliable')}"),
-        ("Hurst exponent", say("hurst_exponent", "1", 2)),
-        ("spectrum flat above", say("roll_off")),
-        ("rms distance of the spectrum from this fit", f"{say('fit_deviation', '1', 2)} decades"),
-    ]
-    rows = [
-        ("size", " x ".join(edges) if is_map else edges[0]),
-        ("points", told.attrs["points"]),
-        (f"rms height without {told.attrs['trend']}", say("rms_height", digits=4)),
-        ("rms slope" if is_map else "rms slope of the line", say("rms_slope", "1", 4)),
-        ("highest to lowest point", say("peak_to_valley")),
-        ("skewness, kurtosis", f"{say('skewness', '1')}, {say('kurtosis', '1')}"),
-        ("99 % of the mean square height: waves up to", say("longest_wave")),
-        ("99 % of the mean square slope: waves down to", say("shortest_wave")),
-        *(of_measured if measured else ()),
-        (f"Nayak's parameter{' of the reliable waves' * measured}", say("nayak_parameter", "1")),
-        ("bearing curve: height above 10, 50, 90 %", _bearing(told)),
-    ]
-    if is_map:
-        degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
-        lay = f"at {round(degrees) % 180} degrees to x" if ratio >= LAY else "no lay"
-        rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
-    return rows
-
-
-def _bearing(told: "xr.Dataset") -> str:
-    """Heights of which a tenth, a half and nine tenths of the surface lie above."""
-    share, height = told["bearing_share"].values, told["bearing_height"].values
-    return ", ".join(readable(f"{np.interp(at, share, height):.3g} m") for at in (0.1, 0.5, 0.9))

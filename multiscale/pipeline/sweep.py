@@ -85,9 +85,9 @@ class Sweep:
     def quick(self) -> "Sweep":
         """Return the same sweep of quick cases, whose keys are then the content."""
         points = _Cases(methodcaller("quick"), self.points)
-        head = {"title": f"{self.title} (quick)", "sweep": self.content.get("sweep", {})}
-        content = tomllib.loads(points[0].to_toml()) | head
-        return replace(self, title=head["title"], points=points, content=content)
+        title = f"{self.title} (quick)"
+        content = self.content | tomllib.loads(points[0].to_toml()) | {"title": title}
+        return replace(self, title=title, points=points, content=content)
 
     def name(self, k: int) -> str:
         """Name a point by its keys and values."""
@@ -204,7 +204,12 @@ def run_sweep(
     if file.exists() and any(out.rglob("*.nc")) and "sweep" not in read_toml(file):
         raise CaseError(f"{out} holds a single run; choose another folder for a sweep")
     remove(out / POINTS.file)  # of other points
-    write_bytes(file, tomli_w.dumps({"title": sweep.title, "sweep": {}} | sweep.content).encode())
+    columns = zip(*sweep.settings, strict=True)
+    values = {
+        key: [*dict.fromkeys(one)] for key, one in zip(sweep.parameters, columns, strict=True)
+    }
+    content = {"title": sweep.title, "sweep": values} | sweep.content
+    write_bytes(file, tomli_w.dumps(content).encode())
     folders = sweep.folders(out)
     kept = keep or len(folders) <= MOST_KEPT
 

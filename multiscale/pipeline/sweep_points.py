@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.pipeline.rows import tabulate_sweep, tabulate_sweep_steps
+from multiscale.pipeline.rows import Table, padded, round_by, say_beside, say_error
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
@@ -15,7 +15,7 @@ from multiscale.schema import SWEEP
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["POINTS", "name_point"]
+__all__ = ["POINTS", "name_point", "tabulate_sweep"]
 
 
 MOST_NAMED = 3
@@ -141,13 +141,85 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
     links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
     yield Section("Points", told, ("point", *head), numbered, figures, links, small=True)
-    head, rows = tabulate_sweep_steps(result)
+    head, rows = _tabulate_steps(result)
     if rows:
         told = [
             "Behind an answer stands its error, half of the 95 % interval of one part, or of the "
             "mean law where there is no other; or the interval, where its half is not smaller."
         ]
         yield Section("All steps", told, head, rows)
+
+
+def tabulate_sweep(result: "xr.Dataset") -> Table:
+    """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
+    names = list(map(str, result["answer"].values))
+    head = tuple(_answer_head(result, name) for name in names)
+    columns = [_column(result, name) for name in names]
+    rows = []
+    for k, (said, failure) in enumerate(
+        zip(result["setting"].values, result["failure"].values, strict=True)
+    ):
+        found = ("no result",) if failure else tuple(column[k] for column in columns)
+        rows.append(padded((*map(str, said), *found), (*said, *head)))
+    return (*map(str, result["parameter"].values), *head), rows
+
+
+def _tabulate_steps(result: "xr.Dataset") -> Table:
+    """Return head and rows of a sweep at all steps of its points, with errors.
+
+    The answers are those over the steps; there are no rows if no answer has steps. The error is
+    half of the interval of one part, or else of the mean law.
+    """
+    over = {str(one.answer.item()): str(one.item()) for one in result["answer_over"]}
+    along = next(filter(None, over.values()), "")
+    if not along:
+        return (), []
+    names = [along, *(name for name, one in over.items() if one == along)]
+    head = (*map(str, result["parameter"].values), *(_answer_head(result, name) for name in names))
+    rows = []
+    for k, said in enumerate(result["setting"].values):
+        point = result.isel(point=k)
+        for step in np.flatnonzero(np.isfinite(point[along].values)):
+            found = (_with_error(point, name, int(step)) for name in names)
+            rows.append((*map(str, said), *found))
+    return head, rows
+
+
+def _answer_head(result: "xr.Dataset", name: str) -> str:
+    label, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("label", "unit"))
+    return str(label) if unit == "1" else f"{label} ({unit})"
+
+
+def _with_error(point: "xr.Dataset", name: str, step: int) -> str:
+    """Write an answer of a point of a sweep at a step, with its error if it has one."""
+    value = float(point[name].values[step])
+    if np.isnan(value):
+        return "unknown"
+    scale = float(point["answer_scale"].sel(answer=name))
+    for kind in ("one_part", "mean_law"):
+        if f"{name}_{kind}" in point:
+            low, high = scale * point[f"{name}_{kind}"].values[:, step]
+            half, size = 0.5 * (high - low), abs(scale * value)
+            if half >= size:  # of an answer that may be zero, such as a leak rate
+                return f"{scale * value:.3g} ({low:.2g} ... {high:.2g})"
+            return f"{round_by(scale * value, half)}{say_beside(say_error(half / size))}"
+    return f"{scale * value:.4g}"
+
+
+def _column(result: "xr.Dataset", name: str) -> list[str]:
+    """Write an answer of a sweep at all points, with the interval of the mean law if it has one."""
+    ends, scale = sweep_ends(result, name), float(result["answer_scale"].sel(answer=name))
+    told = []
+    for value, (low, high) in zip(ends["value"].values, ends["mean_law"].values, strict=True):
+        half = 0.5 * scale * (high - low)
+        if np.isnan(value):
+            told.append("unknown")
+        elif half > 0.0:
+            band = f"{round_by(scale * low, half)} ... {round_by(scale * high, half)}"
+            told.append(f"{round_by(scale * value, half)} ({band})")
+        else:
+            told.append(f"{scale * value:.4g}")
+    return told
 
 
 POINTS = Shown(

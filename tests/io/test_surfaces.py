@@ -224,7 +224,7 @@ def test_unknown_detrending_order_is_refused(tmp_path, heights, order):
 
 def test_missing_library_is_named_with_its_installation(tmp_path, heights, monkeypatch):
     monkeypatch.setitem(sys.modules, "SurfaceTopography", None)
-    with pytest.raises(CaseError, match=r'pip install "multiscale\[surfaces\]"'):
+    with pytest.raises(CaseError, match=r'pip install "multiscale-contact\[surfaces\]"'):
         read_surface(write_text(tmp_path / "map.txt", heights))
 
 

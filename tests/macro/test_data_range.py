@@ -86,7 +86,7 @@ def own_family(law):
 def test_a_fitted_law_of_a_family_of_ones_own_knows_its_data():
     p = np.geomspace(1e6, 50e6, 8)
     seen, family = observe("gap", p, Exponential(2e9, 0.5e-6).gap_at(p)), own_family(Exponential)
-    law = law_from_dataset(fit_law(seen, family=family, n_samples=0), gap=1e-6, family=family)
+    law = law_from_dataset(fit_law(seen, family=family, n_samples=0), family=family)
     assert law.pressure_range == pytest.approx((1e6, 50e6))
     assert law.pressure_scale == pytest.approx(2e9)
     known = press_joint(joint(), law, np.array([10e6, 5e9]))["known"]

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
-from multiscale.pipeline.rows import tabulate_sweep_steps
+from multiscale.pipeline.sweep_points import POINTS
 from multiscale.report import open_finished
 
 TEXT = """
@@ -104,8 +104,8 @@ def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
 def test_a_sweep_writes_the_leak_of_a_tight_ring_without_a_relative_error(tmp_path):
     (tmp_path / "case.toml").write_text(f'{TEXT}[sweep]\nseal.width = ["2 mm"]\n')
     joined = run_sweep(load_sweep(tmp_path / "case.toml"), tmp_path / "out")
-    head, rows = tabulate_sweep_steps(joined)
-    leaks = [row[head.index("leak rate (ml/h)")] for row in rows]
+    *_, steps = POINTS.sections({POINTS.name: joined}, tmp_path / "out")
+    leaks = [row[steps.head.index("leak rate (ml/h)")] for row in steps.rows]
     assert leaks[-1] == "0 (0 ... 0)"
     assert leaks[0].endswith(" %")
 

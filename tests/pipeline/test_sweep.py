@@ -12,8 +12,8 @@ from multiscale.cli import app
 from multiscale.errors import CaseError, FileError, MultiscaleError
 from multiscale.macro import solve_static
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
-from multiscale.pipeline.rows import tabulate_sweep
 from multiscale.pipeline.stages.joint import solve_joint
+from multiscale.pipeline.sweep_points import tabulate_sweep
 from multiscale.plotting import plot_sweep, sweep_ends
 from tests.support import TWO_BLOCKS, small_steel, write_law
 

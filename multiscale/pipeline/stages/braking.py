@@ -14,7 +14,7 @@ from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import list_facts, say_error, tabulate_braking, tabulate_budget
+from multiscale.pipeline.rows import Table, list_facts, say_error, tabulate_budget
 from multiscale.pipeline.stage import (
     Datasets,
     Section,
@@ -177,7 +177,7 @@ def _check(result: "xr.Dataset") -> None:
 
 def _lines(found: Datasets) -> list[str]:
     result = found[BRAKING.name]
-    table = format_table(result.attrs["title"], *tabulate_braking(result))
+    table = format_table(result.attrs["title"], *_tabulate(result))
     return [*table, *list_facts(result)]
 
 
@@ -224,9 +224,7 @@ def _hardest(result: "xr.Dataset") -> "xr.Dataset":
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
     force = on_axes(lambda ax: plot_braking_force(result, ax=ax), *WIDE)
-    yield Section(
-        "Tread block", list_facts(result), *tabulate_braking(result), {"braking_force": force}
-    )
+    yield Section("Tread block", list_facts(result), *_tabulate(result), {"braking_force": force})
     yield _budget(result)
     best = int(np.nanargmax(result["braking_force"].values))
     pressed = on_axes(lambda ax: plot_footprint(result, best, ax=ax))
@@ -247,6 +245,29 @@ def _budget(result: "xr.Dataset") -> Section:
         *tabulate_budget(result.isel(step=[best])),
         notes=True,
     )
+
+
+def _tabulate(result: "xr.Dataset") -> Table:
+    """Return head and rows of text for a tread block: each temperature at its speeds."""
+    head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
+    rows: list[tuple[str, ...]] = []
+    for k in range(result.sizes["step"]):
+        step = result.isel(step=k)
+        warm = float(step["temperature"]) - ZERO_CELSIUS
+        at = (f"{warm:.4g}", f"{float(step['sliding_speed']):.3g}")
+        if not int(step["converged"]):
+            rows.append((*at, "not converged", "", ""))
+            continue
+        if np.isnan(step["braking_force"]):
+            rows.append((*at, "unknown", "", ""))
+            continue
+        band = "none"
+        if "braking_force_sample" in result:
+            low, high = np.nanpercentile(step["braking_force_sample"], (2.5, 97.5))
+            band = f"{low:.4g} ... {high:.4g}"
+        force = f"{float(step['braking_force']):.4g}"
+        rows.append((*at, force, band, f"{float(step['braking_coefficient']):.3g}"))
+    return head, rows
 
 
 BRAKING = Stage(

@@ -27,7 +27,6 @@ from multiscale.pipeline.case_cells import (
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
-from multiscale.pipeline.rows import tabulate_statistics
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
     Datasets,
@@ -38,6 +37,7 @@ from multiscale.pipeline.stage import (
     format_table,
     unseen,
 )
+from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.inspection_figures import plot_bearing_curve, plot_spectral_density

@@ -31,7 +31,7 @@ from multiscale.pipeline.body_budget import (
 from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
 from multiscale.pipeline.real_contact import with_interface_contact
-from multiscale.pipeline.rows import list_bolts, say_answer, tabulate_path
+from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -260,11 +260,54 @@ def _compared(result: "xr.Dataset") -> "xr.Dataset":
     return result.drop_dims("step").assign(values)
 
 
+def _tabulate(result: "xr.Dataset") -> Table:
+    """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
+
+    Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
+    each interface its mean pressure and the shares of its area that slip and that are open.
+    """
+    loads = [str(name) for name in result["load"].values]
+    count = result.sizes.get("interface", 0)
+    bolts = result.sizes.get("bolt", 0)
+    moved = 1e6 * result["load_displacement"].values
+    if count:  # an interface without load has no gap from which displacements could count
+        moved = moved - moved[np.argmax(result["path_step"].values == 0)]
+    head = (
+        "step",
+        *(f"{name}: factor, µm, N/µm" for name in loads),
+        *(f"interface {k}: MPa, slip, open" for k in range(count)),
+        *(("bolts (kN)",) if bolts else ()),
+    )
+    rows: list[tuple[str, ...]] = []
+    for k in np.flatnonzero(result["path_step"].values >= 0):
+        step = result.isel(step=k)
+        name = f"{int(step['path_step'])}"
+        if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
+            missing = "unknown" if int(step["converged"]) else "not converged"
+            rows.append(padded((name, missing), head))
+            continue
+        row = [name]
+        for at in range(len(loads)):
+            one = step.isel(load=at)
+            secant = 1e-6 * float(one["load_secant"])
+            said = [f"{float(one['factor']):.4g}", f"{moved[k, at]:.4g}"]
+            row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
+        for at in range(count):
+            one = step.isel(interface=at)
+            shares = (100.0 * float(one[f"interface_{what}"]) for what in ("slip", "open"))
+            told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
+            row.append(", ".join([*told, *(f"{share:.3g} %" for share in shares)]))
+        if bolts:
+            row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
+        rows.append(tuple(row))
+    return head, rows
+
+
 LOADED_BODIES = structure_stage(
     "loaded_bodies",
     _solve,
     _needs,
-    tabulate_path,
+    _tabulate,
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW,),

@@ -9,7 +9,7 @@ from multiscale.macro import solve_assembly
 from multiscale.macro.substructures import add_body_fields
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline.body_settings import Plate
-from multiscale.pipeline.rows import tabulate_loads
+from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
@@ -33,13 +33,28 @@ def _compared(result: "xr.Dataset") -> "xr.Dataset":
     return result.assign(largest_displacement=named)
 
 
+def _tabulate(result: "xr.Dataset") -> Table:
+    """Head and rows of a body under its loads."""
+    largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
+    return ("load", "largest displacement (µm)", "iterations", "residual"), [
+        (f"{load:.4g}", f"{u:.4g}", f"{n}", f"{residual:.1e}")
+        for load, u, n, residual in zip(
+            result["load_factor"].values,
+            largest,
+            result["iterations"].values,
+            result["residual"].values,
+            strict=True,
+        )
+    ]
+
+
 PLATE = structure_stage(
     "plate",
     _solve,
     lambda plate, case: cut_needs(
         3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse
     ),
-    tabulate_loads,
+    _tabulate,
     write_body_fields,
     reads={"structure", "statics", "substructures"},
     question="How far does the plate move under its loads?",

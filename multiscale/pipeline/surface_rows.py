@@ -1,0 +1,62 @@
+"""Statistics of a surface as rows of text."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.units import readable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["tabulate_statistics"]
+
+LAY = 1.5
+"""Ratio of slopes from which a surface has a lay."""
+
+
+def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str, str]]:
+    """Return names and values of ``SURFACE_STATISTICS`` as rows.
+
+    Undefined points, reliable waves and the fit to the spectrum are of a measured surface alone.
+    """
+
+    def say(name: str, unit: str = "m", digits: int = 3) -> str:
+        value = float(told[name])
+        if not np.isfinite(value):
+            return "not known"
+        return f"{value:.{digits}g}" if unit == "1" else readable(f"{value:.{digits}g} {unit}")
+
+    edges = [readable(f"{edge:.4g} m") for edge in told["size"].values]
+    is_map = int(told["dimensions"]) == 2
+    of_measured = [
+        ("undefined points", f"{100.0 * float(told['filled_share']):.3g} %"),
+        ("reliable waves", f"{say('shortest_reliable')} to {say('longest_reliable')}"),
+        ("Hurst exponent", say("hurst_exponent", "1", 2)),
+        ("spectrum flat above", say("roll_off")),
+        ("rms distance of the spectrum from this fit", f"{say('fit_deviation', '1', 2)} decades"),
+    ]
+    rows = [
+        ("size", " x ".join(edges) if is_map else edges[0]),
+        ("points", told.attrs["points"]),
+        (f"rms height without {told.attrs['trend']}", say("rms_height", digits=4)),
+        ("rms slope" if is_map else "rms slope of the line", say("rms_slope", "1", 4)),
+        ("highest to lowest point", say("peak_to_valley")),
+        ("skewness, kurtosis", f"{say('skewness', '1')}, {say('kurtosis', '1')}"),
+        ("99 % of the mean square height: waves up to", say("longest_wave")),
+        ("99 % of the mean square slope: waves down to", say("shortest_wave")),
+        *(of_measured if measured else ()),
+        (f"Nayak's parameter{' of the reliable waves' * measured}", say("nayak_parameter", "1")),
+        ("bearing curve: height above 10, 50, 90 %", _bearing(told)),
+    ]
+    if is_map:
+        degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
+        lay = f"at {round(degrees) % 180} degrees to x" if ratio >= LAY else "no lay"
+        rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
+    return rows
+
+
+def _bearing(told: "xr.Dataset") -> str:
+    """Heights of which a tenth, a half and nine tenths of the surface lie above."""
+    share, height = told["bearing_share"].values, told["bearing_height"].values
+    return ", ".join(readable(f"{np.interp(at, share, height):.3g} m") for at in (0.1, 0.5, 0.9))
