@@ -71,12 +71,9 @@ class PeriodicLayer:
 
     Parameters
     ----------
-    surface : Surface
-        Heights of the top; for two rough bodies the heights of the composite surface.
-    depth : float
-        Distance from the clamped base to the mean plane of the top, m.
-    layers : int
-        Layers of elements, graded towards the top.
+    surface : Surface, heights of the top; for two rough bodies the heights of the composite surface
+    depth : float, distance from the clamped base to the mean plane of the top, m
+    layers : int, layers of elements, graded towards the top
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
         Graded moduli have the shape (layers,), from the base up, or (nx, layers, ny).
     coating : tuple of Coating
@@ -346,13 +343,10 @@ class SecondBody:
 
     Parameters
     ----------
-    depth : float
-        Distance from its clamped base to the mean plane of its underside, m.
-    layers : int
-        Layers of elements, graded towards the underside.
+    depth : float, distance from its clamped base to the mean plane of its underside, m
+    layers : int, layers of elements, graded towards the underside
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
-    coating : tuple of Coating
-        As of :class:`PeriodicLayer`.
+    coating : tuple of Coating, as of :class:`PeriodicLayer`
     """
 
     depth: float
@@ -377,8 +371,7 @@ class FiniteCell(PeriodicLayer):
     obstacle : Surface, optional
         Underside of the counterface; a flat if not given. It has the grid of the surface or, of
         a second body, another one on the same area.
-    friction_coefficient : float
-        Coefficient of the local Coulomb law.
+    friction_coefficient : float, coefficient of the local Coulomb law
     second : SecondBody, optional
         Makes the obstacle deformable.
     """
@@ -459,8 +452,7 @@ class MeshCell:
         (clamped) and ``"top"`` (contact). The top may overhang.
     element : Element
         Scalar element for each displacement component, for instance ``ElementTetP2()``.
-    law : Elastic, GradedElastic or J2
-        Graded moduli have the shape (elements,).
+    law : Elastic, GradedElastic or J2, graded moduli have the shape (elements,)
     sides : CellSides
         Periodic sides, whose nodes must match; sides that slide in their planes; or uniform
         displacement and uniform traction, between whose answers that of periodic sides lies.
@@ -470,8 +462,7 @@ class MeshCell:
         The layer that the mesh discretises, if its contact nodes are the points of a surface.
     points : tuple of int, optional
         Points along x and y of the fields that are kept of a mesh without such a layer.
-    friction_coefficient : float
-        Coefficient of the local Coulomb law.
+    friction_coefficient : float, coefficient of the local Coulomb law
 
     Raises
     ------

@@ -52,8 +52,7 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
         Law at large strain, with the moduli above; small strain if not given.
     opposite : SecondBody, optional
         Makes the obstacle deformable, as ``second`` of :class:`FlatCell` and :class:`FiniteCell`.
-    slope_order : int
-        As of :class:`FlatCell`; other cells are exact in the slope.
+    slope_order : int, as of :class:`FlatCell`; other cells are exact in the slope
     coating : tuple of Coating
         Layers of other materials at the top of the first body, outermost first.
 

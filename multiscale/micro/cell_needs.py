@@ -118,8 +118,7 @@ def cell_needs(cell: AnyCell, *, keep_fields: bool = False) -> Needs:
     Parameters
     ----------
     cell : FlatCell, GraphCell, FiniteCell or MeshCell
-    keep_fields : bool
-        As in :func:`multiscale.micro.solve_cell`.
+    keep_fields : bool, as in :func:`multiscale.micro.solve_cell`
 
     Examples
     --------

@@ -62,8 +62,7 @@ def solve_cell(
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
-    tolerance : float
-        Tolerance of the contact solver, relative to the norm of the contact forces.
+    tolerance : float, tolerance of the contact solver, relative to the norm of the contact forces
     checkpoint : Checkpoint, optional
         Gets the steps that took long as they are finished; those found there are not solved again.
 

@@ -31,8 +31,7 @@ class Checkpoint:
     Attributes
     ----------
     file : Path
-    identity : str
-        What the cell was made from; steps of another identity are not taken.
+    identity : str, what the cell was made from; steps of another identity are not taken
     """
 
     file: Path
@@ -43,10 +42,8 @@ class Checkpoint:
 
         Parameters
         ----------
-        steps : list of dict
-            Numbers, arrays and sentences by name.
-        state : ContactState, CellState or None
-            Numbers, arrays, and pairs of arrays by name.
+        steps : list of dict, numbers, arrays and sentences by name
+        state : ContactState, CellState or None, numbers, arrays, and pairs of arrays by name
         """
         if steps[-1]["wall_time"] < WORTH:
             return

@@ -100,12 +100,9 @@ def contact_fraction(
     force : ndarray, shape (nx, ny) or (nodes,)
         Normal contact forces, N; positive at contact nodes. A grid is periodic; nodes without a
         grid are counted.
-    weight : ndarray
-        Area of each node on the mean plane, m2.
-    edges : tuple of EdgeLayer
-        Along x and y.
-    flowing : ndarray of bool or bool
-        Nodes under which the material may flow.
+    weight : ndarray, area of each node on the mean plane, m2
+    edges : tuple of EdgeLayer, along x and y
+    flowing : ndarray of bool or bool, nodes under which the material may flow
 
     Notes
     -----

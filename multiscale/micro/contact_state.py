@@ -27,22 +27,17 @@ class CellProblem:
         cell, (nodes, 3) otherwise.
     surface_height, obstacle_height : ndarray
         Heights of the body before deformation and of the obstacle at first touch, m.
-    weight : ndarray
-        Nominal area of each contact node, m2; they add up to the nominal area.
-    surface_displacement : callable
-        Displacement of the contact nodes, components along axis 1, m.
+    weight : ndarray, nominal area of each contact node, m2; they add up to the nominal area
+    surface_displacement : callable, displacement of the contact nodes, components along axis 1, m
     recover : callable
         ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
         facets that touch an active node, shape (3,), N; None where there is no stress field.
-    cap : float
-        Largest contact force of a node, N.
-    edges : tuple of EdgeLayer
-        Edges of contact on the grid of nodes, along x and y.
+    cap : float, largest contact force of a node, N
+    edges : tuple of EdgeLayer, edges of contact on the grid of nodes, along x and y
     neighbours : callable
         Pairs of contact nodes that are next to each other, shape (2, pairs), counted in their
         order; a periodic grid's if not given.
-    field : callable
-        Values on the grid of fields, (nx, ny), from values at contact nodes.
+    field : callable, values on the grid of fields, (nx, ny), from values at contact nodes
     arrange : callable
         Values at contact nodes in the order of this problem, from those in the order of a mesh.
     """
@@ -80,12 +75,10 @@ class ContactState:
     ----------
     displacement : ndarray
         m.
-    force : ndarray
-        Contact forces, N.
+    force : ndarray, contact forces, N
     approach : float
         m, counted from the first touch.
-    active : ndarray of bool
-        Contact nodes.
+    active : ndarray of bool, contact nodes
     reference_force : ndarray
         Contact forces of the problem with :math:`K_0` in place of :math:`K`, N.
     status : Status
@@ -138,8 +131,7 @@ def average_contact(
     weight : ndarray, optional
         Area of each contact node on the mean plane as the body is strained, m2; as before the
         strain if not given.
-    fields, spots : bool
-        As of :func:`multiscale.micro.solve_cell`.
+    fields, spots : bool, as of :func:`multiscale.micro.solve_cell`
     """
     area, now = problem.nominal_area, problem.weight if weight is None else weight
     by_normal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)

@@ -58,8 +58,7 @@ class ElasticBody:
         ``add(vector, values)`` does ``vector += N^t values`` in place.
     compliance : callable
         :math:`\lambda \mapsto C_0 \lambda = N K_0^{-1} N^t \lambda`.
-    surface_stiffness : callable
-        An approximate inverse of ``compliance``, symmetric and positive.
+    surface_stiffness : callable, an approximate inverse of ``compliance``, symmetric and positive
     shape : tuple of int
     """
 

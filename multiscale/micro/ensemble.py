@@ -44,8 +44,7 @@ def run_ensemble(
     Parameters
     ----------
     cells : sequence of cells of any kind
-    path : Path
-        The same for all, so that a mean over realisations at one pressure means something.
+    path : Path, the same for all, so that a mean over realisations at one pressure means something
     executor : Executor, optional
         See :func:`multiscale.executors.run_jobs`.
     folder : Path, optional
@@ -54,15 +53,12 @@ def run_ensemble(
     sparing : bool
         Whether the folder gets only realisations that took longer than :data:`WORTH`, from which
         a run that was killed goes on.
-    identity : str
-        What the cells were made from, for instance the checksum of a case.
-    keep_fields : bool
-        Keep the heights and the local fields of realisation 0, in its file.
+    identity : str, what the cells were made from, for instance the checksum of a case
+    keep_fields : bool, keep the heights and the local fields of realisation 0, in its file
     keep_spots, keep_flow : bool
         Keep the contact spots, and what the gap lets through, of all realisations, as
         :func:`solve_cell` does.
-    progress : callable
-        Gets the number of finished realisations.
+    progress : callable, gets the number of finished realisations
 
     Returns
     -------
@@ -125,8 +121,7 @@ def run_realisations(
     arguments : sequence of tuple
     executor, folder, sparing, identity, progress
         See :func:`run_ensemble`.
-    name : str
-        Of the files, before their number.
+    name : str, of the files, before their number
     """
     import xarray as xr
 

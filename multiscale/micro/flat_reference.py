@@ -22,8 +22,7 @@ class Reference:
 
     Attributes
     ----------
-    inverse : LateralInverse
-        Factorised stiffness of the flat cell.
+    inverse : LateralInverse, factorised stiffness of the flat cell
     map_factor : ndarray, shape (layers,)
         Displacement of each node plane relative to the height of the surface, dimensionless.
     slopes : tuple of ndarray, shape (nx, ny), optional

@@ -48,16 +48,11 @@ class GapState:
     ----------
     mean_gap : float
         m.
-    pressure : float
-        Mean pressure, Pa.
-    stiffness : float
-        Minus the derivative of the pressure with respect to the mean gap, Pa/m.
-    contact_fraction : float
-        Real over nominal contact area.
-    node : ndarray of int
-        Contact nodes, in the flattened grid.
-    force : ndarray
-        Their contact forces, N.
+    pressure : float, mean pressure, Pa
+    stiffness : float, minus the derivative of the pressure with respect to the mean gap, Pa/m
+    contact_fraction : float, real over nominal contact area
+    node : ndarray of int, contact nodes, in the flattened grid
+    force : ndarray, their contact forces, N
     status : Status
     iterations : int
         Conjugate-gradient iterations in all.
@@ -81,12 +76,10 @@ class GapCell:
     ----------
     gap : ndarray, shape (nx, ny)
         :math:`g_0`, at first touch, m.
-    node_area : float
-        Nominal area of a node, m².
+    node_area : float, nominal area of a node, m²
     compliance : callable
         :math:`C`, without its mean, m/N.
-    preconditioner : callable
-        An approximate inverse of it.
+    preconditioner : callable, an approximate inverse of it
     """
 
     gap: np.ndarray
@@ -115,8 +108,7 @@ class GapCell:
             m, positive: at zero the surfaces are in full contact, which any pressure can hold.
         start : GapState, optional
             State at another gap. It changes the time, not the answer.
-        max_iterations : int
-            Limit of changes of the contact nodes.
+        max_iterations : int, limit of changes of the contact nodes
         tolerance : float
             Tolerance of the conjugate gradients, relative to the norm of the right-hand side.
 

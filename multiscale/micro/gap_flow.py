@@ -27,8 +27,7 @@ class GapFlow:
     aperture : float
         Hydraulic aperture, m: parallel walls so far apart let as much through. Zero where no path
         leads through, NaN where in- and outflow do not balance.
-    share : float
-        Points on paths that lead through, over all points.
+    share : float, points on paths that lead through, over all points
     speed : ndarray, shape (nx, ny)
         Flow per width at every point over its mean along the axis, dimensionless.
     """
@@ -49,10 +48,8 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
 
     Parameters
     ----------
-    gap : ndarray, shape (nx, ny)
-        Gap h at the points of a grid, m; zero where it is closed.
-    spacing : tuple of float
-        Distance of points along x and y, m.
+    gap : ndarray, shape (nx, ny), gap h at the points of a grid, m; zero where it is closed
+    spacing : tuple of float, distance of points along x and y, m
     axis : int
         Of the flow: x (0) or y (1). Across the flow the cell is periodic.
 

@@ -97,8 +97,7 @@ class GraphMesh:
 
         Parameters
         ----------
-        first_layer : int
-            Leave out the layers below this one.
+        first_layer : int, leave out the layers below this one
         """
         from skfem import MeshHex
 

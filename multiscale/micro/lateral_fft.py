@@ -30,12 +30,10 @@ def brick_stiffness(
 
     Parameters
     ----------
-    edges : tuple of float
-        Lengths along x, y and z, m.
+    edges : tuple of float, lengths along x, y and z, m
     lame, shear : float
         Lame's parameters, Pa.
-    mean_dilatation : bool
-        Whether the divergence is averaged over the element (B-bar).
+    mean_dilatation : bool, whether the divergence is averaged over the element (B-bar)
 
     Returns
     -------
@@ -200,13 +198,11 @@ class LateralInverse:
 
     Attributes
     ----------
-    shape : tuple of int
-        Points in x, layers, points in y.
+    shape : tuple of int, points in x, layers, points in y
     inverse, upper : ndarray
         Inverse pivots (6 entries of a symmetric block) and coupling blocks to the plane above,
         shapes ``(nx, layers, 6, ny // 2 + 1)`` and ``(nx, layers, 9, ny // 2 + 1)``.
-    threads : int
-        Threads of the Fourier transforms over the whole cell.
+    threads : int, threads of the Fourier transforms over the whole cell
     scale : float
         Stiffness by which the factors are divided, N/m, so that they fit single precision.
     """
@@ -362,16 +358,12 @@ def factorise_flat_cell(
 
     Parameters
     ----------
-    shape : tuple of int
-        Points in x and y.
-    spacing : tuple of float
-        Distances between points, m.
-    planes : ndarray, shape (layers + 1,)
-        Heights of the node planes, m.
+    shape : tuple of int, points in x and y
+    spacing : tuple of float, distances between points, m
+    planes : ndarray, shape (layers + 1,), heights of the node planes, m
     lame, shear : ndarray, shape (layers,)
         Lame's parameters of each layer, Pa.
-    mean_dilatation : bool
-        As in :func:`brick_stiffness`.
+    mean_dilatation : bool, as in :func:`brick_stiffness`
     dtype : type
         ``np.float32`` halves the memory of the factors and takes a third off the time of a solve,
         whose relative error is then about 1e-6; forces and compliances are scaled to its range.

@@ -26,10 +26,8 @@ def layered_compliance(
 
     Parameters
     ----------
-    shape : tuple of int
-        Points (nx, ny) of the surface.
-    size : tuple of float
-        Edge lengths, m.
+    shape : tuple of int, points (nx, ny) of the surface
+    size : tuple of float, edge lengths, m
     planes : ndarray, shape (layers + 1,)
         Heights of the faces of the layers from the clamped base up, m.
     lame, shear : ndarray, shape (layers,)

@@ -27,8 +27,7 @@ class Path:
     increments : int
         Fewest increments of a step. More are taken where a body flows, slides or does not
         converge.
-    refinement : int
-        How many times shorter than by default the increments of a body that flows are.
+    refinement : int, how many times shorter than by default the increments of a body that flows are
 
     Raises
     ------

@@ -34,14 +34,11 @@ def shear_path(
     cell : FiniteCell
         With friction; two deformable bodies, as a rigid obstacle couples pressing and shear. Tells
         the lengths of the path, which serves all realisations.
-    pressures : sequence of float
-        Mean pressures that are held, Pa.
-    along : {"x", "y", "xy"}
-        Directions of the shear.
+    pressures : sequence of float, mean pressures that are held, Pa
+    along : {"x", "y", "xy"}, directions of the shear
     reach : float
         Largest slip of the interface, relative to the slip :math:`u_*` below; 8 is full slip.
-    steps : int
-        Number of steps of a leg; the first ones are short.
+    steps : int, number of steps of a leg; the first ones are short
     legs : int
         How often the cell is sheared: there, back, there again and so on, between the slips
         plus and minus ``reach``.

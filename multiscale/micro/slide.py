@@ -47,20 +47,16 @@ def slide_cell(
 
     Parameters
     ----------
-    cell : GraphCell or FiniteCell
-        With a rigid obstacle or two bodies.
-    pressure : tuple of float
-        Mean pressures, Pa, positive; each starts from the undeformed cell.
+    cell : GraphCell or FiniteCell, with a rigid obstacle or two bodies
+    pressure : tuple of float, mean pressures, Pa, positive; each starts from the undeformed cell
     distance : float
         How far to slide, m. After one period of the cell an elastic cell repeats itself; a plastic
         one is run in after some.
     steps : int
-    along : {"x", "y"}
-        Direction of the motion.
+    along : {"x", "y"}, direction of the motion
     executor : Executor, optional
         For the pressures; see :func:`multiscale.executors.run_jobs`.
-    tolerance : float
-        As of :func:`multiscale.micro.solve_cell`.
+    tolerance : float, as of :func:`multiscale.micro.solve_cell`
 
     Returns
     -------

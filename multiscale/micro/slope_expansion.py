@@ -77,8 +77,7 @@ def expanded_compliance(
 
     Parameters
     ----------
-    surfaces : Surface and Surface
-        Heights :math:`h_i` of both bodies, each out of its body, m.
+    surfaces : Surface and Surface, heights :math:`h_i` of both bodies, each out of its body, m
     symbol : ndarray, shape (nx, ny // 2 + 1)
         :math:`C_0` of both bodies, for nodal forces and ``rfft2``, m/N.
     shear, poissons_ratio : two floats

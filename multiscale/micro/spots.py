@@ -44,12 +44,9 @@ def spot_averages(
     ----------
     force, by_normal : ndarray, shape (nodes, 3)
         Forces on the body at its contact nodes, and what normal tractions make of them, N.
-    area : ndarray, shape (nodes,)
-        Real contact area of each node on the mean plane, m2.
-    active : ndarray of bool, shape (nodes,)
-        Contact nodes.
-    neighbours : ndarray of int, shape (2, pairs)
-        Nodes that are next to each other.
+    area : ndarray, shape (nodes,), real contact area of each node on the mean plane, m2
+    active : ndarray of bool, shape (nodes,), contact nodes
+    neighbours : ndarray of int, shape (2, pairs), nodes that are next to each other
     nominal_area : float
         m2.
 

@@ -95,8 +95,7 @@ class SlidingContact:
     friction : float
         :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle`, dimensionless: the
         force on the half-space along :math:`-x`, against its motion, over the load.
-    contact_fraction : float
-        Real over nominal contact area.
+    contact_fraction : float, real over nominal contact area
     mean_gap : float
         m.
     status : Status
@@ -127,15 +126,12 @@ def solve_sliding(
 
     Parameters
     ----------
-    surface : Surface
-        Heights of the rough body below the half-space, m; its summits touch first.
+    surface : Surface, heights of the rough body below the half-space, m; its summits touch first
     solid : RelaxingSolid
-    pressure : float
-        Mean pressure, Pa, positive.
+    pressure : float, mean pressure, Pa, positive
     velocity : float
         :math:`v`, m/s, at least 0.
-    shift : float
-        Factor of all relaxation times, for instance :func:`~multiscale.laws.wlf_shift`.
+    shift : float, factor of all relaxation times, for instance :func:`~multiscale.laws.wlf_shift`
     start : ndarray, optional
         A pressure to start from, Pa.
     max_iterations : int

@@ -34,16 +34,12 @@ class CycleAnswers:
 
     Attributes
     ----------
-    read : mapping of str to callable
-        From the name of an answer to its values, one for each cycle.
-    slip, loss : str
-        Names of the share of the load that slips and of the energy that is lost.
-    steps : ndarray of int, shape (cycles,)
-        Steps of the result with the pressure of each cycle.
+    read : mapping of str to callable, from the name of an answer to its values, one for each cycle
+    slip, loss : str, names of the share of the load that slips and of the energy that is lost
+    steps : ndarray of int, shape (cycles,), steps of the result with the pressure of each cycle
     slope : ndarray, shape (cycles,)
         Logarithmic slope of the slipping share over the amplitude, NaN where it is not known.
-    density : ndarray, shape (cycles, points)
-        Where each cycle loses its energy, J/m².
+    density : ndarray, shape (cycles, points), where each cycle loses its energy, J/m²
     finer : float
         Load steps of a cycle of the result, over those of the paths that the budget solves.
     """
@@ -67,8 +63,7 @@ class JointAnswers:
         From the name of an answer at rest to its values, which a result gives over its steps.
     real : mapping of str to tuple of int
         Numbers of the joints of which some of these answers are the real pressure.
-    rests : ndarray of int
-        Steps at which these are wanted, the same in every path that is solved.
+    rests : ndarray of int, steps at which these are wanted, the same in every path that is solved
     cycles : CycleAnswers, optional
     place : callable
         From the result and a budget whose columns are the known rests, then the cycles, to the

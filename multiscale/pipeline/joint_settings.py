@@ -170,14 +170,11 @@ class JointLaw(LawSource):
         Parameters
         ----------
         law : Dataset
-        poissons_ratio : float
-            Moduli of the bodies, for the theory of alike ones.
+        poissons_ratio : float, moduli of the bodies, for the theory of alike ones
         pressure : float
             Of the joint, Pa: there the friction of a slide stands for one that is missing.
-        strict : bool
-            Whether to refuse assumed values.
-        where : str
-            What has these keys, in words.
+        strict : bool, whether to refuse assumed values
+        where : str, what has these keys, in words
 
         Raises
         ------
@@ -232,13 +229,10 @@ class RoughInterface(JointLaw):
 
         Parameters
         ----------
-        law : Dataset
-            Whose tangential branch is taken.
-        sound : NormalLaw
-            Law of a joint without damage.
+        law : Dataset, whose tangential branch is taken
+        sound : NormalLaw, law of a joint without damage
         joints : int
-        pressures : tuple of float
-            Between which the laws are fine, Pa.
+        pressures : tuple of float, between which the laws are fine, Pa
         slabs : int
         sample : int, optional
             Sample of the tangential branch; its mean if not given.

@@ -73,12 +73,10 @@ def measured_side(
 
     Parameters
     ----------
-    whole : Surface
-        From :func:`measured_map`.
+    whole : Surface, from :func:`measured_map`
     settings, cell, which, needed, seed, of_map
         See :func:`~multiscale.pipeline.windows.cut_windows`.
-    side : {0, 1}
-        Body, which has random numbers of its own.
+    side : {0, 1}, body, which has random numbers of its own
 
     Raises
     ------

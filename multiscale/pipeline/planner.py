@@ -60,8 +60,7 @@ class Plan:
     Attributes
     ----------
     case : Case, with the cells, grid and realisations chosen
-    micro_response, interface_law : Dataset
-        As the datasets of a run, with their error budgets.
+    micro_response, interface_law : Dataset, as the datasets of a run, with their error budgets
     macro_result : Dataset or None
         Answer of the blocks, with its error budget, if the case has blocks.
     folder : Path, of the cells
@@ -105,8 +104,7 @@ def plan(
     ----------
     case : Case
         With ``accuracy``; its cells, grid and realisations are where the planner starts from.
-    out : Path
-        Cells go to the folder ``plan`` in it; those found there are not computed again.
+    out : Path, cells go to the folder ``plan`` in it; those found there are not computed again
     executor, progress
         As of :func:`~multiscale.pipeline.run`, for every ensemble.
 

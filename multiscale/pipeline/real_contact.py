@@ -43,12 +43,9 @@ def contact_dependence(law: "xr.Dataset", pressure: np.ndarray, answers: np.ndar
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
-    pressure : ndarray, shape (steps,)
-        Nominal, Pa.
-    answers : ndarray of bool, shape (answers,)
-        Which of the answers are real pressures.
+    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
+    pressure : ndarray, shape (steps,), nominal, Pa
+    answers : ndarray of bool, shape (answers,), which of the answers are real pressures
     """
     data, half_width = np.log(law["fit_pressure"].to_numpy()), {}
     for term in ERROR_TERMS[:-1]:  # the last one is not of a law

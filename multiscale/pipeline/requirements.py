@@ -26,8 +26,7 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
     Parameters
     ----------
     case : Case or TyreCase
-    processes : int
-        That share the substructures of a structure.
+    processes : int, that share the substructures of a structure
 
     Examples
     --------
@@ -56,8 +55,7 @@ def refuse_excess(cases: Iterable[AnyCase], folders: Iterable[Path], *, jobs: in
     cases : iterable of Case or TyreCase
     folders : iterable of Path
         Run folder of each case. What is up to date in it costs nothing.
-    jobs : int
-        Worker processes; 0 for one per core.
+    jobs : int, worker processes; 0 for one per core
 
     Raises
     ------

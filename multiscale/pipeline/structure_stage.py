@@ -124,8 +124,7 @@ def structure_stage(
 
     Parameters
     ----------
-    name : str
-        What the kinds name as their stage.
+    name : str, what the kinds name as their stage
     solve, needs : callable
         From the structure, its case and, to solve it, the datasets of earlier stages and the job.
     tabulate, write_fields, check : callable
@@ -133,14 +132,11 @@ def structure_stage(
         :func:`multiscale.io.write_link_fields`, and refuse a dataset that answers nothing.
     prepare, kept
         As of :class:`Stage`, from the structure and its case.
-    reads : set of str
-        Tables on which the dataset depends, beside the title.
-    question : str
-        Stands at the head of the page.
+    reads : set of str, tables on which the dataset depends, beside the title
+    question : str, stands at the head of the page
     takes : tuple of Stage
     schema : Schema
-    solver : tuple of str
-        Libraries that solve where they are installed.
+    solver : tuple of str, libraries that solve where they are installed
     more : callable, from the dataset to further sections of the page
     pictures : tuple of str, names of all figures that these may have
     answer : callable, from the dataset to what the head of the page answers to the question

@@ -25,10 +25,8 @@ def with_braking_budget(
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with samples of the force if the law has any.
-    law : Dataset
-        The bell of friction, with its misfit.
+    result : Dataset, follows ``MACRO_RESULT``, with samples of the force if the law has any
+    law : Dataset, the bell of friction, with its misfit
     coarser : mapping of float to ndarray, shape (steps,)
         From the ratio of the elements' sizes to the force, N, on larger ones; may be empty.
 

@@ -71,12 +71,10 @@ def cut_windows(
 
     Parameters
     ----------
-    whole : Surface
-        The map.
+    whole : Surface, the map
     settings, cell : InstrumentSurface, CellSettings
         How the map is cut, and size and grid of the cells.
-    which, needed : range, int
-        Numbers of the windows to cut, and how many the map must hold.
+    which, needed : range, int, numbers of the windows to cut, and how many the map must hold
     seed : int
         Seed of the order of the windows, which are the same whatever their number.
     of_map : Spectrum, optional

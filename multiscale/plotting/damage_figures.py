@@ -77,8 +77,7 @@ def plot_worst_section(
 
     Parameters
     ----------
-    rve : Cavities or VoxelImage
-        The volume of the sections.
+    rve : Cavities or VoxelImage, the volume of the sections
     """
     from matplotlib.colors import ListedColormap
 
@@ -166,8 +165,7 @@ def draw_damage(
 
     Parameters
     ----------
-    folder : Path
-        Folder of the files, made if needed.
+    folder : Path, folder of the files, made if needed
     sections : Dataset, optional
         Follows ``DAMAGE_SECTIONS``, for the sphere of normals.
     rve : Cavities or VoxelImage, optional

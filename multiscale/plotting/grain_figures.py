@@ -37,8 +37,7 @@ def plot_force_network(
 
     Parameters
     ----------
-    frame : int
-        Number of the frame; the last one if not given.
+    frame : int, number of the frame; the last one if not given
     slab : tuple of float, optional
         Range of y, m, of the plotted grains and contacts; all if not given.
     """
@@ -123,8 +122,7 @@ def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
 
     Parameters
     ----------
-    folder : Path
-        Folder of the files, made if needed.
+    folder : Path, folder of the files, made if needed
     """
     y = result["position"].values[-1, :, 1]
     middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())

@@ -78,10 +78,8 @@ def plot_joint_plan(
         ``"contact_state"``, ``"pressure"`` or ``"dissipation"``, the loss of the last cycle.
     step : int
         Step; the last one if not given.
-    joint : int
-        Number of the joint.
-    title : str
-        Its preload and shear if not given.
+    joint : int, number of the joint
+    title : str, its preload and shear if not given
     """
     from matplotlib.collections import EllipseCollection
     from matplotlib.patches import Patch
@@ -299,8 +297,7 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
 
     Parameters
     ----------
-    folder : Path
-        Folder of the files, made if needed.
+    folder : Path, folder of the files, made if needed
 
     Raises
     ------

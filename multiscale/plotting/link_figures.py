@@ -23,8 +23,7 @@ def plot_sorted_tensions(
 
     Parameters
     ----------
-    law : str
-        Kind of the links to plot.
+    law : str, kind of the links to plot
     """
     from matplotlib import colormaps
 
@@ -52,12 +51,10 @@ def plot_deformed_links(
 
     Parameters
     ----------
-    ax : Axes3D
-        Where to draw.
+    ax : Axes3D, where to draw
     step : int
         Step; the last one if not given.
-    scale : float
-        Factor of the displacements.
+    scale : float, factor of the displacements
     """
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -110,8 +107,7 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
     folder : Path
         Folder, made if needed, for the deformed structure, and for the sorted tensions or, of a
         motion, the energies.
-    scale : float
-        Factor of the displacements.
+    scale : float, factor of the displacements
     """
     make_folder(folder)
     figure = new_figure()

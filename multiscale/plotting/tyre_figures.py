@@ -31,8 +31,7 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
 
     Parameters
     ----------
-    road : Surface
-        Heights of the road, m.
+    road : Surface, heights of the road, m
     """
     ax = axes_or_current(ax)
     height = 1e3 * (road.heights - road.heights.mean()).T
@@ -55,8 +54,7 @@ def plot_friction_bell(
     ----------
     law : Dataset
         Follows ``INTERFACE_LAW``; see :func:`multiscale.pipeline.stages.friction_law.fit_friction`.
-    pressure : float
-        Pressure, Pa; the figure shows the nearest pressure of the cells.
+    pressure : float, pressure, Pa; the figure shows the nearest pressure of the cells
     """
     ax = axes_or_current(ax)
     p, speed = response["nominal_pressure"].values, response["sliding_speed"].values
@@ -127,10 +125,8 @@ def plot_footprint(
 
     Parameters
     ----------
-    step : int
-        Index of the step.
-    quantity : {"pressure", "friction"}
-        Normal pressure, or traction against the motion.
+    step : int, index of the step
+    quantity : {"pressure", "friction"}, normal pressure, or traction against the motion
     """
     ax = axes_or_current(ax)
     one = result.isel(step=step)

@@ -30,8 +30,7 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     ----------
     permeability : ndarray, shape (cells, steps)
         :math:`k_i` of each cell, m3, not negative.
-    weight : ndarray, shape (samples, cells, steps)
-        How often a cell counts, :math:`w_i`.
+    weight : ndarray, shape (samples, cells, steps), how often a cell counts, :math:`w_i`
 
     Returns
     -------
@@ -74,8 +73,7 @@ def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
 
     Parameters
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW``.
+    law : Dataset, follows ``INTERFACE_LAW``
     response : Dataset
         Follows ``MICRO_RESPONSE``: the cells of the law, with what their gaps let through.
 
@@ -135,10 +133,8 @@ def sealing_pressures(law: "xr.Dataset", direction: str = "both") -> np.ndarray:
 
     Parameters
     ----------
-    law : Dataset
-        With hydraulic apertures.
-    direction : {"x", "y", "both"}
-        Of the flow.
+    law : Dataset, with hydraulic apertures
+    direction : {"x", "y", "both"}, of the flow
 
     Returns
     -------

@@ -20,8 +20,7 @@ class Cavities:
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths along x, y and z, m.
+    size : tuple of float, lengths along x, y and z, m
     bodies : Ellipsoids, Cylinders or Cracks, or a sequence of them
         Cavities and cracks; see :func:`~.shapes.spheres` and its siblings. They may reach out of
         the box.

@@ -26,10 +26,8 @@ def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
 
     Parameters
     ----------
-    rve : Cavities
-        Bodies may reach through the faces of the box, and cracks may meet.
-    element_size : float
-        Edge of the elements, m; smaller at the fronts of cracks.
+    rve : Cavities, bodies may reach through the faces of the box, and cracks may meet
+    element_size : float, edge of the elements, m; smaller at the fronts of cracks
 
     Returns
     -------

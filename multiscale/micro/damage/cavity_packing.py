@@ -34,8 +34,7 @@ def lattice(name: str, radius: float, *, edge: float, cells: int = 1) -> Cavitie
     ----------
     name : {"simple cubic", "body-centred cubic", "face-centred cubic"}
     radius, edge : float
-    cells : int
-        Along each edge of the box.
+    cells : int, along each edge of the box
     """
     if name not in LATTICES:
         raise CaseError(f"there is no lattice {name!r}; choose from {sorted(LATTICES)}")
@@ -64,8 +63,7 @@ def random_spheres(
     porosity : float
         Volume fraction wanted; the number of spheres is rounded. Random addition ends near 0.38.
     seed : int
-    max_tries : int
-        Largest number of places tried for one sphere.
+    max_tries : int, largest number of places tried for one sphere
 
     Raises
     ------

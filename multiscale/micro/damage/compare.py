@@ -29,10 +29,8 @@ def compare_stiffness(
     Parameters
     ----------
     image : VoxelImage
-    sections : Dataset
-        Follows ``DAMAGE_SECTIONS``, of the same volume.
-    youngs_modulus, poissons_ratio, tolerance : float
-        As of :func:`~.rve.effective_stiffness`.
+    sections : Dataset, follows ``DAMAGE_SECTIONS``, of the same volume
+    youngs_modulus, poissons_ratio, tolerance : float, as of :func:`~.rve.effective_stiffness`
 
     Returns
     -------
@@ -70,10 +68,8 @@ def section_image(
     Parameters
     ----------
     rve : Cavities or VoxelImage
-    origin : ndarray, shape (3,)
-        Point of the plane, m.
-    frame : ndarray, shape (2, 3)
-        Orthonormal directions in the plane.
+    origin : ndarray, shape (3,), point of the plane, m
+    frame : ndarray, shape (2, 3), orthonormal directions in the plane
     points : int
 
     Returns

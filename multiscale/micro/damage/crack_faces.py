@@ -22,14 +22,11 @@ class CrackedMesh:
 
     Attributes
     ----------
-    points : ndarray, shape (3, n)
-        Corners, m; a crack has two or more corners at one place.
-    cells : ndarray of int, shape (4, elements)
-        Corners of the elements.
+    points : ndarray, shape (3, n), corners, m; a crack has two or more corners at one place
+    cells : ndarray of int, shape (4, elements), corners of the elements
     periodic : ndarray of int, shape (n,)
         Corners that move alike, up to the mean strain, have the same number.
-    front : ndarray of int
-        Corners on the fronts of cracks.
+    front : ndarray of int, corners on the fronts of cracks
     """
 
     points: np.ndarray
@@ -50,14 +47,10 @@ def open_cracks(
 
     Parameters
     ----------
-    points : ndarray, shape (3, n)
-        Corners, m, all at different places.
-    cells : ndarray of int, shape (4, elements)
-        Corners of the elements.
-    facets : ndarray of int, shape (3, k)
-        Corners of the triangles that lie on cracks.
-    size : ndarray, shape (3,)
-        Lengths of the box, whose opposite faces are meshed alike, m.
+    points : ndarray, shape (3, n), corners, m, all at different places
+    cells : ndarray of int, shape (4, elements), corners of the elements
+    facets : ndarray of int, shape (3, k), corners of the triangles that lie on cracks
+    size : ndarray, shape (3,), lengths of the box, whose opposite faces are meshed alike, m
 
     Raises
     ------

@@ -21,16 +21,11 @@ class FatigueProgress:
     ----------
     state : ndarray, shape (20,)
         State of the inclusion, see :mod:`~multiscale.micro.damage.inclusion`.
-    cycles : float
-        Cycles done, with jumps.
-    computed : float
-        Cycles whose stress path was computed.
-    initiation : float
-        Cycles at which damage began; infinite before.
-    broken : bool
-        Whether the critical damage was reached.
-    elastic : bool
-        Whether the inclusion stays elastic from now on.
+    cycles : float, cycles done, with jumps
+    computed : float, cycles whose stress path was computed
+    initiation : float, cycles at which damage began; infinite before
+    broken : bool, whether the critical damage was reached
+    elastic : bool, whether the inclusion stays elastic from now on
     """
 
     state: np.ndarray
@@ -56,16 +51,13 @@ def pass_cycles(
 
     Parameters
     ----------
-    run : FatigueProgress
-        Changed in place.
+    run : FatigueProgress, changed in place
     once : callable
         ``once(run)`` computes one pass.
     count, material
         Number of passes; volume and inclusion.
-    tolerance : float
-        Bound on the relative error of the change over a jump, dimensionless.
-    note : callable
-        Called without arguments after every computed pass and every jump.
+    tolerance : float, bound on the relative error of the change over a jump, dimensionless
+    note : callable, called without arguments after every computed pass and every jump
 
     Notes
     -----

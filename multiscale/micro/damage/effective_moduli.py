@@ -21,8 +21,7 @@ def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarr
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-    normals : ndarray, shape (..., 3)
-        Unit vectors n.
+    normals : ndarray, shape (..., 3), unit vectors n
 
     Returns
     -------

@@ -116,10 +116,8 @@ def woehler_curve(
     Parameters
     ----------
     material : FatigueMaterial
-    amplitudes : ndarray, shape (steps,)
-        Half the range of stress, Pa.
-    stress_ratio : float
-        Smallest over largest stress, below 1; -1 for reversed loading.
+    amplitudes : ndarray, shape (steps,), half the range of stress, Pa
+    stress_ratio : float, smallest over largest stress, below 1; -1 for reversed loading
     direction : ndarray, shape (6,), optional
         Stress per unit of amplitude, dimensionless; uniaxial if not given.
     jump_tolerance : float, optional

@@ -15,16 +15,14 @@ class FatigueMaterial:
 
     Parameters
     ----------
-    youngs_modulus, poissons_ratio : float
-        Moduli of volume and inclusion, Pa and dimensionless.
+    youngs_modulus, poissons_ratio : float, moduli of volume and inclusion, Pa and dimensionless
     fatigue_limit : float
         :math:`\sigma_f`, yield stress of the inclusion, Pa.
     damage_strength : float
         :math:`S` of the damage law, Pa.
     damage_exponent : float
         :math:`s`, dimensionless.
-    hardening : float
-        Kinematic modulus :math:`C`, Pa.
+    hardening : float, kinematic modulus :math:`C`, Pa
     threshold : float
         Plastic strain :math:`p_D` of the inclusion at which damage begins, dimensionless.
     critical_damage : float

@@ -80,8 +80,7 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
 
     Parameters
     ----------
-    state : ndarray, shape (20,)
-        In the order of ``STATE_SIZE``, changed in place.
+    state : ndarray, shape (20,), in the order of ``STATE_SIZE``, changed in place
     path : ndarray, shape (points, 6)
         Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
     cycles, substeps : int

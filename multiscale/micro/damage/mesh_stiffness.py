@@ -51,12 +51,9 @@ def mesh_stiffness(
 
     Parameters
     ----------
-    rve : Cavities
-        A periodic volume, see :func:`~.cavity_mesh.mesh_cavities`.
-    youngs_modulus, poissons_ratio : float
-        Moduli of the solid, Pa and dimensionless.
-    element_size : float
-        Edge of the elements, m.
+    rve : Cavities, a periodic volume, see :func:`~.cavity_mesh.mesh_cavities`
+    youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
+    element_size : float, edge of the elements, m
 
     Returns
     -------
@@ -102,10 +99,8 @@ class PeriodicFields:
 
     Attributes
     ----------
-    displacement : ndarray, shape (3 nodes, 6)
-        Three components of the displacement of each node, m.
-    energy : ndarray, shape (6, 6)
-        Twice the energy of pairs of mean strains, J.
+    displacement : ndarray, shape (3 nodes, 6), three components of the displacement of each node, m
+    energy : ndarray, shape (6, 6), twice the energy of pairs of mean strains, J
     residual : ndarray, shape (6,)
         Residual of the direct solver, relative to the load; dimensionless.
     """
@@ -122,10 +117,8 @@ def solve_periodic(
 
     Parameters
     ----------
-    basis : CellBasis
-        Element of one displacement component.
-    number : ndarray of int, shape (basis.N,)
-        Number of the periodic unknown of every node.
+    basis : CellBasis, element of one displacement component
+    number : ndarray of int, shape (basis.N,), number of the periodic unknown of every node
     lame, shear : float or ndarray, shape (elements,)
         Lamé's parameters, Pa.
     """

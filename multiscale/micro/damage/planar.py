@@ -26,8 +26,7 @@ class Ellipses:
 
     Attributes
     ----------
-    centre : ndarray, shape (k, 2)
-        Centres, m.
+    centre : ndarray, shape (k, 2), centres, m
     root : ndarray, shape (k, 2, 2)
         Matrices M with positive determinant, m: an ellipse is centre + M w for abs(w) <= 1.
     strip : ndarray, shape (k, 4)

@@ -13,14 +13,10 @@ class SectionPlane:
 
     Attributes
     ----------
-    origin : ndarray, shape (3,)
-        A point of the plane, m.
-    normal : ndarray, shape (3,)
-        Unit normal.
-    frame : ndarray, shape (2, 3)
-        Orthonormal directions in the plane, right-handed with the normal.
-    slab : float
-        Thickness of the slab about the plane whose flat cracks count, m.
+    origin : ndarray, shape (3,), a point of the plane, m
+    normal : ndarray, shape (3,), unit normal
+    frame : ndarray, shape (2, 3), orthonormal directions in the plane, right-handed with the normal
+    slab : float, thickness of the slab about the plane whose flat cracks count, m
     """
 
     origin: np.ndarray

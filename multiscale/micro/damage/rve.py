@@ -70,12 +70,10 @@ def effective_stiffness(
     ----------
     image : VoxelImage
         The volume. Its edges may differ, and a single voxel across means plane strain.
-    youngs_modulus, poissons_ratio : float
-        Moduli of the solid, Pa and dimensionless.
+    youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
     void_modulus : float
         Young's modulus of the filling of the voids, Pa, with the same Poisson's ratio.
-    max_iterations : int
-        Iteration limit for each of the six strains.
+    max_iterations : int, iteration limit for each of the six strains
     tolerance : float
         Bound on the residual in the norm of the preconditioner, relative to the first residual;
         dimensionless. The relative error of the stiffness, by (2), is about its square.

@@ -47,8 +47,7 @@ def plane_damage(
     Parameters
     ----------
     rve : Cavities or VoxelImage
-    normal : array_like, shape (3,)
-        Direction :math:`n`, of any length but zero.
+    normal : array_like, shape (3,), direction :math:`n`, of any length but zero
     offset : float or ndarray
         Distance of the planes from the centre of the volume along the normal, m.
     slab : float

@@ -38,8 +38,7 @@ class Mapped:
     Attributes
     ----------
     centre : ndarray, shape (n, 3)
-    root : ndarray, shape (n, 3, 3), or (n, 3, 2) of flat bodies
-        Columns are the semi-axes, m.
+    root : ndarray, shape (n, 3, 3), or (n, 3, 2) of flat bodies, columns are the semi-axes, m
     """
 
     centre: np.ndarray
@@ -89,8 +88,7 @@ class Cylinders:
     Attributes
     ----------
     centre : ndarray, shape (n, 3)
-    axis : ndarray, shape (n, 3)
-        Unit vectors.
+    axis : ndarray, shape (n, 3), unit vectors
     radius : ndarray, shape (n,)
     half_length : ndarray, shape (n,)
         Half lengths, m; infinite for cylinders through the whole volume.

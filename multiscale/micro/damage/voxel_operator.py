@@ -37,8 +37,7 @@ class VoxelOperator:
     ----------
     lame, shear : ndarray, shape (nx, ny, nz)
         Lame's parameters of the bricks, Pa; both zero in a void.
-    spacing : sequence of float
-        Edges of a brick along x, y and z, m.
+    spacing : sequence of float, edges of a brick along x, y and z, m
     """
 
     def __init__(

@@ -26,10 +26,8 @@ def box_section(
 
     Parameters
     ----------
-    size : tuple of float
-        Lengths of the box, m.
-    normal : ndarray, shape (3,)
-        Unit normal.
+    size : tuple of float, lengths of the box, m
+    normal : ndarray, shape (3,), unit normal
     distance : ndarray, shape (k,)
         Distances of the planes from the centre of the box along the normal, m.
     """

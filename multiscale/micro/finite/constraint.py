@@ -36,16 +36,12 @@ class Constraint:
 
     Attributes
     ----------
-    reference : Support
-        The flat cell, or two joined flat cells.
-    direction : ndarray, shape (rows, nx, 3, ny)
-        Unit directions.
-    held : ndarray of bool, shape (rows, nx, ny)
-        Whether a motion is prescribed.
+    reference : Support, the flat cell, or two joined flat cells
+    direction : ndarray, shape (rows, nx, 3, ny), unit directions
+    held : ndarray of bool, shape (rows, nx, ny), whether a motion is prescribed
     spring : ndarray, shape (rows, nx, ny)
         Stiffness of the spring that supports a motion, N/m; 0 without a spring.
-    carries_load : bool
-        Whether the approach is unknown.
+    carries_load : bool, whether the approach is unknown
     """
 
     reference: Support
@@ -115,10 +111,8 @@ class Constraint:
 
         Parameters
         ----------
-        residual : ndarray, shape of a displacement
-            Forces :math:`r`, N.
-        missing : float
-            Change :math:`\rho` of the vertical contact force, N.
+        residual : ndarray, shape of a displacement, forces :math:`r`, N
+        missing : float, change :math:`\rho` of the vertical contact force, N
         distance : ndarray, shape (rows, nx, ny), optional
             Prescribed motions :math:`d`, m; zero if not given.
 

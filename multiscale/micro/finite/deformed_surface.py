@@ -107,12 +107,10 @@ class Projection:
     values : ndarray, shape (nx * ny, 6, 3)
         Position and its derivatives by :math:`\xi`: 1, 2, 11, 12, 22, m. NaN where no point is
         above a node because the surface has folded.
-    column : ndarray of int, shape (nx * ny, 16)
-        Nodes of the opposite surface around each point.
+    column : ndarray of int, shape (nx * ny, 16), nodes of the opposite surface around each point
     weight : ndarray, shape (3, nx * ny, 16)
         Weights (1) of these nodes for the value and its derivatives 1 and 2, dimensionless.
-    points : tuple of int
-        Grid of the opposite surface.
+    points : tuple of int, grid of the opposite surface
     """
 
     place: np.ndarray
@@ -159,8 +157,7 @@ class DeformedSurface:
 
     Attributes
     ----------
-    spacing : tuple of float
-        Distances of its nodes before deformation, m.
+    spacing : tuple of float, distances of its nodes before deformation, m
     field : ndarray, shape (nx, 3, ny)
         Lateral displacements of its nodes from their grid, and their heights, m.
     """

@@ -45,11 +45,9 @@ class CellEquations:
     Attributes
     ----------
     scene : CellScene
-    increment : Increment
-        Time step of the body from the state at the start.
+    increment : Increment, time step of the body from the state at the start
     start : CellState
-    target : Target
-        End of the increment.
+    target : Target, end of the increment
     """
 
     scene: CellScene
@@ -122,17 +120,12 @@ class Iterate:
     scene : CellScene
     target : Target
     response : BodyResponse
-    u, delta : ndarray, float
-        Displacement and approach, m.
+    u, delta : ndarray, float, displacement and approach, m
     meeting : Meeting
-    active : ndarray of bool, shape (nx, ny)
-        Contact nodes.
-    pressure : ndarray, shape (nx, ny)
-        Pressure force p, N.
-    friction : Tangential or None
-        None without friction.
-    floor : float
-        Smallest scale of the residual, N.
+    active : ndarray of bool, shape (nx, ny), contact nodes
+    pressure : ndarray, shape (nx, ny), pressure force p, N
+    friction : Tangential or None, none without friction
+    floor : float, smallest scale of the residual, N
     """
 
     scene: CellScene
@@ -292,10 +285,8 @@ class Iterate:
 
         Parameters
         ----------
-        forcing : float
-            Tolerance relative to the residual, dimensionless.
-        floor : float
-            Smallest tolerance relative to the contact forces, dimensionless.
+        forcing : float, tolerance relative to the residual, dimensionless
+        floor : float, smallest tolerance relative to the contact forces, dimensionless
 
         Returns
         -------

@@ -16,16 +16,14 @@ class BodyResponse:
 
     Attributes
     ----------
-    force : ndarray, shape (nx, layers, 3, ny)
-        Internal forces, N.
+    force : ndarray, shape (nx, layers, 3, ny), internal forces, N
     tangent : callable
         ``tangent(v)``, their derivative times a displacement v, N; valid until the next response of
         the body is computed.
     least_dilatation : float
         Smallest det F of all Gauss points, dimensionless. The forces are undefined unless it is
         positive.
-    flowing : float
-        Share of the Gauss points that flow, 0 to 1.
+    flowing : float, share of the Gauss points that flow, 0 to 1
     matrix : csr_array, optional
         The tangent as a matrix, of a body that assembles one, N/m.
     """

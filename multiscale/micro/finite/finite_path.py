@@ -51,13 +51,10 @@ def follow_path(
 
     Parameters
     ----------
-    cell : FiniteCell
-        The cell.
+    cell : FiniteCell, the cell
     path : Path
-    fields : bool
-        Whether the result has local pressures and gaps.
-    spots : bool
-        Whether the result has contact spots.
+    fields : bool, whether the result has local pressures and gaps
+    spots : bool, whether the result has contact spots
     tolerance, checkpoint
         As of :func:`multiscale.micro.solve_cell`.
 
@@ -91,10 +88,8 @@ class Way:
     Attributes
     ----------
     scene : CellScene
-    area : float
-        Nominal area, m2.
-    largest_approach : float
-        Largest change of the approach in one increment, m.
+    area : float, nominal area, m2
+    largest_approach : float, largest change of the approach in one increment, m
     fewest_increments : callable
         ``fewest_increments(state, target)`` of the step from a state to a target.
     average : callable
@@ -214,10 +209,8 @@ def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
 
     Parameters
     ----------
-    cell : FiniteCell
-        The cell.
-    refinement : int
-        Divisor of the increments.
+    cell : FiniteCell, the cell
+    refinement : int, divisor of the increments
 
     Returns
     -------

@@ -17,10 +17,8 @@ class RigidMeeting:
 
     Attributes
     ----------
-    gap : ndarray, shape (nx, ny)
-        Distance along the normal, m; negative where the body is inside.
-    normal : ndarray, shape (nx, 3, ny)
-        Unit normals into the obstacle.
+    gap : ndarray, shape (nx, ny), distance along the normal, m; negative where the body is inside
+    normal : ndarray, shape (nx, 3, ny), unit normals into the obstacle
     curvature : ndarray, shape (3, nx, ny), optional
         Second derivatives xx, xy, yy of the obstacle's height, 1/m; None for a flat obstacle.
     """
@@ -43,10 +41,8 @@ class RigidMeeting:
 
         Parameters
         ----------
-        x : ndarray, shape of a displacement
-            Displacement of the step, m.
-        shift : float
-            Change of the approach, m.
+        x : ndarray, shape of a displacement, displacement of the step, m
+        shift : float, change of the approach, m
         pressure, force : ndarray, shapes (nx, ny) and (nx, 3, ny)
             Pressure forces and contact forces, N.
         out : ndarray, shape of a displacement
@@ -68,10 +64,8 @@ class HeightObstacle:
 
     Attributes
     ----------
-    body : Surface
-        Surface of the deformable body before deformation, with the grid of the nodes.
-    shape : Surface or None
-        Heights of the obstacle on the same grid, m; flat if None.
+    body : Surface, surface of the deformable body before deformation, with the grid of the nodes
+    shape : Surface or None, heights of the obstacle on the same grid, m; flat if None
     follows : bool
         Whether nodes meet the obstacle at their current places (large strain) or at their
         undeformed places.

@@ -30,14 +30,10 @@ class Walk:
 
     Attributes
     ----------
-    state : CellState
-        State at the end, or last equilibrium before a failure.
-    increments : int
-        Number of increments, accepted or cut.
-    newton_iterations, linear_iterations : int
-        Numbers of all increments.
-    reached : float
-        Share of the step that was completed, 0 to 1.
+    state : CellState, state at the end, or last equilibrium before a failure
+    increments : int, number of increments, accepted or cut
+    newton_iterations, linear_iterations : int, numbers of all increments
+    reached : float, share of the step that was completed, 0 to 1
     """
 
     state: CellState
@@ -78,12 +74,10 @@ def walk_step(
     Parameters
     ----------
     scene : CellScene
-    start : CellState
-        State at the start of the step.
+    start : CellState, state at the start of the step
     target : Target
         End of the step, with the total load, also if the step before prescribed the approach.
-    increments : int
-        Smallest number of increments.
+    increments : int, smallest number of increments
     tolerance : float
         Tolerance of each increment, relative to the norm of the contact forces; dimensionless.
     largest_approach : float

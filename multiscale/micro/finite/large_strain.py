@@ -35,8 +35,7 @@ def large_strain_body(
     Parameters
     ----------
     mesh : GraphMesh
-    law : NeoHookean, J2 or Prony
-        Bulk law, moduli in Pa.
+    law : NeoHookean, J2 or Prony, bulk law, moduli in Pa
     mean_dilatation : bool
         Whether an element takes its volume change from the mean over its points (F-bar).
     """

@@ -41,8 +41,7 @@ class PairReference:
 
     Attributes
     ----------
-    first, second : Reference
-        Flat cells of both bodies, each in its own frame.
+    first, second : Reference, flat cells of both bodies, each in its own frame
     both : Reference
         Flat cell with the sum of both surface compliances on the grid of the first body.
     """
@@ -59,8 +58,7 @@ class JoinedReference:
     Attributes
     ----------
     pair : PairReference
-    meeting : PairMeeting
-        Contact points between both bodies.
+    meeting : PairMeeting, contact points between both bodies
     """
 
     pair: PairReference

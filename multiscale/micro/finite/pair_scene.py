@@ -18,12 +18,9 @@ class PairScene(CellScene):
 
     Attributes
     ----------
-    body : FiniteBody
-        Both bodies, joined.
-    obstacle : Underside
-        Surfaces of both bodies before deformation.
-    reference : PairReference
-        Flat cells of both bodies for the preconditioner.
+    body : FiniteBody, both bodies, joined
+    obstacle : Underside, surfaces of both bodies before deformation
+    reference : PairReference, flat cells of both bodies for the preconditioner
     halves : Halves
     """
 

@@ -41,8 +41,7 @@ class CellScene(ABC):
     Attributes
     ----------
     body : FiniteBody
-    obstacle : HeightObstacle or Underside
-        The opposite side before deformation.
+    obstacle : HeightObstacle or Underside, the opposite side before deformation
     friction : float
         Local friction coefficient, dimensionless; 0 leaves out all tangential equations.
     weights : tuple of float
@@ -130,8 +129,7 @@ class GraphScene(RigidScene):
 
     Attributes
     ----------
-    reference : Reference
-        Flat cell for the preconditioner.
+    reference : Reference, flat cell for the preconditioner
     """
 
     reference: Reference
@@ -157,14 +155,10 @@ class Target:
 
     Attributes
     ----------
-    load : float or None
-        Vertical load, N; None if the approach is prescribed.
-    approach : float or None
-        Approach of the obstacle, m; None if the load is prescribed.
-    slide : ndarray, shape (2,)
-        Displacement of the obstacle in its plane, m.
-    time_step : float
-        Duration, s.
+    load : float or None, vertical load, N; None if the approach is prescribed
+    approach : float or None, approach of the obstacle, m; None if the load is prescribed
+    slide : ndarray, shape (2,), displacement of the obstacle in its plane, m
+    time_step : float, duration, s
     """
 
     load: float | None
@@ -181,33 +175,21 @@ class CellState:
     ----------
     displacement : ndarray, shape (nx, layers, 3, ny)
         Displacement of the body, m; a flat vector for two bodies.
-    approach : float
-        Approach of the obstacle since the first touch, m.
-    slide : ndarray, shape (2,)
-        Displacement of the obstacle in its plane, m.
-    material : Any
-        Internal variables of the body; None without any.
-    force : ndarray, shape (nx, 3, ny)
-        Force of the obstacle on the body, N.
-    active : ndarray of bool, shape (nx, ny)
-        Contact nodes.
-    slipping : ndarray of bool, shape (nx, ny)
-        Contact nodes that slip.
-    dissipation : float
-        Work of friction since the first state, J.
-    status : Status
-        Why the Newton iteration stopped.
+    approach : float, approach of the obstacle since the first touch, m
+    slide : ndarray, shape (2,), displacement of the obstacle in its plane, m
+    material : Any, internal variables of the body; None without any
+    force : ndarray, shape (nx, 3, ny), force of the obstacle on the body, N
+    active : ndarray of bool, shape (nx, ny), contact nodes
+    slipping : ndarray of bool, shape (nx, ny), contact nodes that slip
+    dissipation : float, work of friction since the first state, J
+    status : Status, why the Newton iteration stopped
     residuals : tuple of float
         Forces out of balance and violations of contact after each Newton iteration, relative to
         the contact forces.
-    linear_iterations : int
-        Linear iterations of the increment.
-    flowing : float
-        Share of the Gauss points that flow, 0 to 1.
-    peak : float
-        Largest norm of the contact forces so far, N.
-    moved : ndarray or None
-        Change of the displacement in the last increment, m.
+    linear_iterations : int, linear iterations of the increment
+    flowing : float, share of the Gauss points that flow, 0 to 1
+    peak : float, largest norm of the contact forces so far, N
+    moved : ndarray or None, change of the displacement in the last increment, m
     change : ndarray, shape (5,)
         Changes of slide, m, load, N, approach, m, and time, s, in the last increment.
     """

@@ -126,26 +126,21 @@ def respond_cell(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    heights : ndarray, shape (nx, ny)
-        Heights of the surface, m.
+    heights : ndarray, shape (nx, ny), heights of the surface, m
     planes, factor : ndarray, shape (layers + 1,)
         Heights of the node planes of the flat cell, m, and their map factors.
-    dx, dy : float
-        Spacing, m.
+    dx, dy : float, spacing, m
     law : int
         ``NEO_HOOKEAN`` or ``PLASTIC``.
     moduli : ndarray, shape (6,)
         Shear modulus and volume modulus, Pa, and four parameters of the hardening.
-    mean_dilatation : bool
-        Whether an element takes its volume change from the mean over its points.
-    u : ndarray, shape (nx, layers, 3, ny)
-        Displacement, m.
+    mean_dilatation : bool, whether an element takes its volume change from the mean over its points
+    u : ndarray, shape (nx, layers, 3, ny), displacement, m
     state : ndarray, shape (nx, layers, batches, 8, rows, BATCH)
         Internal variables of J2, or frozen stress of viscous branches, Pa; a single lane if none.
     gradients : ndarray, shape (8, 3, 7)
         See :func:`~.element_stiffness.corner_gradients`.
-    out : ndarray, shape (nx, layers, 3, ny)
-        Gets the forces added, N.
+    out : ndarray, shape (nx, layers, 3, ny), gets the forces added, N
     tangent : ndarray, shape (nx, layers, batches, ENTRIES * BATCH)
         Gets the stiffness of the elements, N/m.
     least : ndarray, shape (nx, 2)

@@ -16,14 +16,11 @@ class Tangential:
 
     Attributes
     ----------
-    slip : ndarray, shape (nx, 3, ny)
-        Tangential motion past the obstacle in the increment, m.
+    slip : ndarray, shape (nx, 3, ny), tangential motion past the obstacle in the increment, m
     direction : ndarray, shape (2, nx, 3, ny)
         Unit tangents along and across the trial friction force.
-    bound : ndarray, shape (nx, ny)
-        Largest friction force, N.
-    slipping : ndarray of bool, shape (nx, ny)
-        Whether a node slips.
+    bound : ndarray, shape (nx, ny), largest friction force, N
+    slipping : ndarray of bool, shape (nx, ny), whether a node slips
     share : ndarray, shape (nx, ny)
         Bound over trial friction force where a node slips, 0 elsewhere; dimensionless.
     """
@@ -57,14 +54,11 @@ def evaluate_friction(
 
     Parameters
     ----------
-    tangential : ndarray, shape (nx, 3, ny)
-        Tangential part of the forces, N.
+    tangential : ndarray, shape (nx, 3, ny), tangential part of the forces, N
     slip, normal : ndarray, shape (nx, 3, ny)
         Tangential motion past the obstacle in the increment, m, and unit normals.
-    active, bound : ndarray, shape (nx, ny)
-        Contact nodes, and largest friction forces, N.
-    weight : float
-        Factor :math:`\rho_t` between slip and force, N/m.
+    active, bound : ndarray, shape (nx, ny), contact nodes, and largest friction forces, N
+    weight : float, factor :math:`\rho_t` between slip and force, N/m
     """
     pulled = tangential - weight * slip
     size = np.linalg.norm(pulled, axis=1)

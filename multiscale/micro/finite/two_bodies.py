@@ -41,8 +41,7 @@ class Halves:
 
     Attributes
     ----------
-    shapes : tuple of tuple of int
-        Shapes (nx, layers, 3, ny) of both displacements.
+    shapes : tuple of tuple of int, shapes (nx, layers, 3, ny) of both displacements
     """
 
     shapes: tuple[tuple[int, ...], tuple[int, ...]]
@@ -103,10 +102,8 @@ class Underside:
 
     Attributes
     ----------
-    body : Surface
-        Surface of the first body, whose nodes carry the contact.
-    shape : Surface
-        Underside of the second body; its grid may be a different one.
+    body : Surface, surface of the first body, whose nodes carry the contact
+    shape : Surface, underside of the second body; its grid may be a different one
     """
 
     body: Surface
@@ -155,10 +152,8 @@ class PairMeeting:
     ----------
     gap : ndarray, shape (nx, ny)
         Distance along the normal, m; negative where one body is inside the other.
-    normal : ndarray, shape (nx, 3, ny)
-        Unit normals into the second body.
-    point : Projection
-        Points of the second body above the nodes.
+    normal : ndarray, shape (nx, 3, ny), unit normals into the second body
+    point : Projection, points of the second body above the nodes
     halves : Halves
     """
 

@@ -37,21 +37,16 @@ def cell_from_file(
     ----------
     path : Path
         Tetrahedra or hexahedra of first or second order between planes x = const and y = const.
-    law : Elastic or J2
-        Law of a mesh without named volumes.
-    element : ElementKind
-        Element of the displacement on the corners of the file.
-    scale : float
-        Length of one unit of the file, m.
+    law : Elastic or J2, law of a mesh without named volumes
+    element : ElementKind, element of the displacement on the corners of the file
+    scale : float, length of one unit of the file, m
     volumes : mapping of str to Elastic, optional
         Law of every named volume. If there are any, every element belongs to one of them.
-    contact, base : str
-        Names of the face that meets the obstacle and of the clamped one.
+    contact, base : str, names of the face that meets the obstacle and of the clamped one
     sides : CellSides
     points : tuple of int, optional
         Points along x and y of the fields that are kept.
-    friction_coefficient : float
-        As of :class:`MeshCell`.
+    friction_coefficient : float, as of :class:`MeshCell`
 
     Raises
     ------

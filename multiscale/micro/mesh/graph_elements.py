@@ -69,12 +69,9 @@ def graph_mesh_cell(
     ----------
     surface : Surface
         Heights of the top, m, with even numbers of points; multiples of four for second order.
-    depth : float
-        Distance from the clamped base to the mean plane of the top, m.
-    layers : int
-        Layers of nodes above the base, graded towards the top; even for second order.
-    law : Elastic, GradedElastic or J2
-        Graded moduli have the shape (layers,), from the base up.
+    depth : float, distance from the clamped base to the mean plane of the top, m
+    layers : int, layers of nodes above the base, graded towards the top; even for second order
+    law : Elastic, GradedElastic or J2, graded moduli have the shape (layers,), from the base up
     element : ElementKind
     sides, obstacle, friction_coefficient
         As of :class:`MeshCell`.

@@ -64,8 +64,7 @@ class _Layout:
     ----------
     slot : ndarray of int, shape (unknowns,)
         Place of every unknown among the components of the nodes.
-    nodes, contacts : int
-        Numbers of nodes.
+    nodes, contacts : int, numbers of nodes
     """
 
     slot: np.ndarray
@@ -98,8 +97,7 @@ class MeshScene(RigidScene):
 
     Attributes
     ----------
-    mesh : ElasticMesh
-        The elastic cell, which tells where an open cell touches first.
+    mesh : ElasticMesh, the elastic cell, which tells where an open cell touches first
     layout : _Layout
     """
 

@@ -57,8 +57,7 @@ class ElasticMesh:
     Attributes
     ----------
     problem : CellProblem
-    basis : CellBasis
-        Of one displacement component.
+    basis : CellBasis, of one displacement component
     unknowns : CellUnknowns
     stiffness : csr_array, shape (unknowns, unknowns)
         N/m.

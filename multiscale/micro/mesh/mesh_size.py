@@ -19,12 +19,9 @@ class MeshSize:
 
     Attributes
     ----------
-    unknowns : int
-        Displacements of all nodes.
-    multigrid : bool
-        Whether multigrid solves contact, in place of factors.
-    memory : int
-        Estimated peak, byte.
+    unknowns : int, displacements of all nodes
+    multigrid : bool, whether multigrid solves contact, in place of factors
+    memory : int, estimated peak, byte
     """
 
     unknowns: int

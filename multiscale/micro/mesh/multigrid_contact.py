@@ -40,10 +40,8 @@ class LargeBody:
 
     Attributes
     ----------
-    stiffness : csr_array, shape (n, n)
-        Symmetric and positive definite, N/m.
-    modes : ndarray, shape (n, 6)
-        Rigid motions.
+    stiffness : csr_array, shape (n, n), symmetric and positive definite, N/m
+    modes : ndarray, shape (n, 6), rigid motions
     place : ndarray of int, shape (n,)
         Place 3 a + i of every unknown among the components i of the nodes a.
     contact : ndarray of int, shape (contacts,)
@@ -135,17 +133,14 @@ def solve_large_contact(
     Parameters
     ----------
     body : LargeBody
-    gap : ndarray, shape (contacts,)
-        Gaps at first touch, m.
-    load, approach : float
-        N, or m; exactly one of them.
+    gap : ndarray, shape (contacts,), gaps at first touch, m
+    load, approach : float, n, or m; exactly one of them
     start : ContactState, optional
         State from which the active sets and the iterations begin.
     tolerance : float
         Bound on the norm of the forces out of balance, relative to the norm of the contact forces,
         and on the error of the load, relative to the load.
-    max_iterations : int
-        Most active sets.
+    max_iterations : int, most active sets
 
     Returns
     -------

@@ -18,8 +18,7 @@ class Sight:
 
     Attributes
     ----------
-    height : ndarray, shape (nx, ny)
-        Height of the contact face, m.
+    height : ndarray, shape (nx, ny), height of the contact face, m
     interpolate : csr_array, shape (nx ny, nodes)
         Values at the points of the grid from values at the vertices of the mesh, linear on
         triangles.

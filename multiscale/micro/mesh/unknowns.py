@@ -50,12 +50,9 @@ class TopFace:
 
     Attributes
     ----------
-    facets : ndarray of int, shape (corners and middles, facets)
-        Nodes of every facet.
-    values : csr_array, shape (n, n)
-        Nodal values from coefficients.
-    coefficients : csr_array, shape (n, n)
-        Its inverse.
+    facets : ndarray of int, shape (corners and middles, facets), nodes of every facet
+    values : csr_array, shape (n, n), nodal values from coefficients
+    coefficients : csr_array, shape (n, n), its inverse
     weight : ndarray, shape (n,)
         Projected area of every coefficient, :math:`\int \varphi_i n_z`, m2.
     """
@@ -78,14 +75,12 @@ class CellUnknowns:
         Place 3 a + i of every unknown among the components i of all nodes a.
     image : ndarray of int, shape (n,)
         Node that stands for each node: itself, or its image on the low sides.
-    nodes : ndarray of int, shape (contacts,)
-        Contact nodes, one for all their images.
+    nodes : ndarray of int, shape (contacts,), contact nodes, one for all their images
     number : ndarray of int, shape (contacts, 3)
         Unknown of every coefficient of the contact nodes; -1 where it is none.
     coefficients : csr_array, shape (contacts, n)
         Coefficients of the contact nodes from nodal values.
-    weight : ndarray, shape (contacts,)
-        Projected area of every coefficient, m2.
+    weight : ndarray, shape (contacts,), projected area of every coefficient, m2
     facets : ndarray of int, shape (corners and middles, facets)
         Positions in ``nodes`` of the nodes of every contact facet.
     """
@@ -198,8 +193,7 @@ def strained_weight(
 
     Parameters
     ----------
-    moved : ndarray, shape (3, n)
-        Displacements of the nodes, m.
+    moved : ndarray, shape (3, n), displacements of the nodes, m
 
     Returns
     -------
@@ -224,8 +218,7 @@ def mean_strain(basis: "CellBasis") -> np.ndarray:
 
     Parameters
     ----------
-    basis : CellBasis
-        Basis of one displacement component.
+    basis : CellBasis, basis of one displacement component
 
     Returns
     -------
