@@ -1,7 +1,7 @@
 """Preparation of measured maps for a cell: periodic, band-limited, on the grid of the cell."""
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from multiscale.errors import CaseError
 from multiscale.surfaces.statistics import wavenumbers
@@ -186,9 +186,9 @@ def low_pass(surface: Surface, short_cutoff: float) -> Surface:
     """
     if not 0.0 < short_cutoff < np.inf:
         raise CaseError(f"short_cutoff must be a positive length (m), got {short_cutoff:g}")
-    spectrum = fft.rfft2(surface.heights)
+    spectrum = scipy.fft.rfft2(surface.heights)
     spectrum[wavenumbers(surface) > 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)] = 0.0
-    return Surface(fft.irfft2(spectrum, s=surface.heights.shape), surface.size)
+    return Surface(scipy.fft.irfft2(spectrum, s=surface.heights.shape), surface.size)
 
 
 def composite(surface_1: Surface, surface_2: Surface) -> Surface:

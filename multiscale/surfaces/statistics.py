@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from multiscale.errors import CaseError
 from multiscale.surfaces.surface import Surface
@@ -140,7 +140,7 @@ def wavenumbers(surface: Surface) -> np.ndarray:
     """Wavenumber of each entry of the real transform, rad/m, shape (nx, ny // 2 + 1)."""
     (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
     wavenumber: np.ndarray = (
-        2.0 * np.pi * np.hypot(fft.fftfreq(nx, dx)[:, None], fft.rfftfreq(ny, dy))
+        2.0 * np.pi * np.hypot(scipy.fft.fftfreq(nx, dx)[:, None], scipy.fft.rfftfreq(ny, dy))
     )
     return wavenumber
 
@@ -158,7 +158,7 @@ def _weights(surface: Surface) -> np.ndarray:
 
 def wave_power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """Return wavenumbers, rad/m, and shares of the mean square height, m^2: (nx, ny // 2 + 1)."""
-    modulus = np.abs(fft.rfft2(surface.heights, norm="forward"))
+    modulus = np.abs(scipy.fft.rfft2(surface.heights, norm="forward"))
     return wavenumbers(surface), _weights(surface) * modulus**2
 
 
