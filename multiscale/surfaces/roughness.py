@@ -179,10 +179,13 @@ def find_lay(surface: Surface, short_cutoff: float) -> Lay:
     :math:`(\pm q_x, \pm q_y)` for a wave :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes:
     ridges become a herringbone.
     """
-    faded = window(surface, taper=0.5)
-    q, power = wave_power(faded)
+    return lay_of(surface, *wave_power(window(surface, taper=0.5)), short_cutoff)
+
+
+def lay_of(surface: Surface, q: np.ndarray, power: np.ndarray, short_cutoff: float) -> Lay:
+    """Lay of a map whose waves under a window are known; see :func:`find_lay`."""
     power = np.where(q <= 2.0 * np.pi / short_cutoff, power, 0.0)
-    (nx, ny), (dx, dy) = faded.heights.shape, faded.spacing
+    (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
     qx = 2.0 * np.pi * scipy.fft.fftfreq(nx, dx)[:, None]
     qy = 2.0 * np.pi * scipy.fft.rfftfreq(ny, dy)
     xx, yy, xy = (float(np.sum(product * power)) for product in (qx**2, qy**2, qx * qy))
