@@ -71,6 +71,9 @@ class _Kernel:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._dispatcher, name)
 
+    def __reduce__(self) -> str:
+        return self._function.__qualname__  # by its name, as functions go to other processes
+
     @property
     def _numba_type_(self) -> Any:
         """Type by which numba knows this global of other kernels."""
