@@ -1,5 +1,6 @@
 """The command line: the Python interface with arguments and files added."""
 
+import gc
 import logging
 import sys
 import warnings
@@ -54,6 +55,10 @@ QuietOption = Annotated[
 
 ANYWAY = "also what takes more than a day, or than the memory"
 AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
+
+
+GARBAGE = 100_000
+"""Objects between two looks for garbage where little is made that dies before the command ends."""
 
 
 def _print_version(asked: bool) -> None:
@@ -338,6 +343,7 @@ def cases_command() -> None:
 @app.command("report")
 def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw the figures and write the report of a finished run again."""
+    gc.set_threshold(GARBAGE)
     from multiscale.report import show_run
 
     typer.echo(show_run(out).out / "report.html")
@@ -363,6 +369,7 @@ def inspect_command(
     case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
 ) -> None:
     """Say what a measured surface holds, and propose cells that stand for it."""
+    gc.set_threshold(GARBAGE)
     from multiscale.io import try_to_write, write_bytes
     from multiscale.pipeline.inspection import INSPECTION, inspect_surface
     from multiscale.report import write_inspection

@@ -39,9 +39,9 @@ def test_importing_the_package_is_a_matter_of_milliseconds():
 
 def test_cases_and_scenes_bring_no_mesher_and_no_plot_before_they_are_solved():
     loaded = modules_after("import multiscale.pipeline, multiscale.cli")
-    late = {"scipy.optimize", "scipy.spatial", "urllib.request"}
-    heavy = {"skfem", "gmsh", "meshio", "matplotlib", "SurfaceTopography"}
-    assert loaded.isdisjoint(heavy | late)
+    late = {"scipy.fft", "scipy.ndimage", "scipy.optimize", "scipy.signal", "scipy.spatial"}
+    heavy = {"numba", "skfem", "gmsh", "meshio", "matplotlib", "SurfaceTopography"}
+    assert loaded.isdisjoint(heavy | late | {"urllib.request"})
 
 
 @pytest.mark.parametrize("first", ["multiscale, numba", "numba, multiscale"])

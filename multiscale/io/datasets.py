@@ -6,13 +6,13 @@ import platform
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING
 
 from multiscale import __version__
@@ -39,8 +39,6 @@ logger = logging.getLogger(__name__)
 LIBRARIES = ("numpy", "scipy", "numba", "scikit-fem", "xarray")
 """Libraries whose version can change a number."""
 
-_WRITING = Lock()  # locked while the settings of dask differ from the settings of the user
-
 
 def write_dataset(
     dataset: "xr.Dataset", path: Path, schema: Schema, **attributes: str | float | int
@@ -62,6 +60,8 @@ def write_dataset(
     MultiscaleError
         If the file cannot be written.
     """
+    import xarray as xr
+
     schema.check(dataset)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     whole = dataset.assign_attrs(
@@ -73,14 +73,12 @@ def write_dataset(
         environment=_environment(),
         **attributes,
     )
-    cluster: AbstractContextManager[object] = nullcontext()
-    if "dask" in sys.modules:  # a worker must not ask the scheduler for a lock on bytes in memory
-        import dask
-
-        cluster = dask.config.set(scheduler="threads")
-    with _WRITING, cluster:
-        content = bytes(whole.to_netcdf(engine="h5netcdf"))
-    write_bytes(path, content)
+    content = BytesIO()
+    # to_netcdf would import dask where it is installed, and ask a cluster for a lock on these bytes
+    store = xr.backends.H5NetCDFStore.open(content, mode="w", lock=False)
+    with closing(store):
+        whole.dump_to_store(store)
+    write_bytes(path, content.getvalue())
 
 
 @cache

@@ -5,10 +5,9 @@ the elastic curve. ``start`` and ``end`` of a step, shape (5, points), hold gap,
 stiffness of every point on this curve, and the scales of force and length.
 """
 
-import numba
 import numpy as np
 
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = ["resolve", "respond_slabs"]
 
@@ -65,7 +64,7 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
     slabs, points = edges.shape[1], jump.shape[1]
     traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
     new, account = np.empty(state.shape), np.empty((4, points))
-    for c in numba.prange(points):
+    for c in prange(points):
         x = jump[1, c] - state[3 * slabs + 1, c]
         y = jump[2, c] - state[3 * slabs + 2, c]
         tx = ty = d_xn = d_yn = d_xx = d_xy = d_yy = stored = left = load = slipping = 0.0
@@ -143,7 +142,7 @@ def resolve(source, k, state, start, end, edges, friction, kappa):  # type: igno
     """
     slabs, points = edges.shape[1], source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
-    for c in numba.prange(points):
+    for c in prange(points):
         force, m, cap, kc = np.empty((2, slabs)), np.empty(slabs), np.empty(slabs), k[1:, c].copy()
         stiffness = size = 0.0
         last_x, last_y = state[3 * slabs + 1, c], state[3 * slabs + 2, c]

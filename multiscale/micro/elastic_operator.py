@@ -10,12 +10,11 @@ at :math:`q_x`, and the value at the four :math:`(q_x, q_y)`.
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 
 from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.hexahedron import BATCH, FAR, NEAR, element_geometry, lateral_heights
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = ["stiffness_operator"]
 
@@ -230,7 +229,7 @@ def _apply(  # type: ignore[no-untyped-def]
     area = dx * dy / 8.0
     chunks = max(1, nx // STRIPS)
     for last in range(2):
-        for chunk in numba.prange(chunks):
+        for chunk in prange(chunks):
             begin, end = chunk * nx // chunks, (chunk + 1) * nx // chunks
             if last:
                 begin = end - 1

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import label
+import scipy
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import connected_components
 
@@ -116,7 +116,7 @@ def _harmonic_mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _paths(is_open: np.ndarray) -> np.ndarray:
     """Points that paths join to both ends of the first axis; the second one is periodic."""
-    labels, count = label(is_open)
+    labels, count = scipy.ndimage.label(is_open)
     beside = is_open[:, 0] & is_open[:, -1]
     pairs = labels[beside, 0], labels[beside, -1]
     graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))

@@ -10,11 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
 
-import numba
 import numpy as np
-from scipy import fft
+import scipy
 
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange, thread_count
 
 __all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
 
@@ -75,7 +74,7 @@ def _factorise(stencil, nx, ny, first, inverse, upper):  # type: ignore[no-untyp
     The entries are ``stencil[layer, c, c', dx, dy, i, j]``.
     """
     layers, m = stencil.shape[0], ny // 2 + 1
-    for k in numba.prange(inverse.shape[0]):
+    for k in prange(inverse.shape[0]):
         cosine, sine = np.empty((3, 3)), np.empty((3, 3))
         diagonal, previous = np.empty((3, 3)), np.empty((3, 3))
         pivot, product = np.empty((3, 3)), np.empty((3, 3))
@@ -147,7 +146,7 @@ def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
     The last axis of ``values`` interleaves real and imaginary parts; the blocks are real.
     """
     nx, layers, _, m = inverse.shape
-    for k in numba.prange(nx):
+    for k in prange(nx):
         for layer in range(layers):
             d = inverse[k, layer]
             now = values[k, layer]
@@ -174,7 +173,7 @@ def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
 def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
     """Substitute downwards from the surface."""
     nx, layers, _, m = inverse.shape
-    for k in numba.prange(nx):
+    for k in prange(nx):
         for layer in range(layers - 2, -1, -1):
             d, w = inverse[k, layer], upper[k, layer]
             now, above = values[k, layer], values[k, layer + 1]
@@ -254,7 +253,7 @@ class LateralInverse:
         else:
             size = float(np.linalg.norm(force)) or 1.0
             self._over_slabs(partial(self._transform, force, 1.0 / size))
-            fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
+            scipy.fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
             _forward(self.inverse, self.upper, values)
         if correct is not None:
             surface = transform[:, -1].astype(complex)  # in units, which may be beyond single range
@@ -262,7 +261,7 @@ class LateralInverse:
             added = self._to_wavenumbers(correct(moved)) * (self.scale / size)
             transform[:, -1] += _multiply_symbol(self.surface_compliance, added)
         _backward(self.inverse, self.upper, values)
-        fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
+        scipy.fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
         found = np.empty((nx, layers, 3, ny)) if out is None else out
         self._over_slabs(partial(self._transform_back, size / self.scale, found))
         return found
@@ -288,11 +287,11 @@ class LateralInverse:
     def _transform(self, force: np.ndarray, factor: float, slab: slice) -> None:
         """Transform forces times a factor along y, into the workspace."""
         scaled = np.multiply(force[slab], factor, dtype=self.inverse.dtype, casting="same_kind")
-        self._workspace[slab] = fft.rfft(scaled, axis=3)
+        self._workspace[slab] = scipy.fft.rfft(scaled, axis=3)
 
     def _transform_back(self, factor: float, out: np.ndarray, slab: slice) -> None:
         """Transform the workspace back along y, and multiply by a factor."""
-        values = fft.irfft(self._workspace[slab], n=self.shape[2], axis=3, overwrite_x=True)
+        values = scipy.fft.irfft(self._workspace[slab], n=self.shape[2], axis=3, overwrite_x=True)
         np.multiply(values, factor, out=out[slab])
 
     def surface_response(self, force: np.ndarray) -> np.ndarray:
@@ -316,7 +315,7 @@ class LateralInverse:
         return np.asarray(np.stack([a, b, c, *rest]) / (xx * a + xy * b + xz * c))
 
     def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
-        transform = fft.rfft2(values, axes=(0, 2))
+        transform = scipy.fft.rfft2(values, axes=(0, 2))
         transform[:, :2] *= -1j
         return np.asarray(transform)
 
@@ -324,7 +323,7 @@ class LateralInverse:
         turned = transform.copy()
         turned[:, :2] *= 1j
         nx, _, ny = self.shape
-        return np.asarray(fft.irfft2(turned, s=(nx, ny), axes=(0, 2)))
+        return np.asarray(scipy.fft.irfft2(turned, s=(nx, ny), axes=(0, 2)))
 
 
 def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -338,10 +337,12 @@ def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def filter_surface(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
     """Multiply a field on the surface, shape (nx, ny), by a real symbol per wavenumber."""
-    threads = numba.get_num_threads() if values.size >= MANY else 1
-    transform = fft.rfft2(values, workers=threads)
+    threads = thread_count() if values.size >= MANY else 1
+    transform = scipy.fft.rfft2(values, workers=threads)
     transform *= symbol
-    return np.asarray(fft.irfft2(transform, s=values.shape, workers=threads, overwrite_x=True))
+    return np.asarray(
+        scipy.fft.irfft2(transform, s=values.shape, workers=threads, overwrite_x=True)
+    )
 
 
 def factorise_flat_cell(
@@ -386,4 +387,4 @@ def factorise_flat_cell(
         pivots, blocks = (np.empty((waves.stop - first, *of.shape[1:])) for of in (inverse, upper))
         _factorise(stencil / scale, nx, ny, first, pivots, blocks)
         inverse[waves], upper[waves] = pivots, blocks
-    return LateralInverse((nx, layers, ny), inverse, upper, numba.get_num_threads(), scale)
+    return LateralInverse((nx, layers, ny), inverse, upper, thread_count(), scale)

@@ -6,14 +6,13 @@ on blocks that it builds itself, with the impulses of the last time step as star
 
 from time import perf_counter
 
-import numba
 import numpy as np
 
 from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.one_contact import solve_one_contact
 from multiscale.nonsmooth.progress import Recorder
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange, thread_count
 
 __all__ = ["gauss_seidel", "sweep", "sweep_coloured"]
 
@@ -45,7 +44,7 @@ def gauss_seidel(
     order, bounds = np.arange(contacts), np.array([0, contacts])
     if contacts >= MANY:
         order, bounds = colour_contacts(problem.columns, problem.starts)
-    threaded = contacts >= MANY and numba.get_num_threads() > 1
+    threaded = contacts >= MANY and thread_count() > 1
     serial = np.inf  # seconds for a sweep on one thread
     for done in range(0, max_iterations, BURST):
         sweeps = min(BURST, max_iterations - done)
@@ -96,6 +95,6 @@ def sweep_coloured(  # type: ignore[no-untyped-def]
     """
     for _ in range(sweeps):
         for c in range(colours.size - 1):
-            for k in numba.prange(colours[c], colours[c + 1]):
+            for k in prange(colours[c], colours[c + 1]):
                 i = order[k]
                 _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i)

@@ -3,14 +3,17 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, update_wrapper
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-import numba
-from numba.core.caching import FunctionCache
+if TYPE_CHECKING:
+    from numba.core.caching import FunctionCache
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "prange", "thread_count"]
+
+prange = range
+"""``numba.prange`` in kernels, once they are compiled."""
 
 LONGEST_WAIT = 120.0  # s for the process that compiles a kernel, before it is compiled here too
 
@@ -34,9 +37,47 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     """
     if function is None:
         return lambda late: compiled(late, **options)
-    dispatcher = numba.njit(error_model="numpy", **options)(function)
-    dispatcher._cache = _LockedCache(function)
-    return dispatcher
+    return _Kernel(function, options)
+
+
+def thread_count() -> int:
+    """Return the number of threads of parallel kernels."""
+    import numba
+
+    return int(numba.get_num_threads())
+
+
+class _Kernel:
+    """A kernel that brings numba with its first use, by a caller or by another kernel."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self._function, self._options = function, options
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        import numba
+
+        names = self._function.__globals__
+        if names.get("prange") is prange:
+            names["prange"] = numba.prange
+        dispatcher = numba.njit(error_model="numpy", **self._options)(self._function)
+        dispatcher._cache = _LockedCache(self._function)
+        return dispatcher
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._dispatcher(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._dispatcher, name)
+
+    def __reduce__(self) -> str:
+        return self._function.__qualname__  # by its name, as functions go to other processes
+
+    @property
+    def _numba_type_(self) -> Any:
+        """Type by which numba knows this global of other kernels."""
+        return self._dispatcher._numba_type_
 
 
 class _LockedCache:
@@ -47,7 +88,9 @@ class _LockedCache:
         self._lock: IO[bytes] | None = None
 
     @cached_property
-    def _files(self) -> FunctionCache:
+    def _files(self) -> "FunctionCache":
+        from numba.core.caching import FunctionCache
+
         return FunctionCache(self._function)
 
     @property

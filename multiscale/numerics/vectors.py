@@ -1,9 +1,8 @@
 """Long vectors in one pass through the memory, on all threads, with the same sums on any number."""
 
-import numba
 import numpy as np
 
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = ["advance", "dot", "turn"]
 
@@ -14,7 +13,7 @@ PARTS = 64  # of a vector, whose sums are added in their order
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Scalar product of two vectors."""
     n, sums = a.size, np.zeros(PARTS)
-    for part in numba.prange(PARTS):
+    for part in prange(PARTS):
         mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
         x, y, total = a[mine], b[mine], 0.0
         for i in range(x.size):
@@ -26,13 +25,13 @@ def dot(a, b):  # type: ignore[no-untyped-def]
 @compiled(parallel=True, fastmath=True)
 def turn(factor, p, z):  # type: ignore[no-untyped-def]
     """Overwrite p with z + factor p."""
-    for i in numba.prange(p.size):
+    for i in prange(p.size):
         p[i] = z[i] + factor * p[i]
 
 
 @compiled(parallel=True, fastmath=True)
 def advance(factor, p, u, q, r):  # type: ignore[no-untyped-def]
     """Add factor p to u and take factor q from r."""
-    for i in numba.prange(p.size):
+    for i in prange(p.size):
         u[i] += factor * p[i]
         r[i] -= factor * q[i]

@@ -7,9 +7,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import SURFACE_STATISTICS
-from multiscale.surfaces.preparation import low_pass, window
-from multiscale.surfaces.roughness import Spectrum, find_lay, spectrum
-from multiscale.surfaces.statistics import nayak_parameter, power_spectral_density
+from multiscale.surfaces.preparation import window
+from multiscale.surfaces.roughness import Spectrum, lay_of, spectrum
+from multiscale.surfaces.statistics import breadth, ring_density, wave_power
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -136,7 +136,9 @@ def describe_surface(
     known = surface.heights if surface.filled is None else surface.heights[~surface.filled]
     level = (known - known.mean()) / roughness.rms_height
     square, profile = level**2, surface.heights.shape[1] == 1
-    q, C = _density(surface)
+    faded = window(surface, taper=0.5)
+    wavenumber, power = wave_power(faded)
+    q, C = _density(faded, wavenumber, power)
     longest = 0.5 * (surface.size[0] if profile else min(surface.size))
     pixel = surface.spacing[0] if profile else max(surface.spacing)
     shortest = max(PIXELS_PER_WAVE * pixel, resolution or 0.0)
@@ -145,9 +147,10 @@ def describe_surface(
     fitted_from = min(longest, roughness.longest_wave)
     band = (q >= 2.0 * np.pi / fitted_from) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
     fit = fit_self_affine(q[band], C[band], dimensions=1 if profile else 2)
-    smooth = low_pass(window(surface, taper=0.5), shortest)
-    broad = nayak_parameter(smooth) if np.ptp(smooth.heights) > 0.0 else np.nan
-    lay = None if profile else find_lay(surface, shortest)
+    last = 2.0 * np.pi / shortest * (1.0 + 1e-9)  # a wave exactly on the limit is reliable
+    reliable = np.where(wavenumber <= last, power, 0.0)
+    broad = breadth(wavenumber, reliable) if reliable.any() else np.nan
+    lay = None if profile else lay_of(surface, wavenumber, power, shortest)
     step = max(1, -(-max(surface.heights.shape) // DRAWN_POINTS))
     values = {
         "height": surface.heights[::step, ::step].T,
@@ -188,19 +191,17 @@ def fit_of_statistics(statistics: "xr.Dataset") -> SelfAffineFit | None:
     return SelfAffineFit(hurst, roll_off, level, deviation, int(statistics["dimensions"]))
 
 
-def _density(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+def _density(
+    faded: Surface, wavenumber: np.ndarray, power: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Wavenumbers, rad/m, and density under Hann's window, m^4 of a map and m^3 of a profile."""
-    faded = window(surface, taper=0.5)
-    if surface.heights.shape[1] > 1:
-        found = power_spectral_density(faded)
-        return found["wavenumber"].values, found["power_spectral_density"].values / (3.0 / 8.0) ** 2
-    length = surface.size[0]
+    if faded.heights.shape[1] > 1:
+        q, C, _ = ring_density(faded, wavenumber, power)
+        return q, C / (3.0 / 8.0) ** 2
+    length = faded.size[0]
     square = Surface(faded.heights, (length, length))  # rings of one wave
-    found = power_spectral_density(square)
-    return (
-        found["wavenumber"].values,
-        found["power_spectral_density"].values / length / (3.0 / 8.0),
-    )
+    q, C, _ = ring_density(square, wavenumber, power)
+    return q, C / length / (3.0 / 8.0)
 
 
 def _logarithmic_bins(q: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

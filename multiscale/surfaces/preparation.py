@@ -1,7 +1,7 @@
 """Preparation of measured maps for a cell: periodic, band-limited, on the grid of the cell."""
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from multiscale.errors import CaseError
 from multiscale.surfaces.statistics import wavenumbers
@@ -66,14 +66,19 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
     :math:`(1 - 5\theta/4)^2`, the margin is smoother than the middle, and contact spots gather in
     the middle.
     """
-    from scipy.signal.windows import tukey
-
     if not 0.0 < taper <= 0.5:
         raise CaseError(f"taper must be above 0 and at most 0.5, got {taper:g}")
-    # sym=False leaves out the last point of the window, which is point 0 of the next period
-    along_x, along_y = (tukey(n, 2.0 * taper, sym=False) for n in surface.heights.shape)
+    along_x, along_y = (_tukey(n, taper) for n in surface.heights.shape)
     mean = surface.heights.mean()
     return Surface(mean + np.outer(along_x, along_y) * (surface.heights - mean), surface.size)
+
+
+def _tukey(n: int, taper: float) -> np.ndarray:
+    """Tukey's window on n points of a period; the import of ``scipy.signal`` alone takes longer."""
+    if n == 1:  # across a line scan
+        return np.ones(1)
+    from_edge = np.minimum(np.arange(n), n - np.arange(n)) / (taper * n)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(from_edge, 1.0)))
 
 
 def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> Surface:
@@ -181,9 +186,9 @@ def low_pass(surface: Surface, short_cutoff: float) -> Surface:
     """
     if not 0.0 < short_cutoff < np.inf:
         raise CaseError(f"short_cutoff must be a positive length (m), got {short_cutoff:g}")
-    spectrum = fft.rfft2(surface.heights)
+    spectrum = scipy.fft.rfft2(surface.heights)
     spectrum[wavenumbers(surface) > 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)] = 0.0
-    return Surface(fft.irfft2(spectrum, s=surface.heights.shape), surface.size)
+    return Surface(scipy.fft.irfft2(spectrum, s=surface.heights.shape), surface.size)
 
 
 def composite(surface_1: Surface, surface_2: Surface) -> Surface:

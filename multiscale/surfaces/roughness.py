@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from multiscale.surfaces.preparation import window
 from multiscale.surfaces.statistics import wave_power
@@ -118,7 +118,7 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
             known = np.s_[:] if one.filled is None else ~one.filled
             level.append(np.zeros(one.heights.shape))
             level[-1][known] = one.heights[known] - one.heights[known].mean()
-        waves = [fft.dctn(heights, norm="ortho") for heights in level]
+        waves = [scipy.fft.dctn(heights, norm="ortho") for heights in level]
         power = np.mean(np.square(waves), axis=0) / first.heights.size
         parts = [_measured(*pair) for pair in zip(surfaces, level, strict=True)]
         height, slope, height_of_all, slope_of_all = np.sum(parts, axis=0)
@@ -179,11 +179,15 @@ def find_lay(surface: Surface, short_cutoff: float) -> Lay:
     :math:`(\pm q_x, \pm q_y)` for a wave :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes:
     ridges become a herringbone.
     """
-    faded = window(surface, taper=0.5)
-    q, power = wave_power(faded)
+    return lay_of(surface, *wave_power(window(surface, taper=0.5)), short_cutoff)
+
+
+def lay_of(surface: Surface, q: np.ndarray, power: np.ndarray, short_cutoff: float) -> Lay:
+    """Lay of a map whose waves under a window are known; see :func:`find_lay`."""
     power = np.where(q <= 2.0 * np.pi / short_cutoff, power, 0.0)
-    (nx, ny), (dx, dy) = faded.heights.shape, faded.spacing
-    qx, qy = 2.0 * np.pi * fft.fftfreq(nx, dx)[:, None], 2.0 * np.pi * fft.rfftfreq(ny, dy)
+    (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
+    qx = 2.0 * np.pi * scipy.fft.fftfreq(nx, dx)[:, None]
+    qy = 2.0 * np.pi * scipy.fft.rfftfreq(ny, dy)
     xx, yy, xy = (float(np.sum(product * power)) for product in (qx**2, qy**2, qx * qy))
     along, across = np.linalg.eigvalsh([[xx, xy], [xy, yy]])
     angle = float((0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi) % np.pi)

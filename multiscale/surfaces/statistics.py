@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from multiscale.errors import CaseError
 from multiscale.surfaces.surface import Surface
@@ -72,7 +72,11 @@ def nayak_parameter(surface: Surface) -> float:
     ----------
     .. [1] P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608.
     """
-    q, power = wave_power(surface)
+    return breadth(*wave_power(surface))
+
+
+def breadth(q: np.ndarray, power: np.ndarray) -> float:
+    """Nayak's parameter (3) of waves: wavenumbers, rad/m, and shares of the mean square, m^2."""
     height_square, slope_square, curvature_square = (
         float(np.sum(weight)) for weight in (power, q**2 * power, (q**2) ** 2 * power)
     )
@@ -113,15 +117,7 @@ def power_spectral_density(surface: Surface) -> "xr.Dataset":
     """
     import xarray as xr
 
-    q, power = wave_power(surface)
-    rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
-    weights = _weights(surface).ravel()
-    number = np.bincount(rings, weights)
-    used = number > 0.0
-    number = number[used]
-    wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
-    area = surface.size[0] * surface.size[1]
-    density = area * np.bincount(rings, power.ravel())[used] / number  # (4)
+    wavenumber, density, number = ring_density(surface, *wave_power(surface))
     told = {"units": "m4", "long_name": "radially averaged power spectral density"}
     waves = {"units": "1", "long_name": "number of waves in the bin"}
     return xr.Dataset(
@@ -136,11 +132,25 @@ def power_spectral_density(surface: Surface) -> "xr.Dataset":
     )
 
 
+def ring_density(
+    surface: Surface, q: np.ndarray, power: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Wavenumber, rad/m, density (4), m^4, and number of waves of each ring."""
+    rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
+    weights = _weights(surface).ravel()
+    number = np.bincount(rings, weights)
+    used = number > 0.0
+    number = number[used]
+    wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
+    area = surface.size[0] * surface.size[1]
+    return wavenumber, area * np.bincount(rings, power.ravel())[used] / number, number  # (4)
+
+
 def wavenumbers(surface: Surface) -> np.ndarray:
     """Wavenumber of each entry of the real transform, rad/m, shape (nx, ny // 2 + 1)."""
     (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
     wavenumber: np.ndarray = (
-        2.0 * np.pi * np.hypot(fft.fftfreq(nx, dx)[:, None], fft.rfftfreq(ny, dy))
+        2.0 * np.pi * np.hypot(scipy.fft.fftfreq(nx, dx)[:, None], scipy.fft.rfftfreq(ny, dy))
     )
     return wavenumber
 
@@ -158,7 +168,7 @@ def _weights(surface: Surface) -> np.ndarray:
 
 def wave_power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """Return wavenumbers, rad/m, and shares of the mean square height, m^2: (nx, ny // 2 + 1)."""
-    modulus = np.abs(fft.rfft2(surface.heights, norm="forward"))
+    modulus = np.abs(scipy.fft.rfft2(surface.heights, norm="forward"))
     return wavenumbers(surface), _weights(surface) * modulus**2
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from multiscale.errors import CaseError
 from multiscale.surfaces.surface import Surface
@@ -138,7 +138,7 @@ def self_affine(
     spectrum[i % nx, j] = modulus * np.exp(1j * phase)
     axis = j == 0  # here the transform needs q and -q
     spectrum[-i[axis] % nx, 0] = spectrum[i[axis] % nx, 0].conj()
-    return Surface(fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
+    return Surface(scipy.fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
 
 
 def _stretched(

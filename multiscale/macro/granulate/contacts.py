@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import Self
 
-import numba
 import numpy as np
 
 from multiscale.numerics.compiled import compiled
@@ -72,7 +71,7 @@ class Contacts:
         return self.impulse * self.data[:, :3] if self.coulomb is None else self.impulse
 
 
-@numba.njit(inline="always", error_model="numpy")
+@compiled(inline="always")
 def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
     """Return the gap, m, and the normal from body j, a grain or a wall, to grain i."""
     n = radius.size
@@ -99,7 +98,7 @@ def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: igno
     return bore[w] - length - radius[i], -nx / length, -ny / length, -nz / length
 
 
-@numba.njit(inline="always", error_model="numpy")
+@compiled(inline="always")
 def _had_impulse(k, pair_impulse):  # type: ignore[no-untyped-def]
     """Whether a pair had an impulse in the last step."""
     loaded = False

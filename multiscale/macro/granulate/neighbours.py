@@ -5,10 +5,9 @@ A pair is found from its smaller grain by a search of its own level and all coar
 the work is proportional to the number of grains whatever the ratio of their sizes.
 """
 
-import numba
 import numpy as np
 
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = ["find_pairs"]
 
@@ -139,7 +138,7 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
 def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
     found = np.empty(grains[1].size, np.int64)
     none = np.empty((0, 2), np.int32)
-    for i in numba.prange(found.size):
+    for i in prange(found.size):
         found[i] = _visit(np.int64(i), grains, grid, none, np.int64(0))  # one signature
     return found
 
@@ -148,7 +147,7 @@ def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
 def _list_pairs(grains, grid, starts):  # type: ignore[no-untyped-def]
     """List the pairs in the order of the grains that find them."""
     pairs = np.empty((starts[-1], 2), np.int32)
-    for i in numba.prange(starts.size - 1):
+    for i in prange(starts.size - 1):
         if starts[i + 1] > starts[i]:
             _visit(np.int64(i), grains, grid, pairs, starts[i])
     return pairs

@@ -18,10 +18,9 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
   centre j to centre i, m; ``None`` if the cell is rigid.
 """
 
-import numba
 import numpy as np
 
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = [
     "apply_impulses",
@@ -33,7 +32,7 @@ __all__ = [
 ]
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-untyped-def]
     """Return u at the contact, body i minus body j; without friction u of the centres."""
     wx, wy, wz = 0.0, 0.0, 0.0
@@ -47,7 +46,7 @@ def _relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-
     return ux, uy, uz
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _add_strain_velocity(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
     """Return u with the velocity due to the strain of the cell."""
     if cell is not None:
@@ -57,7 +56,7 @@ def _add_strain_velocity(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
     return ux, uy, uz
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _strain_cell(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
     """Add the effect of an impulse d to the strain rates, equal along the free axes."""
     moment = cell[1, 0] * cell[c + 2, 0] * dx + cell[1, 1] * cell[c + 2, 1] * dy
@@ -67,7 +66,7 @@ def _strain_cell(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
     cell[0, 2] += cell[1, 2] * moment
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _impulse_vector(c, impulse, coulomb):  # type: ignore[no-untyped-def]
     """Return an impulse in global axes, or (normal component, 0, 0) without friction."""
     if coulomb is None:
@@ -77,7 +76,7 @@ def _impulse_vector(c, impulse, coulomb):  # type: ignore[no-untyped-def]
     return x, y, z
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _normal_component(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-def]
     """Return the normal component of an impulse given by :func:`_impulse_vector`."""
     return x if coulomb is None else x * nx + y * ny + z * nz
@@ -293,7 +292,7 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
     return done, error
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _copy(value, kept):  # type: ignore[no-untyped-def]
     """Copy an array; a slice would have the compiler write the message of its error."""
     for c in range(value.shape[0]):
@@ -301,7 +300,7 @@ def _copy(value, kept):  # type: ignore[no-untyped-def]
             kept[c, k] = value[c, k]
 
 
-@numba.njit(inline="always", fastmath=True, error_model="numpy")
+@compiled(inline="always", fastmath=True)
 def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-untyped-def]
     """Apply (4) to one array in place; without ``moves`` update the direction only."""
     for c in range(value.shape[0]):
@@ -329,7 +328,7 @@ def relax_coloured(  # type: ignore[no-untyped-def]
                 if size < 64:
                     sweep_grains(first, first + size, *arrays)
                 else:
-                    for t in numba.prange(threads):
+                    for t in prange(threads):
                         low, high = size * t // threads, size * (t + 1) // threads
                         sweep_grains(first + low, first + high, *arrays)
             sweep_grains(bounds[-1], ends.shape[0], *arrays)

@@ -21,11 +21,10 @@ ordered xx, yy, zz, yz, xz, xy, with shear angles.
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 from scipy import fft
 
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange, thread_count
 
 __all__ = ["VoxelOperator", "inner_product", "turn_direction", "update_iterate"]
 
@@ -68,7 +67,7 @@ class VoxelOperator:
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
         """Displacement, without mean, of the same box filled with the mean material."""
-        threads = numba.get_num_threads()
+        threads = thread_count()
         values = fft.rfftn(force, axes=(1, 2, 3), workers=threads)
         along_x, along_y, along_z = self._tables
         lame, shear = self.reference
@@ -101,14 +100,14 @@ def turn_direction(share: float, z: np.ndarray, p: np.ndarray) -> None:
 @compiled(parallel=True)
 def _inner_product(a, b):  # type: ignore[no-untyped-def]
     total = 0.0
-    for i in numba.prange(len(a)):
+    for i in prange(len(a)):
         total += a[i] * b[i]
     return total
 
 
 @compiled(parallel=True)
 def _update_iterate(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
-    for i in numba.prange(len(p)):
+    for i in prange(len(p)):
         u[i] += share * p[i]
         r[i] -= share * q[i]
         rough[i] = r[i]
@@ -116,7 +115,7 @@ def _update_iterate(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
 
 @compiled(parallel=True)
 def _turn_direction(share, z, p):  # type: ignore[no-untyped-def]
-    for i in numba.prange(len(p)):
+    for i in prange(len(p)):
         p[i] = z[i] + share * p[i]
 
 
@@ -246,7 +245,7 @@ def _forces(u, mean, lame, shear, edges, out):  # type: ignore[no-untyped-def]
     pairs = nx // 2
     for colour in range(3):
         strips = pairs if colour < 2 else nx - 2 * pairs
-        for strip in numba.prange(strips):
+        for strip in prange(strips):
             i = 2 * strip + colour if colour < 2 else nx - 1
             i1 = (i + 1) % nx
             rows = np.empty((12, nz + 1))
@@ -265,7 +264,7 @@ def _stress(u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
     """Sum of the mean stresses of the bricks, one row of ``total`` for each place along x."""
     nx, ny, nz = lame.shape
     x, y, z = 0.25 / edges[0], 0.25 / edges[1], 0.25 / edges[2]
-    for i in numba.prange(nx):
+    for i in prange(nx):
         rows = np.empty((12, nz + 1))
         for j in range(ny):
             _rows(u, i, (i + 1) % nx, j, (j + 1) % ny, rows)
@@ -291,7 +290,7 @@ def _invert(values, along_x, along_y, along_z, lame, shear, edges):  # type: ign
     """Multiply by the inverse of (1) for every wavenumber; the mean motion is zero."""
     nx, ny, nz = values.shape[1:]
     volume = 4.0 * edges[0] * edges[1] * edges[2]
-    for i in numba.prange(nx):
+    for i in prange(nx):
         sx, cx = along_x[0, i] / edges[0], along_x[1, i]
         mx, kx = cx * cx + (along_x[0, i] * along_x[0, i]) / 3.0, sx * sx
         for j in range(ny):

@@ -13,12 +13,11 @@ same moment.
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.micro.finite.batch import kernel
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = ["DeformedSurface", "Projection", "catmull_rom"]
 
@@ -65,7 +64,7 @@ def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def
 def _locate(field, dx, dy, target, search, place, values, column, weight):  # type: ignore[no-untyped-def]
     """Find the places above the targets if ``search`` is true, and sample the surface there."""
     nx, _, ny = field.shape
-    for node in numba.prange(target.shape[1]):
+    for node in prange(target.shape[1]):
         wx, wy = np.empty((3, 4)), np.empty((3, 4))
         x, y, found = place[0, node], place[1, node], values[node]
         i, j = _sample(field, dx, dy, x, y, wx, wy, found)

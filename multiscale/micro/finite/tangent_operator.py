@@ -6,7 +6,6 @@ as the stiffness matrix of each element; one kernel applies it for all laws.
 
 import math
 
-import numba
 import numpy as np
 
 from multiscale.micro.finite.batch import (
@@ -39,7 +38,7 @@ from multiscale.micro.finite.element_stiffness import (
 from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
 from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
 from multiscale.micro.hexahedron import BATCH, gather, scatter
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 
 __all__ = [
     "NEO_HOOKEAN",
@@ -152,7 +151,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
     shear, volume = moduli[0], moduli[1]
     has = state.shape[5] > 1
     for colour in range(2):
-        for pair in numba.prange((nx + 1 - colour) // 2):
+        for pair in prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
             s = np.zeros(SCRATCH)
@@ -210,7 +209,7 @@ def update_state(  # type: ignore[no-untyped-def]
     """
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
-    for strip in numba.prange(nx):
+    for strip in prange(nx):
         i = np.int64(strip)
         sides = (i, (i + 1) % nx)
         s = np.zeros(SCRATCH)
@@ -253,7 +252,7 @@ def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
     batches = (ny + BATCH - 1) // BATCH
     out[:] = 0.0
     for colour in range(2):
-        for pair in numba.prange((nx + 1 - colour) // 2):
+        for pair in prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
             s = np.empty(24 * BATCH)
