@@ -68,6 +68,9 @@ MESH_CAUTION = (
 
 STEEP = 0.3  # root mean square slope
 
+MAP = 4.7
+"""Width of a figure of a square map with its colour bar, inches."""
+
 SLOPE_OF_PAIR = 8.0
 """Error of the second order in the slope over change by it and slope: 6 to 11 of alike bodies."""
 
@@ -367,8 +370,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     if not np.isclose(pressure[step], asked):
         told += f", the pressure of the cells that is nearest to {1e-6 * asked:.4g} MPa"
     figures = {
-        "surface": on_axes(lambda ax: plot_surface(fields, ax=ax)),
-        "contact_map": on_axes(lambda ax: plot_contact_map(fields, step=step, ax=ax)),
+        "surface": on_axes(lambda ax: plot_surface(fields, ax=ax), width=MAP),
+        "contact_map": on_axes(lambda ax: plot_contact_map(fields, step=step, ax=ax), width=MAP),
     }
     yield Section("Contact", [f"{told}."], figures=figures)
     yield from _roughness(fields)
