@@ -99,10 +99,7 @@ def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Resu
 
     A worker for which ``NUMBA_NUM_THREADS`` is set keeps its number of threads.
     """
-    import numba
-
-    if "NUMBA_NUM_THREADS" not in os.environ:
-        numba.set_num_threads(1)
+    _take_one_thread()
     return function(*arguments)
 
 
@@ -141,12 +138,12 @@ def process_pool(jobs: int) -> Iterator["ProcessPoolExecutor"]:
     from multiprocessing import active_children, get_context
 
     # spawn: a forked process would inherit locks of the kernels' threads
-    spawn = get_context("spawn")
+    spawn, others = get_context("spawn"), set(active_children())
     with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=_begin_worker) as executor:
         try:
             yield executor
         except (KeyboardInterrupt, GeneratorExit):
-            for worker in active_children():  # whose jobs nobody waits for
+            for worker in set(active_children()) - others:  # whose jobs nobody waits for
                 worker.terminate()
             raise
 
@@ -216,16 +213,22 @@ def usable_memory() -> float:
     return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
+def _take_one_thread() -> None:
+    """Give the kernels of this process one thread, unless the user has set their number."""
+    import numba
+
+    if "NUMBA_NUM_THREADS" not in os.environ:
+        numba.set_num_threads(1)
+
+
 def _begin_worker() -> None:
     """Give this worker one thread, leave Ctrl-C to its parent, and end it with its parent."""
     import signal
     from multiprocessing import parent_process
     from threading import Thread
 
-    import numba
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    numba.set_num_threads(1)
+    _take_one_thread()
     parent = parent_process()
 
     def watch() -> None:

@@ -36,9 +36,11 @@ LIFTING = 0.1
 FEWEST_CELLS = 4.0
 """Cells over the width of a ring below which it is no patchwork of many."""
 
+LEAK_RATE = StageAnswer("leak_rate", "leak rate", "ml/h", PER_HOUR, over="nominal_pressure")
+
 ANSWERS = (
     StageAnswer("nominal_pressure", "pressure", "MPa", 1e-6, drawn=False),
-    StageAnswer("leak_rate", "leak rate", "ml/h", PER_HOUR, over="nominal_pressure"),
+    LEAK_RATE,
     StageAnswer("hydraulic_aperture", "aperture", "µm", 1e6, over="nominal_pressure"),
     StageAnswer("percolating_cells", "cells with a path", "%", 100.0, over="nominal_pressure"),
     StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="nominal_pressure"),
@@ -95,14 +97,13 @@ def _tabulate(result: "xr.Dataset") -> Table:
     """Head and rows of the answers at every pressure, and the interval of the leak rate."""
     head = (*(f"{one.label} ({one.unit})" for one in ANSWERS), "leak rate, 95 % (ml/h)")
     steps = [result.isel(step=k) for k in range(result.sizes["step"])]
-    return head, [
-        (*(_say(one.scale * float(step[one.name])) for one in ANSWERS), _interval(step))
-        for step in steps
-    ]
+    return head, [(*(_say(step, one) for one in ANSWERS), _interval(step)) for step in steps]
 
 
-def _say(value: float) -> str:
-    return "unknown" if np.isnan(value) else f"{value:.3g}"
+def _say(step: "xr.Dataset", answer: StageAnswer) -> str:
+    """Write an answer; the digits of a leak rate are those of its interval."""
+    value, digits = answer.scale * float(step[answer.name]), 2 if answer is LEAK_RATE else 3
+    return "unknown" if np.isnan(value) else f"{value:.{digits}g}"
 
 
 def _interval(step: "xr.Dataset") -> str:
@@ -120,7 +121,7 @@ def _summary(found: Datasets) -> Summary:
     """Say the middle one of the pressures, and from which one the ring is tight."""
     told = found[RING_SEAL.name].attrs
     step = found[RING_SEAL.name].isel(step=found[RING_SEAL.name].sizes["step"] // 2)
-    leak = _say(PER_HOUR * float(step["leak_rate"]))
+    leak = _say(step, LEAK_RATE)
     answer = (
         f"{told['ring']}: pressed on by {1e-6 * float(step['nominal_pressure']):.4g} MPa it leaks "
         f"{leak} ml/h (95 % interval: {_interval(step)}), while "
