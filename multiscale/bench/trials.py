@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from multiscale import __version__
 from multiscale.bench.measure import THREADS, Measurement, measure
 from multiscale.schema import WORK_PRECISION
 
@@ -162,11 +163,8 @@ def measure_family(family: BenchFamily, report: Callable[[str], None]) -> "xr.Da
 
 def versions(*packages: str) -> str:
     """Name the versions of this package and of the other packages that are installed."""
-    return ", ".join(
-        f"{name} {version(name)}"
-        for name in dict.fromkeys(("multiscale", *packages))
-        if find_spec(name) is not None
-    )
+    others = dict.fromkeys(name for name in packages if name != "multiscale" and find_spec(name))
+    return ", ".join([f"multiscale {__version__}", *(f"{name} {version(name)}" for name in others)])
 
 
 def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count: str = "") -> Judge:

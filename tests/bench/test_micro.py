@@ -1,11 +1,11 @@
 """The rough-contact scene and the boundary-element codes beside this package."""
 
 from functools import cache
-from importlib.metadata import version
 
 import numpy as np
 import pytest
 
+from multiscale import __version__
 from multiscale.bench import bench, micro_family, tabulate_runs
 from multiscale.bench.peers import (
     CODES,
@@ -120,7 +120,7 @@ def test_what_is_missing_or_fails_is_told_and_nothing_is_invented(stored):
     assert found.attrs["cautions"] == (
         "absent is left out because it is not installed; pip install 'multiscale-contact[bench]'"
     )
-    assert found.attrs["versions"] == f"multiscale {version('multiscale')}"
+    assert found.attrs["versions"] == f"multiscale {__version__}"
     assert len(lines) == found.sizes["run"] == 6
     np.testing.assert_array_equal(found["converged"], [1, 1, 1, 1, 1, 0])
     assert np.isfinite(found["error"][:5]).all()
