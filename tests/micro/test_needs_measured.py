@@ -9,6 +9,7 @@ from tests.support import run_python
 CODE = """
 import json, sys
 from pathlib import Path as File
+import numba
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, solve_cell
 from multiscale.micro.cell_needs import cell_needs

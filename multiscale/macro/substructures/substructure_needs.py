@@ -99,6 +99,7 @@ def cut_needs(
         choose(CutPart.MASS, moving, "of the nodes, a stiffness of the parts", "at rest"),
         choose(CutPart.GEOMETRIC_STIFFNESS, False, "", "substructures move little"),
     )
+    libraries = {"numba": links or joint_points, "scikit-fem": not links}
     return Needs(
         unknowns_per_contact=3 if joint_points else min(1, links),
         kinematics="small displacements",
@@ -108,6 +109,6 @@ def cut_needs(
             *(("displacement", "velocity") if moving else ()),
         ),
         fields=("displacement", *(("tension", "slack") if links else ("stress", "energy"))),
-        libraries=("numba",) if links else ("numba", "scikit-fem"),
+        libraries=tuple(name for name, used in libraries.items() if used),
         memory=memory,
     )
