@@ -47,12 +47,12 @@ def _inverse(points: int) -> Kernel:
 
 def _convolution(points: int) -> Kernel:
     """Compliance of the flat cell: a transform there and back."""
-    from multiscale.micro.lateral_fft import filter_surface
+    from multiscale.micro.lateral_fft import SurfaceFilter
 
     values = np.random.default_rng(seed=1).standard_normal((points, points))
     symbol = np.ones((points, points // 2 + 1))
     flops = (10.0 * np.log2(points) + 1.0) * values.size
-    return partial(filter_surface, values, symbol), 16.0 * values.size + symbol.nbytes, flops
+    return partial(SurfaceFilter(symbol), values), 16.0 * values.size + symbol.nbytes, flops
 
 
 LIMIT_SCENES = {

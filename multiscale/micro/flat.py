@@ -7,10 +7,18 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
+from multiscale.numerics.compiled import compiled, prange
+from multiscale.numerics.vectors import PARTS, dot
 
 __all__ = ["FlatSolution", "solve_flat"]
 
 _REFRESH = 25  # iterations after which rounding in the response is wiped out
+_MATH = {
+    "reassoc",
+    "contract",
+    "nnan",
+    "nsz",
+}  # what kernels may assume, since a cap may be infinite
 
 
 @dataclass(frozen=True)
@@ -86,98 +94,153 @@ def solve_flat(
             f"the load of {load:.4g} N is more than the {cap * float(np.sum(closing)):.4g} N that "
             f"the whole surface carries at its hardness; lower the pressure"
         )
+    shape, gap, closing = gap.shape, np.ravel(gap), np.ravel(closing)
+
+    def respond(force: np.ndarray) -> np.ndarray:
+        return compliance(force.reshape(shape)).ravel()
+
     delta = 0.0 if approach is None else approach
-    force = closing * delta - gap if load is None else np.ones_like(gap)
-    force = np.clip(force if start is None or not start.any() else start, 0.0, cap)
+    first = closing * delta - gap if load is None else closing
+    guess = None if start is None or not start.any() else np.ravel(start)
+    force = np.clip(first if guess is None else guess, 0.0, cap)
+    direction = np.empty_like(force)
     if load is not None:
-        force, _ = _carry(force * (load / np.vdot(closing, force)), load, closing, cap, 0.0)
-    elif start is None or not start.any():
-        force *= float(np.vdot(force, force)) / float(np.vdot(force, compliance(force)))
+        force *= load / dot(closing, force)
+        near = force, np.zeros_like(force), closing, 1.0, cap
+        _project(*near, _approach(*near, load, 0.0), direction)
+        force += direction
+    elif guess is None:
+        force *= dot(force, force) / dot(force, respond(force))
         force = np.minimum(force, cap)
-    response = compliance(force)
-    scale = float(np.ptp(gap)) or float(np.max(np.abs(response))) or 1.0
-    step = float(np.vdot(force, force)) / float(np.vdot(force, response))
+    opening = respond(force)
+    scale = float(np.ptp(gap)) or float(np.max(np.abs(opening))) or 1.0
+    step = dot(force, force) / dot(force, opening)
+    opening += gap
     if load is not None:
-        delta = float(np.vdot(force, response + gap)) / load
+        delta = dot(force, opening) / load
     status, residuals = Status.MAX_ITERATIONS, list[float]()
     for iteration in range(max_iterations):
-        opening = response + gap
-        if load is None:
-            moved = _boxed(force - step * (opening - closing * delta), cap)
-        else:
-            moved, lift = _carry(force - step * opening, load, closing, cap, step * delta)
-            delta = lift / step
-        opening -= closing * delta
-        overlap, distance = opening, np.abs(opening)
-        if cap < np.inf:
-            full = force >= cap  # here the surfaces may overlap
-            overlap = np.where(full, 0.0, opening)
-            distance = np.where(full, np.maximum(opening, 0.0), distance)
-        weighted = float(np.vdot(force, distance)) / (float(np.sum(force)) or 1.0)
-        deepest = -float(np.min(overlap))
-        residuals.append(max(weighted, deepest) / scale)
+        state = force, opening, closing, step, cap
+        if load is not None:
+            delta = _approach(*state, load, delta)
+        slope, length, distance, carried, deepest = _project(*state, delta, direction)
+        residuals.append(max(distance / (carried or 1.0), deepest) / scale)
         if residuals[-1] <= tolerance:
             status = Status.CONVERGED
             break
-        direction = moved - force
-        change = compliance(direction)
-        curvature = float(np.vdot(direction, change))
+        change = respond(direction)
+        curvature = dot(direction, change)
         if not curvature > 0.0:  # these are the forces of the minimum, to rounding
             status = Status.STALLED
             break
-        share = min(1.0, -float(np.vdot(direction, opening)) / curvature)
-        force += share * direction
+        share = min(1.0, -slope / curvature)
+        along, across, squared, raised, free = _advance(*state, delta, direction, change, share)
         if iteration % _REFRESH == 0:
-            response = compliance(force)
-        else:
-            response += share * change
-
-        step = float(np.vdot(direction, direction)) / curvature
-        if iteration % 2:
-            free = _inside(moved, cap)
-            tangent = free * change
-            if load is not None and free.any():
-                b = free * closing
-                tangent -= b * (float(np.vdot(b, change)) / float(np.vdot(b, b)))
-            along = float(np.vdot(direction, tangent))
-            step = along / float(np.vdot(tangent, tangent)) if along > 0.0 else step
-    return FlatSolution(force, status, tuple(residuals), approach=delta)
+            opening = respond(force) + gap
+        step = length / curvature
+        if iteration % 2:  # in the tangent of the box, and of the load
+            mean = raised / free if load is not None and free > 0.0 else 0.0
+            along, squared = along - mean * across, squared - mean * raised
+            step = along / squared if along > 0.0 else step
+    value = force.reshape(shape)
+    return FlatSolution(value, status, tuple(residuals), approach=delta)
 
 
-def _carry(
-    force: np.ndarray, load: float, closing: np.ndarray, cap: float, lift: float
-) -> tuple[np.ndarray, float]:
-    """Project onto the forces between 0 and the cap that carry the load.
+def _approach(
+    force: np.ndarray,
+    opening: np.ndarray,
+    closing: np.ndarray,
+    step: float,
+    cap: float,
+    load: float,
+    delta: float,
+) -> float:
+    """Find the approach at which the forces of a step, in their box, carry the load.
 
-    The nearest ones are ``clip(force + lift closing, 0, cap)``; Newton's method within a bracket
-    finds the lift from the one given.
+    Newton's method within a bracket, from the approach given.
     """
     low, high = -np.inf, np.inf
     reach = 0.0
     for _ in range(200):
-        carried = _boxed(force + lift * closing, cap)
-        excess = float(np.vdot(closing, carried)) - load
+        carried, slope = _carry(force, opening, closing, step, cap, delta)
+        excess = carried - load
         if abs(excess) <= 1e-14 * load:
             break
-        low, high = (low, lift) if excess > 0.0 else (lift, high)
-        slope = float(np.vdot(closing, _inside(carried, cap) * closing))
-        new = lift - excess / slope if slope > 0.0 else np.nan
+        low, high = (low, delta) if excess > 0.0 else (delta, high)
+        new = delta - excess / slope if slope > 0.0 else np.nan
         if not low < new < high:
-            reach = 2.0 * reach or float(np.ptp(force)) or load
-            new = 0.5 * (low + high) if np.isfinite(low + high) else lift - np.sign(excess) * reach
-        if new == lift:
+            reach = 2.0 * reach or (float(np.ptp(force - step * opening)) or load) / step
+            new = 0.5 * (low + high) if np.isfinite(low + high) else delta - np.sign(excess) * reach
+        if new == delta:
             break
-        lift = new
-    return carried, lift
+        delta = float(new)
+    return delta
 
 
-def _boxed(force: np.ndarray, cap: float) -> np.ndarray:
-    """Move forces into the box between 0 and the cap, in place."""
-    np.maximum(force, 0.0, out=force)
-    return np.minimum(force, cap, out=force) if cap < np.inf else force
+@compiled(parallel=True, fastmath=_MATH)
+def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untyped-def]
+    """Load of the forces after a step, in their box, and its derivative by the approach."""
+    n, sums = force.size, np.zeros((PARTS, 2))
+    for part in prange(PARTS):
+        load, slope = 0.0, 0.0
+        for i in range(part * n // PARTS, (part + 1) * n // PARTS):
+            moved = force[i] - step * (opening[i] - closing[i] * delta)
+            boxed = min(max(moved, 0.0), cap)
+            load += closing[i] * boxed
+            slope += step * closing[i] * closing[i] if moved == boxed else 0.0
+        sums[part, 0], sums[part, 1] = load, slope
+    return np.sum(sums[:, 0]), np.sum(sums[:, 1])
 
 
-def _inside(force: np.ndarray, cap: float) -> np.ndarray:
-    """Tell which forces are neither 0 nor at the cap."""
-    inside = force > 0.0
-    return inside & (force < cap) if cap < np.inf else inside
+@compiled(parallel=True, fastmath=_MATH)
+def _project(force, opening, closing, step, cap, delta, direction):  # type: ignore[no-untyped-def]
+    """Write the way of the forces to their box after a step.
+
+    Returns its products with the opening and with itself, the forces' product with what is open
+    at them, their sum, and the deepest overlap.
+    """
+    n, sums = force.size, np.zeros((PARTS, 5))
+    for part in prange(PARTS):
+        slope, length, distance, carried, deepest = 0.0, 0.0, 0.0, 0.0, -np.inf
+        for i in range(part * n // PARTS, (part + 1) * n // PARTS):
+            apart = opening[i] - closing[i] * delta
+            moved = force[i] - step * apart
+            direction[i] = min(max(moved, 0.0), cap) - force[i]
+            slope += direction[i] * apart
+            length += direction[i] * direction[i]
+            carried += force[i]
+            full = force[i] >= cap  # here the surfaces may overlap
+            overlap = 0.0 if full else -apart
+            deepest = max(deepest, overlap)
+            distance += force[i] * max(apart, overlap)
+        sums[part] = slope, length, distance, carried, deepest
+    total = np.sum(sums, axis=0)
+    return total[0], total[1], total[2], total[3], np.max(sums[:, 4])
+
+
+@compiled(parallel=True, fastmath=_MATH)
+def _advance(  # type: ignore[no-untyped-def]
+    force, opening, closing, step, cap, delta, direction, change, share
+):
+    """Go a share of the way.
+
+    Returns, over the forces that a step leaves within their box, the products of the change with
+    the direction, of the closing with the direction, and of the change with itself, of the closing
+    with the change and with itself.
+    """
+    n, sums = force.size, np.zeros((PARTS, 5))
+    for part in prange(PARTS):
+        along, across, squared, raised, free = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(part * n // PARTS, (part + 1) * n // PARTS):
+            moved = force[i] - step * (opening[i] - closing[i] * delta)
+            inside = 1.0 if (moved > 0.0) & (moved < cap) else 0.0
+            along += inside * direction[i] * change[i]
+            across += inside * direction[i] * closing[i]
+            squared += inside * change[i] * change[i]
+            raised += inside * change[i] * closing[i]
+            free += inside * closing[i] * closing[i]
+            force[i] += share * direction[i]
+            opening[i] += share * change[i]
+        sums[part] = along, across, squared, raised, free
+    total = np.sum(sums, axis=0)
+    return total[0], total[1], total[2], total[3], total[4]

@@ -9,7 +9,7 @@ from multiscale.micro.cell import FlatCell, PeriodicLayer
 from multiscale.micro.coating import coating_faces
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import solve_flat
-from multiscale.micro.lateral_fft import filter_surface
+from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.micro.layered import layered_compliance
 from multiscale.micro.slope_expansion import expanded_compliance
 
@@ -49,7 +49,7 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     normal[:, 2] = 1.0
 
     gap, closing = obstacle - heights, np.ones((nx, ny))
-    respond: Callable[[np.ndarray], np.ndarray] = partial(filter_surface, symbol=symbol)
+    respond: Callable[[np.ndarray], np.ndarray] = SurfaceFilter(symbol)
     lift = respond  # along z; forces of expanded bodies act along their normal
     if cell.slope_order == 2:
         moduli = [np.array(body.layer_moduli)[:, 0] for body in cell.bodies]

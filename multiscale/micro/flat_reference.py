@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.micro.cell import PeriodicLayer
 from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.lateral_fft import LateralInverse, factorise_flat_cell
+from multiscale.micro.lateral_fft import LateralInverse, SurfaceFilter, factorise_flat_cell
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["Field", "Reference", "flat_inverse", "flat_reference", "surface_slopes"]
@@ -86,10 +86,10 @@ class Reference:
         return self._tilt_force(self.inverse.surface_force(self._tilt(moved, -1.0)), -1.0)
 
     @cached_property
-    def vertical(self) -> tuple[Field, Field]:
-        """Symbols of the vertical compliance and of an approximate inverse."""
+    def vertical(self) -> tuple[SurfaceFilter, SurfaceFilter]:
+        """Vertical compliance and an approximate inverse."""
         symbol = self.inverse.surface_compliance[5]
-        return symbol, 1.0 / symbol
+        return SurfaceFilter(symbol), SurfaceFilter(1.0 / symbol)
 
     def _tilt(self, moved: Field, sign: float = 1.0) -> Field:
         if self.slopes is None:

@@ -19,7 +19,6 @@ and with the contact nodes :math:`A` of (1)
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from multiscale.micro.cell import FlatCell
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.flat_cell import flat_gap
-from multiscale.micro.lateral_fft import filter_surface
+from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["GapCell", "GapState", "assemble_gap_cell"]
@@ -230,6 +229,4 @@ def assemble_gap_cell(cell: FlatCell) -> GapCell:
     gap = obstacle - cell.surface.heights
     if not np.ptp(gap) > 0.0:
         raise CaseError("the surface and the obstacle fit exactly: without a gap there is no law")
-    return GapCell(
-        gap, area, partial(filter_surface, symbol=symbol), partial(filter_surface, symbol=inverse)
-    )
+    return GapCell(gap, area, SurfaceFilter(symbol), SurfaceFilter(inverse))

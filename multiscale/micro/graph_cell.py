@@ -13,7 +13,7 @@ from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.flat_reference import Reference, flat_reference, surface_slopes
 from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.lateral_fft import factorise_flat_cell, filter_surface
+from multiscale.micro.lateral_fft import factorise_flat_cell
 from multiscale.micro.layered import layered_compliance
 
 __all__ = ["assemble_graph_cell", "element_edges"]
@@ -54,7 +54,7 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
         trace=trace,
         add=add,
         compliance=compliance,
-        surface_stiffness=lambda values: filter_surface(values, stiffness),
+        surface_stiffness=stiffness,
         shape=(nx, cell.layers, 3, ny),
     )
 
@@ -136,7 +136,7 @@ def _normal_operators(
 
 def _vertical_reference(reference: Reference) -> tuple[Solve, Operator]:
     """Inverse and surface compliance of the flat cell for contact along z."""
-    symbol, _ = reference.vertical
+    compliance, _ = reference.vertical
 
     def solve(
         force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
@@ -148,7 +148,7 @@ def _vertical_reference(reference: Reference) -> tuple[Solve, Operator]:
 
         return reference.solve(force, push, out)
 
-    return solve, lambda force: filter_surface(force, symbol)
+    return solve, compliance
 
 
 def _inclined_reference(reference: Reference, normal: np.ndarray) -> tuple[Solve, Operator]:

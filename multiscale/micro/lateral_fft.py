@@ -15,7 +15,7 @@ import scipy
 
 from multiscale.numerics.compiled import compiled, prange, thread_count
 
-__all__ = ["LateralInverse", "brick_stiffness", "factorise_flat_cell", "filter_surface"]
+__all__ = ["LateralInverse", "SurfaceFilter", "brick_stiffness", "factorise_flat_cell"]
 
 SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
 MANY = 2**16  # points of a surface from which its transforms take several threads
@@ -335,14 +335,50 @@ def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
     )
 
 
-def filter_surface(values: np.ndarray, symbol: np.ndarray) -> np.ndarray:
-    """Multiply a field on the surface, shape (nx, ny), by a real symbol per wavenumber."""
-    threads = thread_count() if values.size >= MANY else 1
-    transform = scipy.fft.rfft2(values, workers=threads)
-    transform *= symbol
-    return np.asarray(
-        scipy.fft.irfft2(transform, s=values.shape, workers=threads, overwrite_x=True)
-    )
+@dataclass(frozen=True, eq=False)
+class SurfaceFilter:
+    """Multiplication of fields on the surface by a number per wavenumber, such as a compliance.
+
+    Attributes
+    ----------
+    symbol : ndarray, shape (nx, ny // 2 + 1), the numbers
+    """
+
+    symbol: np.ndarray
+
+    @cached_property
+    def _transform(self) -> np.ndarray:
+        """Transform of a field, written by every call: new memory costs more than a transform."""
+        return np.empty(self.symbol.shape, complex)
+
+    def __call__(self, values: np.ndarray) -> np.ndarray:
+        """Multiply a field, shape (nx, ny)."""
+        symbol, transform, found = self.symbol, self._transform, np.empty(values.shape)
+
+        def along_y(rows: slice) -> None:
+            np.fft.rfft(values[rows], axis=1, out=transform[rows])
+
+        def along_x(columns: slice) -> None:
+            part = transform[:, columns]
+            np.fft.fft(part, axis=0, out=part)
+            part *= symbol[:, columns]
+            np.fft.ifft(part, axis=0, out=part)
+
+        def back(rows: slice) -> None:
+            np.fft.irfft(transform[rows], values.shape[1], axis=1, out=found[rows])
+
+        nx, m = symbol.shape
+        threads = thread_count() if values.size >= MANY else 1
+        stages = (along_y, nx), (along_x, m), (back, nx)
+        if threads == 1:
+            for work, size in stages:
+                work(slice(size))
+            return found
+        with ThreadPoolExecutor(threads) as pool:
+            for work, size in stages:
+                ends = np.linspace(0, size, threads + 1).astype(int).tolist()
+                list(pool.map(work, map(slice, ends[:-1], ends[1:])))
+        return found
 
 
 def factorise_flat_cell(

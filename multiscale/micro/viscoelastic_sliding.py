@@ -19,7 +19,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.micro.contact_area import contact_fraction
-from multiscale.micro.lateral_fft import filter_surface
+from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
 
@@ -250,15 +250,17 @@ class _SlidingProblem:
         """Slope of the rough body along x by its Fourier series."""
         along = 1j * self.waves[0]
         along[self.undirected] = 0.0
-        return filter_surface(self.surface.heights, along)
+        return SurfaceFilter(along)(self.surface.heights)
 
-    def stiffen(self, moved: np.ndarray) -> np.ndarray:
-        """Pressure, without its mean, that moves the surface so."""
-        return filter_surface(moved, self.symbol)
+    @cached_property
+    def stiffen(self) -> SurfaceFilter:
+        """From a displacement of the surface to its pressure, without its mean."""
+        return SurfaceFilter(self.symbol)
 
-    def respond(self, pressure: np.ndarray) -> np.ndarray:
-        """Displacement under a pressure, without its mean."""
-        return filter_surface(pressure, self.compliance)
+    @cached_property
+    def respond(self) -> SurfaceFilter:
+        """From a pressure to the displacement of the surface, without its mean."""
+        return SurfaceFilter(self.compliance)
 
     def close(
         self, p: np.ndarray, active: np.ndarray, goal: float, fine: bool

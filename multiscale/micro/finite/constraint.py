@@ -18,7 +18,6 @@ import numpy as np
 
 from multiscale.micro.finite.pair_reference import JoinedReference
 from multiscale.micro.flat_reference import Field, Reference
-from multiscale.micro.lateral_fft import filter_surface
 from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["Constraint", "Support"]
@@ -79,14 +78,14 @@ class Constraint:
 
     def _respond(self, force: Field) -> Field:
         if self._vertical:
-            found = filter_surface(force[0], self.reference.vertical[0])
+            found = self.reference.vertical[0](force[0])
             return np.where(self.held, found, 0.0)
         moved = self.along(self.reference.compliance(self.push(force)))
         return np.asarray(moved + self._give * force)
 
     def _resist(self, moved: Field) -> Field:
         if self._vertical:
-            found = filter_surface(moved[0], self.reference.vertical[1])
+            found = self.reference.vertical[1](moved[0])
             return np.where(self.held, found, 0.0)
         return self.along(self.reference.stiffness(self.push(moved)))
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from multiscale.micro.finite.two_bodies import MIRROR, PairMeeting
 from multiscale.micro.flat_reference import Field, Reference
-from multiscale.micro.lateral_fft import LateralInverse
+from multiscale.micro.lateral_fft import LateralInverse, SurfaceFilter
 
 __all__ = ["JoinedReference", "PairReference", "add_compliances"]
 
@@ -70,8 +70,8 @@ class JoinedReference:
         return False
 
     @property
-    def vertical(self) -> tuple[Field, Field]:
-        """Symbols of the vertical compliance of both and of an approximate inverse."""
+    def vertical(self) -> tuple[SurfaceFilter, SurfaceFilter]:
+        """Vertical compliance of both and an approximate inverse."""
         return self.pair.both.vertical
 
     def surface(self, vector: Field) -> Field:

@@ -14,7 +14,7 @@ from multiscale.micro.finite.height_obstacle import HeightObstacle, RigidMeeting
 from multiscale.micro.finite.two_bodies import PairMeeting, Underside
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.flat_reference import Reference
-from multiscale.micro.lateral_fft import filter_surface
+from multiscale.micro.lateral_fft import SurfaceFilter
 
 if TYPE_CHECKING:
     from multiscale.micro.finite.equations import Iterate
@@ -89,10 +89,10 @@ class CellScene(ABC):
 
 
 def touch_flat(
-    symbol: np.ndarray, gap: np.ndarray, closing: np.ndarray, load: float
+    compliance: SurfaceFilter, gap: np.ndarray, closing: np.ndarray, load: float
 ) -> tuple[np.ndarray, float]:
-    """Contact nodes and approach, m, of a flat cell with the symbol of its vertical compliance."""
-    found = solve_flat(lambda f: filter_surface(f, symbol), gap, closing, load=load)
+    """Contact nodes and approach, m, of a flat cell with its vertical compliance."""
+    found = solve_flat(compliance, gap, closing, load=load)
     return found.value > 0.0, found.approach
 
 
