@@ -142,17 +142,27 @@ def contact_areas(
         for axis, edge in enumerate(edges):
             share = weight * fall[axis] / np.maximum(fall[0] + fall[1], TINY)
             for side in (1, -1):
-                outer = active & ~np.roll(active, -side, axis)
-                inwards = [np.roll(square, k * side, axis)[outer] for k in range(4)]
+                outer = np.nonzero(active & ~np.roll(active, -side, axis))
+                inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
+                inwards = [square[nodes] for nodes in inner]
                 place = _smooth_edge(inwards, edge)
                 for k in (2, 1, 0):
                     before = inwards[k - 1] if k else 0.0
                     full = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
-                    full &= (inwards[k] > 0.0) & np.roll(may_flow, k * side, axis)[outer]
+                    full &= (inwards[k] > 0.0) & may_flow[inner[k]]
                     shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
                     place = np.where(full, 0.5 - k + sum(shares), place)  # (3)
                 area[outer] += share[outer] * (place - 0.5)
     return area
+
+
+def _shifted(
+    nodes: tuple[np.ndarray, ...], axis: int, steps: int, shape: tuple[int, ...]
+) -> tuple[np.ndarray, ...]:
+    """Nodes of a periodic grid so many steps further along an axis."""
+    moved = list(nodes)
+    moved[axis] = (nodes[axis] + steps) % shape[axis]
+    return tuple(moved)
 
 
 def _fall(square: np.ndarray, axis: int) -> np.ndarray:
