@@ -17,6 +17,7 @@ from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
 from multiscale.needs import say_time
+from multiscale.units import to_lengths, to_si
 
 if TYPE_CHECKING:
     from multiscale.pipeline import Case
@@ -98,6 +99,7 @@ def run_command(
     quiet: QuietOption = False,
 ) -> None:
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
+    _refuse_both(verbose, quiet)
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
     from multiscale.pipeline.stages import stages_of
@@ -169,6 +171,7 @@ def micro_command(
     quiet: QuietOption = False,
 ) -> None:
     """Solve the cells of a case."""
+    _refuse_both(verbose, quiet)
     from multiscale.pipeline import refuse_excess, run_micro
 
     _check_dataset(out)
@@ -248,7 +251,6 @@ def export_command(
 ) -> None:
     """Write an interface law for other finite-element codes."""
     from multiscale.io import open_law, try_to_write
-    from multiscale.units import to_si
     from multiscale.upscaling import write_law_table, write_pressure_overclosure
     from multiscale.upscaling.reading import refuse_band
 
@@ -369,19 +371,20 @@ def inspect_command(
     case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
 ) -> None:
     """Say what a measured surface holds, and propose cells that stand for it."""
+    edges = to_lengths(size) if size else None
+    one = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
     gc.set_threshold(GARBAGE)
     from multiscale.io import try_to_write, write_bytes
     from multiscale.pipeline.inspection import INSPECTION, inspect_surface
     from multiscale.report import write_inspection
-    from multiscale.units import to_si
 
     if case is not None:
         try_to_write(case)
     told = inspect_surface(
         surface,
         channel=channel or None,
-        size=[to_si(edge, "m") for edge in size.split(" x ")] if size else None,
-        unit=to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None,
+        size=edges,
+        unit=one,
         detrend_order=detrend_order,
     )
     page = write_inspection(out, told)
@@ -408,8 +411,8 @@ def bench_command(
     ] = False,
 ) -> None:
     """Measure error, run time and memory, beside other codes where they are installed."""
-    from multiscale.bench import bench, tabulate_runs
-    from multiscale.bench.summary import join_families, tabulate_cheapest
+    from multiscale.bench import bench
+    from multiscale.bench.summary import join_families, tabulate_cheapest, tabulate_runs
     from multiscale.io import try_to_write, write_dataset
     from multiscale.plotting import draw_work_precision
     from multiscale.schema import WORK_PRECISION
@@ -480,11 +483,15 @@ def _resumable(out: Path) -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from None
 
 
+def _refuse_both(verbose: bool, quiet: bool) -> None:
+    """Refuse habits that exclude each other before anything is made."""
+    if quiet and verbose:
+        raise typer.BadParameter("--quiet and --verbose exclude each other")
+
+
 @contextmanager
 def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
     """Show progress on standard error: a bar on a terminal, lines elsewhere; or the log instead."""
-    if quiet and verbose:
-        raise typer.BadParameter("--quiet and --verbose exclude each other")
     if verbose:
         logging.basicConfig(format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
         logging.getLogger("multiscale").setLevel(logging.INFO)

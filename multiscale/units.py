@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from html import escape
-from math import inf, isfinite
+from math import floor, inf, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import CaseError
@@ -20,6 +20,7 @@ __all__ = [
     "length_unit",
     "readable",
     "stiffness_unit",
+    "to_lengths",
     "to_si",
 ]
 
@@ -32,6 +33,13 @@ _QUANTITY = re.compile(
     r"\s*(?P<unit>(?:[^\W\d]+|%)(?:(?:\^|\*\*)-?\d)?(?:\s*[/*·]\s*[^\W\d]+(?:(?:\^|\*\*)-?\d)?){0,4})?\s*",
     re.IGNORECASE,
 )
+
+
+# what most quantities have, read and written without pint, which takes half a second to load
+_PREFIXES = {"": 0, "G": 9, "M": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "n": -9}
+_PREFIXED = ("m", "Pa", "N")
+
+_BETWEEN_LENGTHS = re.compile(r"\s*(?:[x×*;]|\bby\b|,(?=\s)|(?<=[^\W\d])(?:,|\s))\s*(?=[-+.\d])")
 
 
 @cache
@@ -68,8 +76,6 @@ def to_si(text: object, unit: str) -> float:
     >>> to_si("210 GPa", "Pa")
     210000000000.0
     """
-    import pint
-
     if unit == "1" and isinstance(text, int | float) and not isinstance(text, bool):
         number = float(text)
     elif not isinstance(text, str):
@@ -87,24 +93,60 @@ def to_si(text: object, unit: str) -> float:
             raise CaseError(f'{text!r} has no unit; write a number and a unit, such as "1 {unit}"')
         try:
             number = _convert(parts["number"], parts["unit"], unit)
-        except pint.DimensionalityError as error:
-            raise CaseError(f"{text!r} cannot be converted to {unit}") from error
-        except pint.UndefinedUnitError as error:
-            raise CaseError(
-                f'{text!r} has an unknown unit; capitals count, as in "1 MPa" and "1 mPa"; '
-                f'write a quantity such as "1 {unit}"'
-            ) from error
         except Exception as error:  # pint raises exceptions of many kinds
-            raise CaseError(
-                f'{text!r} is not a quantity; write a number and a unit, such as "1 {unit}"'
-            ) from error
+            import pint
+
+            form = f'write a quantity such as "1 {unit}"'
+            said = {
+                pint.DimensionalityError: f"cannot be converted to {unit}; {form}",
+                pint.UndefinedUnitError: f"has an unknown unit; capitals count, as in "
+                f'"1 MPa" and "1 mPa"; {form}',
+            }.get(type(error), f"is not a quantity; {form}")
+            raise CaseError(f"{text!r} {said}") from error
     if not isfinite(number):
         raise CaseError(f"{text!r} is not finite; give a number")
     return number
 
 
+def to_lengths(text: str) -> tuple[float, ...]:
+    """Convert one or two edge lengths to m.
+
+    Raises
+    ------
+    CaseError
+        If the text has no or more than two lengths.
+
+    Examples
+    --------
+    >>> to_lengths("90 um x 130 um"), to_lengths("90 x 130 um"), to_lengths("(1.5mm, 1mm)")
+    ((9e-05, 0.00013), (9e-05, 0.00013), (0.0015, 0.001))
+    """
+    parts = _BETWEEN_LENGTHS.split(text.strip(" ()[]"))
+    last = _QUANTITY.fullmatch(parts[-1])
+    if last is None or len(parts) > 2:
+        raise CaseError(
+            f'{text!r} is no size; write two lengths such as "90 um x 130 um", of a line scan one, '
+            f"with decimal points"
+        )
+    bare = re.compile(r"[-+.\de]+", re.IGNORECASE)
+    return tuple(
+        to_si(f"{one} {last['unit'] or ''}" if bare.fullmatch(one) else one, "m") for one in parts
+    )
+
+
+def _power(given: str | None, unit: str) -> int | None:
+    """Power of ten of a prefix before a unit; None for pint to find out."""
+    if given == unit:
+        return 0
+    if given is None or unit not in _PREFIXED or not given.endswith(unit):
+        return None
+    return _PREFIXES.get(given.removesuffix(unit))
+
+
 @lru_cache(maxsize=4096)  # points of a sweep repeat their quantities
 def _convert(number: str, given: str, unit: str) -> float:
+    if (power := _power(given, unit)) is not None:
+        return float(f"{float(number) * 10.0**power:.15g}")
     quantity: Any = _registry().Quantity(float(number), given)
     # via the decimal text of the number, so that "0.8 um" is exactly 8e-07
     return float(f"{quantity.to(unit).magnitude:.15g}")
@@ -167,6 +209,15 @@ def readable(value: object) -> str:
     parts = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
     if parts is None or parts["unit"] is None or parts["unit"].startswith("%"):
         return str(value)
+    for unit in _PREFIXED:
+        if (power := _power(parts["unit"], unit)) is not None:
+            number = float(parts["number"]) * 10.0**power
+            fits = 3 * floor(log10(abs(number)) / 3.0) if number and isfinite(number) else 0
+            prefix = next(
+                (one for one, ten in _PREFIXES.items() if ten == fits and one != "u"), None
+            )
+            if prefix is not None:
+                return f"{number / 10.0**fits:.6g} {prefix}{unit}"
     try:
         quantity = _registry()(f"{value}").to_compact()
     except Exception:  # a text that resembles a quantity

@@ -1,9 +1,11 @@
 """Quantities with units become SI floats, or a sentence."""
 
+from itertools import product
+
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.units import to_si
+from multiscale.units import readable, to_lengths, to_si
 
 
 @pytest.mark.parametrize(
@@ -21,6 +23,34 @@ from multiscale.units import to_si
 )
 def test_quantities_are_exact_in_si(text, unit, value):
     assert to_si(text, unit) == value
+
+
+def test_prefixes_are_read_and_written_as_pint_does():
+    import pint
+
+    registry = pint.UnitRegistry()
+    for number, prefix, unit in product(
+        ("0.8", "-3e-7", "999.9996", "1000", "12345.678"), ("n", "µ", "m", "", "k", "M"), "mN"
+    ):
+        text = f"{number} {prefix}{unit}"
+        quantity = registry(text)
+        assert to_si(text, unit) == float(f"{quantity.to(unit).magnitude:.15g}")
+        compact = quantity.to_compact()
+        assert readable(text) == f"{compact.magnitude:.6g} {compact.units:~P}"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["1 mm, 2mm", "1 mm x 2mm", "1x2 mm", "1mmx2mm", "(1 mm, 2 mm)", "1 mm × 2 mm", "1 by 2 mm"],
+)
+def test_sizes_are_read_as_people_write_them(text):
+    assert to_lengths(text) == (1e-3, 2e-3)
+
+
+@pytest.mark.parametrize("text", ["1,5 mm", "1 mm x 1 mm x 1 mm", "x", "1,5 mm x 2 mm", "1 x 2"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(CaseError, match=r"no size|comma|no unit"):
+        to_lengths(text)
 
 
 @pytest.mark.parametrize(

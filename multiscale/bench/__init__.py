@@ -5,12 +5,10 @@ from collections.abc import Callable
 from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
-from multiscale.bench.summary import tabulate_runs
-
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench", "tabulate_runs"]
+__all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench"]
 
 STABILITY_FILE = resources.files("multiscale.bench").joinpath("stability.toml")
 

@@ -238,7 +238,7 @@ def _check_metadata(
     if not all(length > 0.0 for length in (*(size or ()), 1.0 if unit is None else unit)):
         raise CaseError(f"{path}: size and unit must be positive lengths")
     if size is not None and len(size) < entry.dim:
-        raise CaseError(f"{path}: size of a map is two lengths, got {len(size)}")
+        raise CaseError(f"{path}: size of a map is two lengths, got {len(size)}; give both")
 
 
 def _as_array(topography: Any) -> tuple[np.ndarray, tuple[float, ...]]:

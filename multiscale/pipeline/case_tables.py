@@ -21,11 +21,10 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
-from multiscale.upscaling.control_variates import FEWEST_PAIRS
-from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 __all__ = [
     "ABSENT",
+    "POINTS_PER_WAVE",
     "AccuracySettings",
     "CellSettings",
     "GridSettings",
@@ -39,6 +38,9 @@ __all__ = [
 
 ABSENT: Any = None
 """Default of tables that a case need not have: what reads them runs only where they are given."""
+
+POINTS_PER_WAVE = 8
+"""Points of a grid to the shortest wave of a measured surface, if the case names no cut-off."""
 
 Viscosity = Annotated[float, quantity("Pa*s"), Field(gt=0.0), with_unit("Pa*s")]
 Points = Annotated[Count, Field(ge=4, le=8192, multiple_of=2)]
@@ -283,6 +285,8 @@ class MicroSettings(Settings):
 
     def _check_control(self) -> None:
         """Refuse control cells that tell nothing."""
+        from multiscale.upscaling.control_variates import FEWEST_PAIRS
+
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             raise ValueError(
@@ -304,6 +308,8 @@ class MicroSettings(Settings):
 
     def _check_shear(self, shear: ShearSettings) -> None:
         """Refuse shear that the cells pressed tell no normal law of."""
+        from multiscale.upscaling.shear_fit import FEWEST_BELOW
+
         low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
         if shear.pressures[0] < low or shear.pressures[-1] > high:
             raise ValueError(

@@ -6,9 +6,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import open_topography
-from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.pipeline.windows import HELD, Measured, cut_windows
 from multiscale.surfaces import (
     Roughness,

@@ -1,19 +1,15 @@
 """A case for a measured surface: cells that fit into its map, and what they hold of it."""
 
-import tomllib
 from dataclasses import dataclass
 from math import ceil, floor
-from pathlib import Path
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.pipeline.case import validate_case
-from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.measured_sides import measured_side
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.pipeline.windows import Measured
 from multiscale.surfaces import Spectrum, Surface
 
@@ -155,7 +151,6 @@ geometry = "flat"
 realisations = {count}
 pressures = [{pressures}]
 """
-    validate_case(tomllib.loads(text), Path("the proposed case"))
     return Proposal(text, measured)
 
 

@@ -2,11 +2,10 @@
 
 from math import pi
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
-from multiscale.micro.coating import Coating
 from multiscale.pipeline.toml_model import (
     Count,
     Length,
@@ -19,6 +18,9 @@ from multiscale.pipeline.toml_model import (
     with_unit,
 )
 from multiscale.surfaces import Anisotropy
+
+if TYPE_CHECKING:
+    from multiscale.micro import Coating
 
 __all__ = [
     "TABOR",
@@ -242,8 +244,10 @@ class RoughBody(Settings):
         return given[0] if given else self.hardness
 
     @property
-    def stack(self) -> tuple[Coating, ...]:
+    def stack(self) -> "tuple[Coating, ...]":
         """The coatings of a cell."""
+        from multiscale.micro import Coating
+
         return tuple(
             Coating(one.thickness, one.youngs_modulus, one.poissons_ratio) for one in self.coating
         )

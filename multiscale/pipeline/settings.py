@@ -13,6 +13,7 @@ from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.body_settings import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.case_tables import (
     ABSENT,
+    POINTS_PER_WAVE,
     AccuracySettings,
     CellSettings,
     LawSettings,
@@ -58,14 +59,12 @@ if TYPE_CHECKING:
 
     from multiscale.pipeline.stage import Datasets
 
-__all__ = ["KINDS", "POINTS_PER_WAVE", "Case"]
+__all__ = ["KINDS", "Case"]
 
 HARDEST = 0.1
 """Largest hardness over Young's modulus; the hardness of diamond is about as large."""
 
 FEWEST_LAYERS = 4  # of cells on half of their points
-
-POINTS_PER_WAVE = 8  # of the shortest wave of a measured surface, if the case names no cut-off
 
 Structure = (
     Blocks

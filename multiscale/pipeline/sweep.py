@@ -24,8 +24,8 @@ from multiscale.executors import run_jobs
 from multiscale.io import make_folder, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
 from multiscale.pipeline.point_store import Point, PointStore, open_store
-from multiscale.pipeline.run import run
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
+from multiscale.pipeline.runner import run
 from multiscale.pipeline.stage import Shown, Stage, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point

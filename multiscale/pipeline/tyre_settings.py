@@ -7,9 +7,8 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid
-from multiscale.pipeline.case_tables import GridSettings
+from multiscale.pipeline.case_tables import POINTS_PER_WAVE, GridSettings
 from multiscale.pipeline.rough_bodies import SyntheticSurface
-from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.pipeline.toml_model import (
     Count,
     Duration,

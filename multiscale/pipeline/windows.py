@@ -6,9 +6,8 @@ from itertools import product
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.settings import POINTS_PER_WAVE
 from multiscale.surfaces import (
     Roughness,
     Spectrum,
@@ -122,6 +121,9 @@ def cut_windows(
         )
     of_map = of_map or spectrum([whole], periodic=False)
     of_pieces = spectrum(pieces, periodic=False)
+    # the waves of a window are those of its mirror image
+    same = settings.periodic == "mirror" and not any(piece.filled_share for piece in pieces)
+    of_periodic = of_pieces if same else spectrum(periodic)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
     return surfaces, Measured(
         stages,
@@ -129,7 +131,7 @@ def cut_windows(
         tuple(piece.filled_share for piece in pieces),
         f"{_length(cutoff)}, {chosen}",
         (
-            *_losses(stages, of_map, spectrum(periodic), cell, share, chosen),
+            *_losses(stages, of_map, of_periodic, cell, share, chosen),
             *_herringbone(settings, whole, cutoff),
         ),
     )

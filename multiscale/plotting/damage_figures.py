@@ -12,15 +12,14 @@ import numpy as np
 
 from multiscale.io import make_folder
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.cavities import Cavities
-from multiscale.micro.damage.compare import section_image
-from multiscale.micro.damage.plane_damage import SectionPlane
 from multiscale.plotting.figure import axes_or_current, new_figure, save_figure, save_figures
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from mpl_toolkits.mplot3d import Axes3D
+
+    from multiscale.micro.damage.cavities import Cavities
 
 __all__ = [
     "draw_damage",
@@ -71,7 +70,7 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
 
 
 def plot_worst_section(
-    rve: Cavities | VoxelImage, sections: "xr.Dataset", *, ax: "Axes | None" = None
+    rve: "Cavities | VoxelImage", sections: "xr.Dataset", *, ax: "Axes | None" = None
 ) -> "Axes":
     """Draw the void in the worst section.
 
@@ -80,6 +79,9 @@ def plot_worst_section(
     rve : Cavities or VoxelImage, the volume of the sections
     """
     from matplotlib.colors import ListedColormap
+
+    from multiscale.micro.damage.compare import section_image
+    from multiscale.micro.damage.plane_damage import SectionPlane
 
     ax = axes_or_current(ax)
     normal = sections["worst_normal"].values
@@ -156,7 +158,7 @@ def draw_damage(
     folder: Path,
     *,
     sections: "xr.Dataset | None" = None,
-    rve: Cavities | VoxelImage | None = None,
+    rve: "Cavities | VoxelImage | None" = None,
     curve: "xr.Dataset | None" = None,
     comparison: "xr.Dataset | None" = None,
     joint: "xr.Dataset | None" = None,

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.micro.gap_flow import gap_flow, open_gap
 from multiscale.plotting.figure import axes_or_current
 
 if TYPE_CHECKING:
@@ -43,9 +42,13 @@ def plot_leakage(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_flow_channels(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the flow along x at the highest pressure at which a path leads through a cell."""
+def plot_flow_channels(
+    fields: "xr.Dataset", *, direction: str = "x", ax: "Axes | None" = None
+) -> "Axes":
+    """Plot the flow along x or y at the highest pressure at which a path leads through a cell."""
     from matplotlib.colors import LogNorm
+
+    from multiscale.micro.gap_flow import gap_flow, open_gap
 
     ax = axes_or_current(ax)
     gap, pressure = (fields[name].to_numpy().swapaxes(1, 2) for name in ("gap", "pressure"))
@@ -53,7 +56,7 @@ def plot_flow_channels(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     spacing = (float(size[0] / gap.shape[1]), float(size[1] / gap.shape[2]))
     nominal = fields["nominal_pressure"].to_numpy()
     for step in np.argsort(-nominal):
-        flow = gap_flow(open_gap(gap[step], pressure[step]), spacing, 0)
+        flow = gap_flow(open_gap(gap[step], pressure[step]), spacing, "xy".index(direction))
         if flow.aperture > 0.0:
             break
     drawn: Any = {"origin": "lower", "extent": 1e6 * np.array([0.0, size[0], 0.0, size[1]])}
@@ -64,5 +67,5 @@ def plot_flow_channels(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     image = ax.imshow(speed, cmap="Blues", norm=norm, interpolation="none", **drawn)
     ax.figure.colorbar(image, ax=ax, label="flow over its mean")
     ax.set(xlabel="x (µm)", ylabel="y (µm)")
-    ax.set_title(f"flow along x at {1e-6 * nominal[step]:.3g} MPa; grey: contact")
+    ax.set_title(f"flow along {direction} at {1e-6 * nominal[step]:.3g} MPa; grey: contact")
     return ax

@@ -6,15 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from multiscale.io import make_folder, reading_run, remove
-from multiscale.pipeline.run_folder import gather_cautions, open_stages
 from multiscale.pipeline.stage import Section, Shown, Summary
-from multiscale.pipeline.stages import STAGES
-from multiscale.pipeline.toml_model import read_toml
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FinishedRun", "draw_figures", "draw_sections", "open_finished"]
+__all__ = ["FinishedRun", "draw_figures", "draw_run", "draw_sections", "open_finished"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +72,9 @@ def open_finished(out: Path) -> FinishedRun:
     SchemaError
         If a dataset is missing or refused.
     """
+    from multiscale.pipeline.run_folder import gather_cautions, open_stages
+    from multiscale.pipeline.toml_model import read_toml
+
     opened = open_stages(out)
     found = {stage.name: dataset for stage, dataset in opened.items()}
     failures = (stage.failure(dataset) for stage, dataset in opened.items())
@@ -95,19 +95,26 @@ def draw_figures(out: str | Path) -> list[Path]:
         The PNG files, in the order of the page.
     """
     with reading_run(out):
-        return draw_sections(Path(out), open_finished(Path(out)).sections())
+        return draw_run(Path(out), open_finished(Path(out)).sections())
+
+
+def draw_run(out: Path, sections: Iterable[Section]) -> list[Path]:
+    """Draw the figures of the sections of a run; see :func:`draw_figures`."""
+    from multiscale.pipeline.stages import STAGES
+
+    files = draw_sections(out, sections)
+    for stage in STAGES:
+        for name in stage.pictures:
+            if (file := out / "figures" / f"{name}.png") not in files:
+                remove(file)
+    return files
 
 
 def draw_sections(out: Path, sections: Iterable[Section]) -> list[Path]:
-    """Draw the figures of the sections of a run; see :func:`draw_figures`."""
+    """Draw the figures of sections into PNG files in the folder ``figures``."""
     folder = make_folder(out / "figures")
-    files = [
+    return [
         draw(folder / f"{name}.png")
         for section in sections
         for name, draw in section.figures.items()
     ]
-    for stage in STAGES:
-        for name in stage.pictures:
-            if (file := folder / f"{name}.png") not in files:
-                remove(file)
-    return files

@@ -23,7 +23,7 @@ from multiscale.io import (
 from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section
 from multiscale.plotting.sweep_figures import say_key
-from multiscale.report.finished_run import FinishedRun, draw_sections, open_finished
+from multiscale.report.finished_run import FinishedRun, draw_run, draw_sections, open_finished
 from multiscale.schema import SURFACE_STATISTICS
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def show_run(out: str | Path) -> FinishedRun:
     with reading_run(out):
         run = open_finished(Path(out))
         sections = run.sections()
-        draw_sections(run.out, sections)
+        draw_run(run.out, sections)
         _write(run, sections)
     return run
 

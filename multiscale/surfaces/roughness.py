@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -57,7 +58,7 @@ class Spectrum:
     def roughness(self) -> Roughness:
         """Return the statistics of the measured points."""
         height, slope = (
-            float(np.sqrt(share * np.sum(self.wavenumber**order * self.power)))
+            float(np.sqrt(share * self._sums[order][-1]))
             for share, order in zip(self.measured, (0, 2), strict=True)
         )
         return Roughness(
@@ -72,22 +73,27 @@ class Spectrum:
 
         By Parseval's identity this is exact for :func:`low_pass` of periodic surfaces.
         """
-        return self._reach(self.wavenumber, self.power * self.wavenumber**order, share)
+        return self._reach(self.wavenumber, self._sums[order], share)
 
     def share(self, long: float, short: float, *, order: int) -> float:
         """Share of the rms height (order 0) or slope (2) in the waves from long to short, m."""
-        weight = self.power * self.wavenumber**order
         ends = np.searchsorted(self.wavenumber, (2.0 * np.pi / long, 2.0 * np.pi / short))
-        return float(np.sqrt(np.sum(weight[slice(*ends)]) / np.sum(weight)))
+        below = self._sums[order]  # of the waves before each
+        first, last = (below[end - 1] if end else 0.0 for end in ends)
+        return float(np.sqrt(max(last - first, 0.0) / below[-1]))
+
+    @cached_property
+    def _sums(self) -> dict[int, np.ndarray]:
+        """Running sums of mean square height and slope."""
+        return {order: np.cumsum(self.wavenumber**order * self.power) for order in (0, 2)}
 
     def length_holding(self, share: float) -> float:
         """Find the shortest length whose waves up to it have a share of the rms height, m."""
-        return self._reach(self.wavenumber[::-1], self.power[::-1], share)
+        return self._reach(self.wavenumber[::-1], np.cumsum(self.power[::-1]), share)
 
     @staticmethod
-    def _reach(q: np.ndarray, weight: np.ndarray, share: float) -> float:
+    def _reach(q: np.ndarray, total: np.ndarray, share: float) -> float:
         """Wavelength, m, of the wave with which a running sum reaches the square of a share."""
-        total = np.cumsum(weight)
         last = np.searchsorted(total, share**2 * total[-1] * (1.0 - 1e-12))
         return float(2.0 * np.pi / q[min(last, q.size - 1)])
 
@@ -120,9 +126,11 @@ def spectrum(surfaces: Sequence[Surface], *, periodic: bool = True) -> Spectrum:
             level[-1][known] = one.heights[known] - one.heights[known].mean()
         waves = [scipy.fft.dctn(heights, norm="ortho") for heights in level]
         power = np.mean(np.square(waves), axis=0) / first.heights.size
-        parts = [_measured(*pair) for pair in zip(surfaces, level, strict=True)]
-        height, slope, height_of_all, slope_of_all = np.sum(parts, axis=0)
-        measured = (height / height_of_all, slope / slope_of_all)
+        measured = (1.0, 1.0)
+        if any(one.filled is not None for one in surfaces):
+            parts = [_measured(*pair) for pair in zip(surfaces, level, strict=True)]
+            height, slope, height_of_all, slope_of_all = np.sum(parts, axis=0)
+            measured = (height / height_of_all, slope / slope_of_all)
     order = np.argsort(q, axis=None)[1:]  # the first is the mean
     return Spectrum(q.ravel()[order], power.ravel()[order], measured)
 

@@ -33,10 +33,10 @@ def widening(freedom: int, confidence: float = 0.95, *, n: int | None = None) ->
     for :math:`\nu` degrees of freedom and the confidence c; the root only if n, the number N of
     independent data whose variance the bootstrap takes with divisor N, is given.
     """
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit  # of scipy.stats, which takes half a second to load
 
     tail = 0.5 * (1.0 + confidence)
-    factor = float(t.ppf(tail, max(freedom, 1)) / norm.ppf(tail))
+    factor = float(stdtrit(max(freedom, 1), tail) / ndtri(tail))
     return factor if n is None else float(np.sqrt(n / max(n - 1.0, 1.0))) * factor
 
 

@@ -103,7 +103,7 @@ def sampling_term(
     .. math:: \mathrm{CoV}^2 = \frac{\sum_i \nu_i\, (r_i\, \mathrm{CoV}_i)^2}{\sum_i \nu_i},
         \qquad w = t_{0.975,\, \sum \nu_i}\, \mathrm{CoV} / \sqrt{N_0}.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     gap = normal_observations(response, control)
     parts = [
@@ -124,7 +124,7 @@ def sampling_term(
             square, freedom = square + ratio**2 * more, freedom + free
         known = np.all((freedom > 0) & (n > 0), axis=0)
         variance = square / np.maximum(freedom, 1)
-        factor = t.ppf(0.975, np.maximum(freedom, 1)) / np.sqrt(np.maximum(n, 1))
+        factor = stdtrit(np.maximum(freedom, 1), 0.975) / np.sqrt(np.maximum(n, 1))
         half[k] = np.where(known, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
         scatter[k] = np.where(known, np.sqrt(variance.sum(axis=0)), np.nan)
     return Sampling(half, scatter)
@@ -158,14 +158,14 @@ def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     slopes of the gap continued, see :func:`_end_error`.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     rows, errors = [], []
     for name, share in FIT_ERRORS.items():
         error = law[name].to_numpy()
         known = error[np.isfinite(error)]
         rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
-        factor = t.ppf(0.975, known.size) if known.size >= FEWEST_UNSEEN else NORMAL
+        factor = stdtrit(known.size, 0.975) if known.size >= FEWEST_UNSEEN else NORMAL
         rows.append(np.full(p.size, factor * float(law[share]) * rms))
         errors.append(NORMAL * np.abs(error))
     rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])
@@ -310,12 +310,12 @@ def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 
     The freedom of the sum is the one of Welch and Satterthwaite.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     total = np.maximum(variances.sum(axis=0), 0.0)
     single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
     whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
-    factor = t.ppf(0.975, np.maximum(whole, 1.0))
+    factor = stdtrit(np.maximum(whole, 1.0), 0.975)
     return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from multiscale.schema import INTERFACE_LAW, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
 from multiscale.upscaling.reading import area_from_dataset, require_law
+from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.response_observations import loading_branch
 
 if TYPE_CHECKING:
@@ -19,6 +20,17 @@ DIRECTIONS = ("x", "y", "both")
 
 FEWEST_WAVES = 4.0
 """Longest waves along a cell below which it lets something through, or nothing, by chance."""
+
+SAMPLES = 400  # of the cells, for the intervals
+
+SCATTER = (
+    "The intervals count the scatter of the surfaces, and not the grid of the cells, which has no "
+    "channels between its points: coarser in [micro] asks for the error of the grid."
+)
+SCATTER_AND_GRID = (
+    "The intervals count the scatter of the surfaces, and the grid of the cells by one with half "
+    "of the points."
+)
 
 HALVINGS = 60  # of the decades that hold a permeability
 
@@ -68,7 +80,9 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     return np.where(share <= 0.5, 0.0, np.exp(0.5 * (low + high)) + 0.0 * share)
 
 
-def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
+def with_leakage(
+    law: "xr.Dataset", response: "xr.Dataset", coarser: "xr.Dataset | None" = None
+) -> "xr.Dataset":
     """Return a law with the hydraulic aperture of its interface at the pressures of its data.
 
     Parameters
@@ -76,6 +90,9 @@ def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
     law : Dataset, follows ``INTERFACE_LAW``
     response : Dataset
         Follows ``MICRO_RESPONSE``: the cells of the law, with what their gaps let through.
+    coarser : Dataset, optional
+        Follows ``COARSER_RESPONSE``: the first of these cells on half of their points, by which
+        the intervals count the error of the grid, see :func:`estimate_grid_error`.
 
     Notes
     -----
@@ -87,19 +104,26 @@ def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
     own = loading["nominal_pressure"].to_numpy()
     at = [int(np.argmin(np.abs(own - p))) for p in law["fit_pressure"].to_numpy()]
     aperture = loading["hydraulic_aperture"].to_numpy()[:, at]
-    n = len(aperture)
-    counts = draw_counts(n, law.sizes.get("sample", 0), int(law.attrs["seed"]))
+    n, sampled = len(aperture), law.sizes.get("sample", 0) > 0
+    counts = draw_counts(n, SAMPLES if sampled else 0, int(law.attrs["seed"]))
     weights = np.vstack([np.ones(n), counts])
     mean, band, cells = [], [], []
     for axes in ([0], [1], [0, 1]):  # in the order of DIRECTIONS
         h = np.concatenate([aperture[..., k] for k in axes])
-        known = np.isfinite(h)
-        weight = np.tile(weights, len(axes))[..., None] * known
-        k = effective_permeability(np.where(known, h, 0.0) ** 3, weight)
-        first, *drawn = _spread(np.cbrt(k), n)
+        first, *drawn = _spread(_patchwork(h, np.tile(weights, len(axes))), n)
+        ends = np.percentile(drawn or [first + np.nan], [2.5, 97.5], axis=0)
+        if coarser is not None:
+            coarse = coarser["hydraulic_aperture"].to_numpy()[:, at]
+            fine = aperture[: len(coarse)]
+            alike = [
+                _patchwork(np.concatenate([one[..., k] for k in axes]))[0] for one in (fine, coarse)
+            ]
+            grid = estimate_grid_error(alike[0], {2.0: alike[1]}).half_width
+            sides = np.array([-1.0, 1.0])[:, None] * np.hypot(ends - first, grid)
+            ends = np.maximum(first + sides, 0.0)
         mean.append(first)
-        band.append(np.percentile(drawn or [first + np.nan], [2.5, 97.5], axis=0))
-        cells.append(np.sum(h > 0.0, axis=0) / np.maximum(known.sum(axis=0), 1))
+        band.append(ends)
+        cells.append(np.sum(h > 0.0, axis=0) / np.maximum(np.isfinite(h).sum(axis=0), 1))
     law = INTERFACE_LAW.assign(
         law.assign_coords(direction=list(DIRECTIONS)),
         {
@@ -107,7 +131,7 @@ def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
             "hydraulic_aperture_mean_law": np.stack(band, axis=1),
             "percolating_cells": np.array(cells),
         },
-    )
+    ).assign_attrs(leakage_intervals=SCATTER if coarser is None else SCATTER_AND_GRID)
     require_law(law, "cell_size", "longest_wave")
     waves = float(law.attrs["cell_size"]) / float(law.attrs["longest_wave"])
     if waves >= FEWEST_WAVES * (1.0 - 1e-9):
@@ -118,6 +142,14 @@ def with_leakage(law: "xr.Dataset", response: "xr.Dataset") -> "xr.Dataset":
         f"pressure the last path through the gap closes: single waves decide; make it "
         f"{FEWEST_WAVES:g} waves wide or more",
     )
+
+
+def _patchwork(aperture: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """Hydraulic aperture of an interface of cells, some of them unknown, m, (samples, steps)."""
+    known = np.isfinite(aperture)
+    counted = known[None] if weight is None else weight[..., None] * known
+    cube = effective_permeability(np.where(known, aperture, 0.0) ** 3, counted)
+    return np.asarray(np.cbrt(cube))
 
 
 def _spread(aperture: np.ndarray, n: int) -> np.ndarray:

@@ -105,7 +105,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
         :func:`tangential_terms` tells it, does not have from the stiffness. A friction without
         samples that was measured has the error that the law states, which may be NaN.
     """
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     n_samples = int(law.sizes.get("shear_sample", 0))
     if not n_samples:
@@ -116,7 +116,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
         values = pick(law, name, [None, *range(n_samples)], of="shear")
         mean, *drawn = (float(np.nanmean(one)) for one in values)
         half = float(half_range(np.array(drawn))) / mean
-        scatter = half * np.sqrt(n) / t.ppf(0.975, max(n - 1, 1))
+        scatter = half * np.sqrt(n) / stdtrit(max(n - 1, 1), 0.975)
         few = NORMAL * scatter * float(law.attrs.get("cell_ratio", np.nan))
         found[parameter] = {"sampling": np.full(p.size, half), FEW_CELLS: np.full(p.size, few)}
     if "tangential_traction" in law["quantity"].values:

@@ -271,12 +271,12 @@ def _pressures(shear: "xr.Dataset", low: float, high: float) -> np.ndarray:
 
 def _lay(ratio: np.ndarray) -> list[str]:
     """Say if the stiffness along x and y differs by more than chance."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     n, change = len(ratio), ratio[:, 0] - ratio[:, 1]
     if n < 3 or np.any(np.isnan(change)):
         return []
-    if abs(change.mean()) <= t.ppf(0.995, n - 1) * change.std(ddof=1) / np.sqrt(n):
+    if abs(change.mean()) <= stdtrit(n - 1, 0.995) * change.std(ddof=1) / np.sqrt(n):
         return []
     return [
         f"the tangential stiffness ratios along x and y, {ratio[:, 0].mean():.3g} and "

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, tabulate_runs
+from multiscale.bench import bench
 from multiscale.bench.joints_family import JOINT_SCENES as JOINTS
 from multiscale.bench.joints_family import measure_effectivity
+from multiscale.bench.summary import tabulate_runs
 
 
 @pytest.mark.parametrize(

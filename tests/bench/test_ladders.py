@@ -5,13 +5,13 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from multiscale.bench import FAMILIES, bench, limit_family, tabulate_runs
+from multiscale.bench import FAMILIES, bench, limit_family
 from multiscale.bench.grains_family import BOUNCE, EXACT, ROLL, answer
 from multiscale.bench.limit_family import LIMIT_SCENES
 from multiscale.bench.peers import CODES
 from multiscale.bench.structures_family import GRID_METHODS
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT
-from multiscale.bench.summary import join_families, tabulate_cheapest
+from multiscale.bench.summary import join_families, tabulate_cheapest, tabulate_runs
 from multiscale.bench.trials import BenchFamily, Trial, judge_by, measure_family
 from multiscale.io import open_dataset
 from multiscale.schema import WORK_PRECISION

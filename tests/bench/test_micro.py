@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from multiscale import __version__
-from multiscale.bench import bench, micro_family, tabulate_runs
+from multiscale.bench import bench, micro_family
 from multiscale.bench.peers import (
     CODES,
     Code,
@@ -15,6 +15,7 @@ from multiscale.bench.peers import (
     press_with_contact_mechanics,
     press_with_tamaas,
 )
+from multiscale.bench.summary import tabulate_runs
 from tests.support import rough_square
 
 RELATIVE_PRESSURES = (0.01, 0.05, 0.1, 0.2, 0.5)  # p / (E* h')

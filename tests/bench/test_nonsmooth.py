@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, nonsmooth_family, tabulate_runs
+from multiscale.bench import bench, nonsmooth_family
 from multiscale.bench.nonsmooth_family import (
     FRICTION_SCENES,
     LCP_SCENES,
     friction_problem,
     lcp_problem,
 )
+from multiscale.bench.summary import tabulate_runs
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth import solve_friction, solve_lcp

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, structures_family, tabulate_runs
+from multiscale.bench import bench, structures_family
 from multiscale.bench.measure import measure
 from multiscale.bench.structures_family import (
     GRID_METHODS,
@@ -16,6 +16,7 @@ from multiscale.bench.structures_family import (
     solve_grid,
     verify,
 )
+from multiscale.bench.summary import tabulate_runs
 from multiscale.macro import quadruplex_module, self_stress, solve_static
 from multiscale.macro.discrete import compatibility
 from multiscale.numerics import factorisation

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from multiscale.bench import bench, substructures_family, tabulate_runs
+from multiscale.bench import bench, substructures_family
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT, make_scenes, solve_scene
+from multiscale.bench.summary import tabulate_runs
 from multiscale.macro.substructures import assemble
 
 

@@ -272,7 +272,7 @@ COMMANDS = {
     "unknown family": ("bench speed", "there is no family 'speed'", 1),
     "no table": ("stability bricks", "there is no family 'bricks'", 1),
     "no map": ("inspect none.sur", "no such file", 1),
-    "size of no map": ("inspect case.toml --size wide", "is not a quantity", 1),
+    "size of no map": ("inspect case.toml --size wide", "write two lengths such as", 1),
 }
 
 
@@ -286,9 +286,11 @@ def test_a_command_that_cannot_be_meant_is_refused(command, tmp_path, name):
     (tmp_path / "plate.toml").write_text(huge, encoding="utf-8")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "log.txt").touch()
+    before = {*tmp_path.iterdir()}
     if "law.nc" in arguments:
         write_law(tmp_path / "law.nc")
     refused(command(*arguments.split()), sentence, status)
+    assert {*tmp_path.iterdir()} - before <= {tmp_path / "law.nc"}
 
 
 NODES = "x;y;z;fix_x;fix_y;fix_z;load_z\n0;0;0;1;1;1;0\n{};0;0;1;1;1;0\n0,5;0;0;0;0;0;-3\n"

@@ -8,7 +8,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_cells import make_surfaces
-from multiscale.pipeline.requirements import requirements
+from multiscale.pipeline.case_needs import requirements
 from multiscale.pipeline.stages.control_cells import _best_count
 from tests.support import write_scene
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of

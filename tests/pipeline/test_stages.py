@@ -83,7 +83,8 @@ def test_every_figure_of_a_stage_is_one_that_it_names(run_folder):
         sections = stage.sections(finished.found, run_folder)
         drawn = {name for section in sections for name in section.figures}
         # which need cells that unload, conduct, leak, or are sheared
-        needed = {"unloading", "conductance", "leakage", "flow_channels", "shear_law"}
+        needed = {"unloading", "conductance", "leakage", "shear_law"}
+        needed |= {"flow_along_x", "flow_along_y"}
         assert drawn == set(stage.pictures) - needed
 
 

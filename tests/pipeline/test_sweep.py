@@ -224,7 +224,7 @@ def test_a_sparing_run_keeps_what_took_long_and_goes_on_from_it(write, tmp_path,
     case = load_sweep(write(GRID)).points[1]
 
     def tension(folder, worth):
-        monkeypatch.setattr(import_module("multiscale.pipeline.run"), "WORTH", worth)
+        monkeypatch.setattr(import_module("multiscale.pipeline.runner"), "WORTH", worth)
         return run(case, tmp_path / folder, sparing=True).macro_result["tension"]
 
     alone = tension("spared", np.inf)

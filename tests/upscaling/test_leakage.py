@@ -42,17 +42,24 @@ def test_the_effective_permeability_of_a_lognormal_gap_is_its_geometric_mean():
     assert found.item() == pytest.approx(1.0, rel=1e-9)
 
 
-@pytest.fixture(scope="module")
-def leaking():
-    """Law of twelve cells that close one after the other along y, and all leak along x."""
+def leaking_cells():
+    """Response of twelve cells that close one after the other along y, and all leak along x."""
     gap = 1e-6 - 0.2e-6 * np.log(PRESSURE / 1e6) + 1e-9 * np.arange(12)[:, None]
     response = response_of(gap, PRESSURE)
     aperture = np.repeat(0.5 * gap[..., None], 2, axis=-1)
     aperture[..., 1] *= np.geomspace(3e6, 5e7, 12)[:, None] > PRESSURE
     values = {"hydraulic_aperture": aperture, "percolating_share": aperture > 0.0}
-    response = MICRO_RESPONSE.assign(response, values)
-    told = {"cell_size": 8e-4, "longest_wave": 2e-4}
-    return with_leakage(fit_law(response).assign_attrs(told), response)
+    return MICRO_RESPONSE.assign(response, values)
+
+
+def leaking_law(coarser=None):
+    response, told = leaking_cells(), {"cell_size": 8e-4, "longest_wave": 2e-4}
+    return with_leakage(fit_law(response, n_samples=20).assign_attrs(told), response, coarser)
+
+
+@pytest.fixture(scope="module")
+def leaking():
+    return leaking_law()
 
 
 def test_a_law_tells_apertures_with_bands_and_where_it_is_tight(leaking):
@@ -71,6 +78,22 @@ def test_a_law_tells_apertures_with_bands_and_where_it_is_tight(leaking):
     assert "is tight from" in say_sealing(leaking, "y")
     assert say_sealing(leaking, "x").endswith("up to the highest pressure, 100 MPa.")
     assert "longest waves" not in leaking.attrs.get("cautions", "")
+
+
+def test_intervals_count_the_grid_by_the_same_cells_on_half_of_the_points(leaking):
+    cells = leaking_cells()
+    coarser = cells.assign(hydraulic_aperture=0.9 * cells["hydraulic_aperture"]).isel(
+        realisation=range(4)
+    )
+    x, alone = (one.sel(direction="x") for one in (leaking_law(coarser), leaking))
+    first = leaking_cells()["hydraulic_aperture"][:4, :, 0].mean("realisation")
+    grid = 1.25 * 0.1 * first  # of order one, with Roache's factor of safety
+    for end, own in zip(*(one["hydraulic_aperture_mean_law"] for one in (x, alone)), strict=True):
+        half = np.abs(own - alone["hydraulic_aperture"])
+        expected = np.hypot(half, grid)
+        np.testing.assert_allclose(np.abs(end - x["hydraulic_aperture"]), expected, rtol=1e-3)
+    assert "half of the points" in x.attrs["leakage_intervals"]
+    assert "coarser in [micro]" in alone.attrs["leakage_intervals"]
 
 
 def test_codes_of_flow_read_apertures_against_gap_and_pressure(leaking, tmp_path):

@@ -30,6 +30,7 @@ def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         folder=job.out / FOLDER,
         sparing=job.sparing,
         identity=case.identity(),
+        keep_flow=case.micro.leakage,
         progress=lambda finished: job.progress(finished, len(cells), "coarser cells"),
     )
     return response.assign_attrs(title=case.title)
@@ -56,7 +57,7 @@ def _shear_needs(case: Case) -> Needs:
 COARSER_CELLS = Stage(
     schema=COARSER_RESPONSE,
     tables=("micro.coarser",),
-    reads={**BODIES, "micro": {"pressures", "seed", "coarser"}},
+    reads={**BODIES, "micro": {"pressures", "seed", "coarser", "leakage"}},
     run=_press,
     needs=_press_needs,
     folders=(FOLDER,),

@@ -1,6 +1,6 @@
 """Stage: the interface law fitted to the cells of two rough bodies."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,7 +78,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
     )
     if case.micro.leakage:
-        law = with_leakage(law, response)
+        law = with_leakage(law, response, found.get(COARSER_CELLS.name))
     budget = case_budget(case, loading_branch(response), law, grids, control)
     return with_budget(law, budget)
 
@@ -118,9 +118,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     if leaks := "hydraulic_aperture" in law:
         fields = out / "fields" / "fields.nc"
         figures["leakage"] = on_axes(lambda ax: plot_leakage(law, ax=ax))
-        figures["flow_channels"] = on_axes(
-            lambda ax: plot_flow_channels(open_dataset(fields, FIELDS), ax=ax)
-        )
+        figures |= {f"flow_along_{axis}": _draw_flow(fields, axis) for axis in "xy"}
     if sheared := SHEARED_CELLS.name in found:
         figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
     require_law(
@@ -204,12 +202,19 @@ def _conductance(law: "xr.Dataset") -> list[str]:
     ]
 
 
+def _draw_flow(fields: Path, axis: str) -> Callable[[Path], Path]:
+    """Return ``draw(file)`` of the flow along an axis of the first cell."""
+    return on_axes(
+        lambda ax: plot_flow_channels(open_dataset(fields, FIELDS), direction=axis, ax=ax)
+    )
+
+
 def _leakage(law: "xr.Dataset") -> list[str]:
     return [
         f"The hydraulic aperture is the distance of parallel walls that let as much of a liquid "
         f"through, by Reynolds' equation on the open part of the gap, and the interface is a "
-        f"patchwork of the cells. {say_sealing(law)} The pressure of the liquid itself lifts "
-        f"nothing.",
+        f"patchwork of the cells. {say_sealing(law)} {law.attrs.get('leakage_intervals', '')} "
+        f"The pressure of the liquid itself lifts nothing.",
     ]
 
 
@@ -317,7 +322,8 @@ FITTED_LAW = Stage(
         "unloading",
         "conductance",
         "leakage",
-        "flow_channels",
+        "flow_along_x",
+        "flow_along_y",
         "shear_law",
     ),
     answers=(

@@ -89,6 +89,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         f"{readable(f'{seal.width:g} m')} width holds back {liquid} of a liquid of "
         f"{readable(f'{seal.viscosity:g} Pa*s')}",
         sealing=say_sealing(law, direction),
+        intervals=law.attrs["leakage_intervals"],
         cautions="\n".join(cautions),
     )
 
@@ -133,11 +134,7 @@ def _summary(found: Datasets) -> Summary:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[RING_SEAL.name]
-    scatter = (
-        "The intervals count the scatter of the surfaces, and not the grid of the cells, which has "
-        "no channels between its points."
-    )
-    yield Section("Seal", [scatter], *_tabulate(result))
+    yield Section("Seal", [result.attrs.get("intervals", "")], *_tabulate(result))
 
 
 RING_SEAL = Stage(
