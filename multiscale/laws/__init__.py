@@ -1,6 +1,8 @@
 """Laws of interfaces, bulk materials and links, used at every scale."""
 
 from multiscale.laws.area import AreaLaw, ErrorFunctionArea
+from multiscale.laws.asperities import Asperities, class_densities, gaussian_asperities
+from multiscale.laws.asperity_law import AsperityCurve, AsperityLaw
 from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.damaged import Damaged
 from multiscale.laws.exponential import Exponential
@@ -17,6 +19,9 @@ from multiscale.laws.unloading import HystereticLaw
 
 __all__ = [
     "AreaLaw",
+    "Asperities",
+    "AsperityCurve",
+    "AsperityLaw",
     "BellFriction",
     "ConvexDecreasing",
     "Coulomb",
@@ -37,6 +42,8 @@ __all__ = [
     "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",
+    "class_densities",
+    "gaussian_asperities",
     "wlf_shift",
 ]
 

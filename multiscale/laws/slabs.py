@@ -2,7 +2,9 @@
 
 ``edges``, shape (3, slabs), holds gap, pressure and stiffness at the upper edge of every slab on
 the elastic curve. ``start`` and ``end`` of a step, shape (5, points), hold gap, pressure and
-stiffness of every point on this curve, and the scales of force and length.
+stiffness of every point on this curve, and the scales of force and length. Of springs that have no
+common curve, such as asperities, they hold load and stiffness of every spring and the derivatives
+of both by the gap, shape (4, springs, points), and edges and slope are not used.
 """
 
 import numpy as np
@@ -25,6 +27,8 @@ MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
 @compiled
 def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
     """Return load and stiffness (a) of slab i at point c."""
+    if place.ndim == 3:
+        return place[0, i, c], place[1, i, c]
     gap, upper = place[0, c], edges[0, i]
     if gap >= upper:
         return 0.0, 0.0
@@ -43,6 +47,8 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     N0, w0 = _slab(i, start, c, edges)
     N, w = _slab(i, end, c, edges)
     keep = w / loaded if loaded > w else 1.0
+    if end.ndim == 3:
+        return N, w, keep, min(0.5 * (w0 + w), w), 0.5 if w0 < w else 1.0
     fall = (start[0, c] - end[0, c]) * end[4, c]
     flows = start[3, c] != end[3, c]
     if flows or abs(start[0, c] - end[0, c]) * end[2, c] <= ROUNDING_CHANGE * end[1, c]:
@@ -50,6 +56,19 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     if fall <= 0.0:
         return N, w, keep, w, 1.0
     return N, w, keep, min(max((N - N0) / fall, min(w0, w)), w), 0.0
+
+
+@compiled
+def _slopes(i, c, start, end, slope, edges, step):  # type: ignore[no-untyped-def]
+    """Return the derivatives by the gap of load, stiffness and m of a step of slab i at point c."""
+    N, w, _, m, part = step
+    if end.ndim == 3:
+        return end[2, i, c], end[3, i, c], part * end[3, i, c]
+    held = i == 0 or end[0, c] >= edges[0, i - 1]
+    dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
+    dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
+    fall = (start[0, c] - end[0, c]) * end[4, c]
+    return dN, dw, part * dw if part > 0.0 else (dN + m) / fall
 
 
 @compiled(parallel=True)
@@ -61,7 +80,7 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
     length. The energies, shape (4, points), are work, stored energy before and after, J/m2, and the
     share of the load that slips.
     """
-    slabs, points = edges.shape[1], jump.shape[1]
+    slabs, points = (state.shape[0] - 3) // 3, jump.shape[1]
     traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
     new, account = np.empty(state.shape), np.empty((4, points))
     for c in prange(points):
@@ -71,15 +90,12 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
         for i in range(slabs):
             a, b, l0 = state[i, c], state[slabs + i, c], state[2 * slabs + i, c]
             stored += (a * a + b * b) / l0 if l0 > 0.0 else 0.0
-            N, w, keep, m, part = _step(i, c, start, end, l0, edges)
+            step = _step(i, c, start, end, l0, edges)
+            N, w, keep, m, _ = step
             if w == 0.0:  # open
                 new[i, c] = new[slabs + i, c] = new[2 * slabs + i, c] = 0.0
                 continue
-            held = i == 0 or end[0, c] >= edges[0, i - 1]
-            dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
-            dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
-            fall = (start[0, c] - end[0, c]) * end[4, c]
-            dm = part * dw if part > 0.0 else (dN + m) / fall
+            dN, dw, dm = _slopes(i, c, start, end, slope, edges, step)
             lost = dw / l0 if l0 > w else 0.0
             fx, fy = (
                 lost * a + dm * x,
@@ -140,7 +156,7 @@ def resolve(source, k, state, start, end, edges, friction, kappa):  # type: igno
     Newton's method with the step halved until the slope along it is small enough. If all forces
     have one direction the function is piecewise quadratic and the last step is exact.
     """
-    slabs, points = edges.shape[1], source.shape[1]
+    slabs, points = (state.shape[0] - 3) // 3, source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
     for c in prange(points):
         force, m, cap, kc = np.empty((2, slabs)), np.empty(slabs), np.empty(slabs), k[1:, c].copy()

@@ -13,6 +13,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.laws import Exponential
 from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
+from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
 from multiscale.pipeline.toml_model import (
@@ -192,6 +193,11 @@ class BodyInterface(Settings):
     exponential: StatedLaw | None = Field(
         None, description="Stated normal law, in place of `law`; takes a friction of its own."
     )
+    asperities: StatedAsperities | None = Field(
+        None,
+        description="Statistics of asperities, in place of `law`; they take a friction of their "
+        "own, and yield and slip one height after the other.",
+    )
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
     friction: Factor | None = Field(
         None, description="Coefficient of friction, if not the value of `[interface]` or the law."
@@ -205,9 +211,14 @@ class BodyInterface(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.exponential is not None and self.law is not None:
-            raise ValueError("an interface takes either law or exponential")
+        if sum(one is not None for one in (self.law, self.exponential, self.asperities)) > 1:
+            raise ValueError("an interface takes one of law, exponential and asperities")
         return self
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the case itself states the normal law."""
+        return self.exponential is not None or self.asperities is not None
 
     @property
     def name(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
-from multiscale.laws import Damaged, Exponential, Sliders
+from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
 from multiscale.macro import Assembly, Interface
 from multiscale.macro.bodies.assembly import GROUND
 from multiscale.macro.substructures import CutProblem, LoadPath, require_held
@@ -222,11 +222,15 @@ class Bodies(StructureKind):
         laws = []
         for number, one in enumerate(self.interfaces):
             source = one.over(case.interface or JointLaw())
-            key = one.exponential or (source.law, source.friction, source.stiffness_ratio)
+            key = (
+                one.asperities
+                or one.exponential
+                or (source.law, source.friction, source.stiffness_ratio)
+            )
             if key not in read:
                 ratio = self._poissons_ratio(one)
                 read[key] = None
-                if one.exponential is None:
+                if not one.is_stated:
                     law = (
                         case.interface_law(found)
                         if source.law is None
@@ -249,7 +253,7 @@ class Bodies(StructureKind):
         case: "Case",
         laws: "Sequence[xr.Dataset | None]",
         normal: "Mapping[int, NormalLaw] | None" = None,
-    ) -> list[Sliders]:
+    ) -> list[InterfaceLaw]:
         """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`.
 
         Parameters
@@ -259,7 +263,8 @@ class Bodies(StructureKind):
         normal : mapping of int to NormalLaw, optional
             In place of the normal laws of some interfaces, by their numbers.
         """
-        made, changed = [], normal or {}
+        made: list[InterfaceLaw] = []
+        changed = normal or {}
         for number, (one, law) in enumerate(zip(self.interfaces, laws, strict=True)):
             if law is None:
                 made.append(self._stated(case, number))
@@ -269,16 +274,18 @@ class Bodies(StructureKind):
             made.append(sliders_from_dataset(law, normal=worn, slabs=SLABS))
         return made
 
-    def _stated(self, case: "Case", number: int) -> Sliders:
+    def _stated(self, case: "Case", number: int) -> InterfaceLaw:
         """Law of an interface that is stated, with a friction that is given."""
         one = self.interfaces[number]
         source = one.over(case.interface or JointLaw())
         if missing := source.tell_missing((), case.strict, f"interface {number}"):
             raise CaseError(missing)
+        assert source.friction is not None  # else told as missing
+        if one.asperities is not None:
+            return one.asperities.build(source.friction, source.stiffness_ratio, one.damage)
         theory = alike_bodies(self._poissons_ratio(one))
         stated = one.exponential
         assert stated is not None
-        assert source.friction is not None  # else told as missing
         normal = stated.build()
         return Sliders(
             Damaged(normal, one.damage) if one.damage else normal,
@@ -299,7 +306,7 @@ class Bodies(StructureKind):
             if one.exponential is not None and one.over(shared).stiffness_ratio is None
         ]
 
-    def build(self, case: "Case", laws: Sequence[Sliders]) -> StructureParts:
+    def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
         """Build bodies, interfaces and bolts, and the path over the loads.
 
         Raises

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from multiscale.executors import run_jobs
 from multiscale.fe.facets import plane_axes
-from multiscale.laws import NormalLaw, Sliders
+from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_settings import RoughBodies
@@ -112,14 +112,13 @@ def few_steps(case: Case) -> int:
     return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
-def change_friction(laws: Sequence[Sliders], change: Change) -> list[Sliders]:
-    """Return the laws of all joints, of which those that change have other parameters."""
+def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[InterfaceLaw]:
+    """Return the laws of all joints, of which beds of sliders that change have other parameters."""
 
-    def changed(law: Sliders) -> Sliders:
-        law = replace(law, slabs=change.slabs or law.slabs)
-        return replace(
-            law, **{name: factor * getattr(law, name) for name, factor in change.factors.items()}
-        )
+    def changed(law: InterfaceLaw) -> InterfaceLaw:
+        bed = cast(Sliders, law)  # a law with a budget is one
+        factors = {name: factor * getattr(bed, name) for name, factor in change.factors.items()}
+        return replace(bed, slabs=change.slabs or bed.slabs, **factors)
 
     return [changed(law) if joint in change.joints else law for joint, law in enumerate(laws)]
 

@@ -13,6 +13,7 @@ from skfem import MeshHex2, MeshTet
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_law, save_law
+from multiscale.laws import Asperities, AsperityLaw, gaussian_asperities
 from multiscale.pipeline import load_case, run, run_macro
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.plotting import load_pictures
@@ -385,6 +386,26 @@ def test_three_bolts_share_a_load_as_springs_on_a_bed(meshes):
 
 STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[structure.loads]]")]
 """The law that the text states."""
+
+
+ASPERITIES = """[structure.interfaces.asperities]
+density = "1e9 m^-2"
+radius = "0.1 mm"
+rms_height = "1 um"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+yield_stress = "400 MPa"
+"""
+
+
+def test_asperities_are_pressed_between_bodies_as_their_statistics_say(meshes):
+    found = solve(meshes, (STATED, ASPERITIES))
+    one = Asperities(*gaussian_asperities(1e-6, 1e9), 1e-4, 210e9, 0.3, 400e6)
+    law = AsperityLaw(one, friction=0.2, stiffness_ratio=0.8)
+    jump = np.moveaxis(found["jump"].values[0], 1, 0)
+    traction = law.respond(jump, np.zeros((law.n_state, jump.shape[1]))).traction
+    np.testing.assert_allclose(traction.T, found["traction"].values[0], rtol=1e-6, atol=1.0)
+    assert found["interface_pressure"].values[0, 0] == pytest.approx(10e6, rel=1e-6)
 
 
 @pytest.mark.slow

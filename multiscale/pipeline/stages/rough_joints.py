@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.laws import Sliders
+from multiscale.laws import InterfaceLaw
 from multiscale.macro.bodies import Assembly
 from multiscale.macro.substructures import (
     FEW_STEPS,
@@ -119,7 +119,7 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
 
 def _change_laws(
     bodies: RoughBodies, case: Case, law: "xr.Dataset", change: Change
-) -> list[Sliders]:
+) -> list[InterfaceLaw]:
     """Make the laws of all joints with a change."""
     return change_friction(bodies.sliders(case, law, normal=change.normal), change)
 
@@ -127,7 +127,7 @@ def _change_laws(
 def _solve_changed(
     near: FollowedJoint,
     areas: Sequence[float],
-    laws: Callable[[Change], list[Sliders]],
+    laws: Callable[[Change], list[InterfaceLaw]],
     method: Method,
     change: Change,
 ) -> "xr.Dataset":

@@ -1,0 +1,82 @@
+"""What a case may say of the asperities of an interface."""
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from multiscale.laws import Asperities, AsperityLaw, class_densities, gaussian_asperities
+from multiscale.pipeline.toml_model import (
+    Factor,
+    Length,
+    Number,
+    Pressure,
+    Ratio,
+    Settings,
+    must_rise,
+    quantity,
+    with_unit,
+)
+
+__all__ = ["StatedAsperities"]
+
+PerArea = Annotated[float, quantity("1/m^2"), Field(gt=0.0), with_unit("1/m^2")]
+Height = Annotated[float, quantity("m"), with_unit("m")]
+
+
+class StatedAsperities(Settings):
+    """Statistics of the asperities between two alike bodies, from published surfaces."""
+
+    density: PerArea = Field(description="Asperities per area, 1/m².")
+    radius: Length = Field(description="Composite radius of both surfaces, m.")
+    rms_height: Length | None = Field(
+        None, description="Root mean square of Gaussian heights about their mean plane, m."
+    )
+    heights: tuple[Height, ...] = Field(
+        (),
+        description="Rising heights of asperities above the plane from which the gap counts, m, "
+        "in place of `rms_height`; the highest touches first.",
+    )
+    weights: tuple[Factor, ...] = Field(
+        (), description="Probability density at every one of `heights`, in any unit."
+    )
+    youngs_modulus: Pressure = Field(description="Young's modulus of both bodies, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio of both bodies.")
+    yield_stress: Pressure | None = Field(
+        None, description="Yield stress, Pa; the asperities are elastic if not given."
+    )
+    tangent_modulus: Annotated[Number, quantity("Pa"), Field(ge=0.0), with_unit("Pa")] = Field(
+        0.0, description="Slope of the stress over the strain after yield, Pa."
+    )
+
+    _rise = field_validator("heights")(must_rise)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.rms_height is None) == (not self.heights):
+            raise ValueError("asperities take either rms_height or heights with their weights")
+        if len(self.heights) != len(self.weights):
+            raise ValueError(
+                f"asperities take one weight for each height, got {len(self.heights)} heights and "
+                f"{len(self.weights)} weights"
+            )
+        return self
+
+    def build(self, friction: float, stiffness_ratio: float | None, damage: float) -> AsperityLaw:
+        """Make the law of an interface whose asperities damage has thinned out."""
+        density = (1.0 - damage) * self.density
+        height, own = (
+            class_densities(np.array(self.heights), np.array(self.weights), density)
+            if self.rms_height is None
+            else gaussian_asperities(self.rms_height, density)
+        )
+        one = Asperities(
+            height,
+            own,
+            self.radius,
+            self.youngs_modulus,
+            self.poissons_ratio,
+            self.yield_stress or np.inf,
+            self.tangent_modulus,
+        )
+        return AsperityLaw(one, friction, stiffness_ratio)
