@@ -12,7 +12,7 @@ from multiscale.laws.bulk.moduli import lame_parameters
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = ["assemble_elasticity", "displacement_basis", "elastic_matrix"]
+__all__ = ["assemble_elasticity", "assemble_mass", "displacement_basis", "elastic_matrix"]
 
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
@@ -77,6 +77,24 @@ def assemble_elasticity(
         return by_lame[i][j] + by_shear[j][i] + (laplace if i == j else 0.0 * laplace)  # (1)
 
     return _interleave([[block(i, j) for j in range(d)] for i in range(d)])
+
+
+def assemble_mass(basis: "CellBasis", density: float) -> csr_array:
+    """Assemble the consistent mass of a body of even density.
+
+    Parameters
+    ----------
+    basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
+    density : float, kg/m3
+
+    Returns
+    -------
+    csr_array, shape (d n, d n), kg; rows are numbered as in :func:`assemble_elasticity`
+    """
+    from skfem import BilinearForm
+
+    scalar = BilinearForm(lambda u, v, w: density * u * v).assemble(basis)
+    return csr_array(kron(csr_array(scalar), np.eye(basis.mesh.dim())))
 
 
 def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr_array:

@@ -15,7 +15,7 @@ from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
 from multiscale.laws.temperature_shift import wlf_shift
-from multiscale.laws.unloading import HystereticLaw
+from multiscale.laws.unloading import HystereticLaw, ShakenDownLaw
 
 __all__ = [
     "AreaLaw",
@@ -37,6 +37,7 @@ __all__ = [
     "PowerStiffness",
     "Response",
     "RigidContact",
+    "ShakenDownLaw",
     "Sliders",
     "Sliding",
     "SteadySliding",

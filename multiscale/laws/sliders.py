@@ -1,6 +1,6 @@
 """Bed of springs and sliders on a normal law: tangential stiffness, micro-slip and friction."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -156,6 +156,15 @@ class Sliders(InterfaceLaw):
         state[:own] = self.normal.respond(jump, state[:own]).state
         state[-3:] = jump
         return state
+
+    def unsheared(self, state: np.ndarray) -> np.ndarray:
+        """Return the state with the same pressure and no force in the sliders."""
+        own, bed = self.normal.n_state, 3 * self.slabs
+        return np.concatenate([state[:own], np.zeros_like(state[own : own + bed]), state[-3:]])
+
+    def shaken_down(self) -> "Sliders":
+        """Return the bed on the curve of unloading; see :class:`InterfaceLaw`."""
+        return replace(self, normal=self.normal.shaken_down())  # type: ignore[arg-type]  # of one kind
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
         """Return the state whose last tangential jump is zero."""

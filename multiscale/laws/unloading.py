@@ -8,7 +8,7 @@ from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, new
 from multiscale.laws.parameters import check_parameter
 from multiscale.laws.power import PowerLaw
 
-__all__ = ["HystereticLaw"]
+__all__ = ["HystereticLaw", "ShakenDownLaw"]
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,10 @@ class HystereticLaw(InterfaceLaw):
         length = np.asarray(branch.support)
         return np.maximum(gap - self.loading.gap + branch.gap, 0.0) / length, peak, length
 
+    def shaken_down(self) -> "ShakenDownLaw":
+        """Return the law that stays on (1); see :class:`InterfaceLaw`."""
+        return ShakenDownLaw(self.loading, self.stiffness_ratio, self.exponent)
+
     def branch(self, peak_pressure: np.ndarray) -> PowerLaw:
         """Return (1) from largest pressures :math:`p_m > 0`, Pa, with the gap :math:`g - g_m`."""
         peak = np.asarray(peak_pressure, dtype=float)
@@ -139,3 +143,47 @@ class HystereticLaw(InterfaceLaw):
                 branch, source[:, back], k[:, back], state[:, back], -np.asarray(branch.gap)
             )
         return jump
+
+
+@dataclass(frozen=True)
+class ShakenDownLaw(HystereticLaw):
+    r"""Law that follows the unloading branch (1) of its largest pressure, below and above it.
+
+    It is what :class:`HystereticLaw` becomes under small changes of its load, which flow no more
+    after the first of them. The parameters and the state are the same, and the state does not
+    change. Where nothing has pressed yet the loading branch is elastic, and carries no shear.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential
+    >>> law = HystereticLaw(Exponential(1.0e9, 1.0e-6), 2.0, 1.5).shaken_down()
+    >>> law.respond(np.array([[1.9e-6]]), state=np.array([[1.35335283e8]])).traction[0] / 1e6
+    array([-163.28546609])
+    """
+
+    def on_curve(
+        self, gap: np.ndarray, state: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the place on (1), on both sides of the largest pressure, and its scales."""
+        peak = state[0]
+        branch = self.branch(np.where(peak > 0.0, peak, 1.0))
+        length = np.asarray(branch.support)
+        return (gap - self.loading.gap + branch.gap) / length, peak, length
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Evaluate (1) on both sides of the largest pressure."""
+        peak = state[0]
+        pressed = peak > 0.0
+        own = self.branch(np.where(pressed, peak, 1.0)).respond(jump, state)
+        virgin = self.loading.respond(jump, state)
+        return Response(
+            np.where(pressed, own.traction, virgin.traction),
+            np.where(pressed, own.tangent, virgin.tangent),
+            state,
+        )
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
+        return InterfaceLaw.resolvent(self, source, stiffness, state)

@@ -78,6 +78,18 @@ class CondensedProblem:
             u[large.unknown[split.inside]] = modes @ amplitude - one.solve(one.back @ edge)  # (1)
         return u
 
+    def with_loads(self, load: np.ndarray) -> "CondensedProblem":
+        """Return the problem with further load cases, shape (whole.n, cases), N, after its own."""
+        whole = self.whole
+        share = load / whole.sum_up([np.ones(part.n) for part in whole.substructures])[:, None]
+        parts = [
+            replace(part, load=np.column_stack([part.load, share[part.unknown]]))
+            for part in whole.substructures
+        ]
+        problem = replace(whole, substructures=tuple(parts))
+        condensed = self.small is not whole
+        return _reduce(problem, self.insides) if condensed else CondensedProblem(problem, problem)
+
     def restore(self, result: "xr.Dataset") -> "xr.Dataset":
         """Return a result of the small problem with the displacement of all nodes."""
         if self.small is self.whole:
@@ -131,13 +143,24 @@ def condense_problem(
     little = problem.n - left.size <= problem.n_cases * len(parts)  # modes may be as many
     if not problem.joints or left.size > (DENSE if largest is None else largest) or little:
         return CondensedProblem(problem, problem)
+    insides = [
+        condense_body(part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure")
+        for part, keep in zip(parts, keeps, strict=True)
+    ]
+    return _reduce(problem, insides)
+
+
+def _reduce(problem: CutProblem, insides: Sequence[CondensedStiffness]) -> CondensedProblem:
+    """Put the condensed substructures and the modes of their loads together."""
+    parts = problem.substructures
+    edges = [one.split.edge for one in insides]
+    left = np.unique(
+        np.concatenate([part.unknown[edge] for part, edge in zip(parts, edges, strict=True)])
+    )
     number = np.full(problem.n, -1)
     number[left] = np.arange(left.size)
-    insides, modes, small, last = [], [], [], left.size
-    for part, keep in zip(parts, keeps, strict=True):
-        one = condense_body(
-            part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure"
-        )
+    modes, small, last = [], [], left.size
+    for part, edge, one in zip(parts, edges, insides, strict=True):
         own, load = _load_modes(one, part)
         stiffness = [one.blocks[0], np.eye(load.shape[0]) * part.stiffness.diagonal().mean()]
         new = last + np.arange(load.shape[0])
@@ -147,12 +170,11 @@ def condense_problem(
             Substructure(
                 csr_array(block_diag(stiffness, format="csr")),
                 np.concatenate([one.reduce(part.load), load]),
-                np.concatenate([number[part.unknown[keep]], new]),
-                np.concatenate([part.position[keep], nowhere]),
-                np.concatenate([part.component[keep], np.full(new.size, UNMOVED)]),
+                np.concatenate([number[part.unknown[edge]], new]),
+                np.concatenate([part.position[edge], nowhere]),
+                np.concatenate([part.component[edge], np.full(new.size, UNMOVED)]),
             )
         )
-        insides.append(one)
         modes.append(own)
     position = np.zeros((last, 3))
     for part in small:
@@ -163,7 +185,7 @@ def condense_problem(
         replace(
             joint,
             trace=tuple(
-                _extend(trace, keeps[side], small[side].n)
+                _extend(trace, edges[side], small[side].n)
                 for side, trace in zip(joint.sides, joint.trace, strict=True)
             ),
         )
@@ -192,7 +214,7 @@ def _load_modes(condensed: CondensedStiffness, part: Substructure) -> tuple[np.n
     return moved[:, acts] @ vector, vector.T @ work[acts]
 
 
-def _extend(trace: csr_array, keep: np.ndarray, n: int) -> csr_array:
+def _extend(trace: csr_array, edge: np.ndarray, n: int) -> csr_array:
     """Trace of the kept unknowns, among all of the small substructure."""
-    own = csr_array(trace[:, np.flatnonzero(keep)])
+    own = csr_array(trace[:, edge])
     return csr_array((own.data, own.indices, own.indptr), shape=(own.shape[0], n))

@@ -19,7 +19,7 @@ from multiscale.macro.substructures.whole_structure import assemble
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["solve_whole"]
+__all__ = ["SideBySide", "solve_whole"]
 
 
 def solve_whole(
@@ -67,7 +67,7 @@ def solve_whole(
         )
     factors, bodies = load_factors(problem, load_factor, after), condense_problem(problem)
     whole = assemble(bodies.small)
-    law = _SideBySide(tuple(joint.law for joint in problem.joints if joint.law), problem.points)
+    law = SideBySide(tuple(joint.law for joint in problem.joints if joint.law), problem.points)
     state, before = law.join(states_after(problem, after)), np.zeros(0)
     u: np.ndarray | None = None
     jump, first = np.zeros((3, law.n_points)), 0
@@ -137,8 +137,14 @@ def _changes(
 
 
 @dataclass(frozen=True)
-class _SideBySide(InterfaceLaw):
-    """Laws of interfaces side by side, each at its points, with as many state rows as any has."""
+class SideBySide(InterfaceLaw):
+    """Laws of interfaces side by side, each at its points, with as many state rows as any has.
+
+    Attributes
+    ----------
+    laws : sequence of InterfaceLaw
+    points : sequence of slice, points of each law, among the points of all
+    """
 
     laws: Sequence[InterfaceLaw]
     points: Sequence[slice]
@@ -180,6 +186,20 @@ class _SideBySide(InterfaceLaw):
         for law, at in self._places():
             new[: law.n_state, at] = law.from_here(state[: law.n_state, at])
         return new
+
+    def unsheared(self, state: np.ndarray) -> np.ndarray:
+        """Let no law have a tangential traction."""
+        new = np.zeros_like(state)
+        for law, at in self._places():
+            new[: law.n_state, at] = law.unsheared(state[: law.n_state, at])
+        return new
+
+    def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Let every law say what slips at its points."""
+        share = np.zeros(jump.shape[1:])
+        for law, at in self._places():
+            share[at] = law.slipping_load(jump[:, at], state[: law.n_state, at])
+        return share
 
     def advance(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Return the state after a step, which may not win energy."""

@@ -1,0 +1,383 @@
+r"""Quasi-static modal analysis: frequency and damping of a mode against its amplitude.
+
+A structure at rest is loaded by :math:`\alpha M \phi`. With the change v of the displacement and
+the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` tells
+
+.. math::
+    \omega^2(q) = \frac{\alpha}{q}, \qquad
+    \zeta(q) = \frac{D}{2 \pi \omega^2 q^2}, \qquad
+    D = 8 \int_0^q \alpha\, \mathrm{d}q' - 4 \alpha q, \tag{1}
+
+where the loss D of a cycle follows by Masing's rule if the normal load of the joints stays as it
+is, and is :math:`\oint \alpha\, \mathrm{d}q` of a cycle that is solved else.
+
+References
+----------
+.. [1] H. Festjens, G. Chevallier and J.-L. Dion, J. Sound Vib. 332 (2013) 4821-4838,
+   doi:10.1016/j.jsv.2013.04.020.
+.. [2] R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118 (2019) 133-157.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.laws.interface_law import InterfaceLaw, Response
+from multiscale.macro.substructures.closed_cycles import closed_cycle
+from multiscale.macro.substructures.whole_structure import Assembled
+from multiscale.macro.vibration.preloaded import Preloaded
+from multiscale.macro.vibration.tangent_modes import TangentModes
+
+__all__ = ["Amplitudes", "Backbone", "follow_backbone", "masing_loss"]
+
+SPRING = 1e3
+"""Stiffness of the spring on the modal amplitude that drives a mode, over the mode's own."""
+
+FIRST = 0.1
+"""Amplitude of the first step, relative to the smallest that is asked for."""
+
+SLID = 0.99
+"""Share of the load of an interface that slips from which it slides away."""
+
+OPENS = 0.01
+"""Share of the pressure at rest up to which a point opens, and of the area that then counts."""
+
+MIDDLE = 1e-3
+"""Middle of a cycle, relative to its amplitude."""
+
+TOLERANCE = 1e-9
+"""Residual of a step, relative to the load that drives the mode."""
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """Amplitudes of modes, and how they are reached.
+
+    Parameters
+    ----------
+    values : tuple of float, rising modal amplitudes, kg^1/2 m
+    full_cycle : bool, whether cycles are solved; Masing's rule tells their loss if not
+    ratio : float, largest ratio of neighbouring amplitudes of the loading curve
+    steps : int, steps from the middle of a cycle to its amplitude
+    """
+
+    values: tuple[float, ...]
+    full_cycle: bool = False
+    ratio: float = 1.5
+    steps: int = 10
+
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes of the loading curve, rising, and the places of those that are asked for."""
+        ends = np.array([FIRST * self.values[0], *self.values])
+        counts = np.ceil(np.log(ends[1:] / ends[:-1]) / np.log(self.ratio) - 1e-9).astype(int)
+        parts = [
+            np.geomspace(low, high, count + 1)[1:]
+            for low, high, count in zip(ends, ends[1:], counts, strict=False)
+        ]
+        return np.append(ends[0], np.concatenate(parts)), np.cumsum(counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone:
+    """Frequency and damping of one mode against its amplitude; NaN where it slides away.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (amplitudes,), Hz
+    damping : ndarray, shape (amplitudes,)
+        Share of critical damping that the joints give.
+    drop : ndarray, shape (2, amplitudes)
+        By how much the secant square of the frequency falls in both directions, relative to its
+        value at rest.
+    pressure, slipping : ndarray, shape (2, amplitudes, points)
+        Pressure, Pa, and share of it that slips, at the amplitude in both directions.
+    opens : ndarray of bool, shape (amplitudes,), whether contact opens in one of them
+    failure : str, why the last amplitudes have no answer; empty if all have one
+    """
+
+    frequency: np.ndarray
+    damping: np.ndarray
+    drop: np.ndarray
+    pressure: np.ndarray
+    slipping: np.ndarray
+    opens: np.ndarray
+    failure: str
+
+
+@dataclass(frozen=True)
+class _Change(InterfaceLaw):
+    """Change of the traction of a law from a traction at rest, shape (3, points), Pa."""
+
+    law: InterfaceLaw
+    rest: np.ndarray
+
+    @property
+    def n_state(self) -> int:  # type: ignore[override]
+        """Number of rows of the state."""
+        return self.law.n_state
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Subtract the traction at rest."""
+        own = self.law.respond(jump, state)
+        return replace(own, traction=own.traction - self.rest)
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction."""
+        return self.law.resolvent(source + self.rest, stiffness, state)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A point of the path of a mode.
+
+    Attributes
+    ----------
+    value : ndarray, shape (n,), change of the displacement since rest, m
+    amplitude, force : float, q, kg^1/2 m, and alpha, kg^1/2 m/s2
+    jump, state : ndarray, of the joints
+    slipping : ndarray, shape (points,), share of the pressure that slips
+    failure : str
+    """
+
+    value: np.ndarray
+    amplitude: float
+    force: float
+    jump: np.ndarray
+    state: np.ndarray
+    slipping: np.ndarray
+    failure: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Mode:
+    """One mode of a structure at rest, driven by a spring on its amplitude.
+
+    Attributes
+    ----------
+    rest : Preloaded
+    structure : Assembled, small, with the spring; its load is the load of the spring
+    law : SideBySide less its traction at rest
+    square : float, of the frequency at rest, s⁻²
+    """
+
+    rest: Preloaded
+    structure: Assembled
+    law: _Change
+    square: float
+
+    @property
+    def start(self) -> _Point:
+        """The structure at rest."""
+        points = self.rest.jump.shape[1]
+        nothing = np.zeros(self.structure.load.shape[0])
+        return _Point(nothing, 0.0, 0.0, self.rest.jump, self.rest.state, np.zeros(points))
+
+    def follow(self, point: _Point, amplitudes: Sequence[float]) -> Iterator[_Point]:
+        """Take the mode to amplitudes one after the other, until it cannot follow."""
+        for amplitude in amplitudes:
+            point = self._step(point, amplitude)
+            yield point
+            if point.failure:
+                return
+
+    def _step(self, point: _Point, amplitude: float) -> _Point:
+        """Take the mode to an amplitude, nearly: both force and amplitude are those it has there.
+
+        The spring reaches so far that the amplitude is met if nothing slips in the step.
+        """
+        spring = SPRING * self.square
+        force = point.force + self.square * (amplitude - point.amplitude)
+        reach = amplitude + force / spring
+        law, axes = self.rest.law, np.array([[0.0], [1.0], [1.0]])
+        slid, state = point.jump * axes, law.from_here(point.state)
+        grow = amplitude / point.amplitude if point.amplitude * amplitude > 0.0 else 1.0
+        moved = (grow - 1.0) * point.value
+        opened = (self.structure.jump @ moved).reshape(point.jump.shape)
+        starts = [(point.value + moved, opened), (point.value, 0.0 * opened)]
+        for value, more in starts:  # along the path, else from where it stands
+            solution = self.structure.solve(
+                self.law,
+                np.array([reach]),
+                start=value,
+                jump=point.jump - slid + more,
+                state=state,
+                tolerance=TOLERANCE,
+            )
+            if solution.converged:
+                break
+        q = float(self.structure.load[:, 0] @ solution.value) / spring
+        jump = slid + solution.jump
+        failure = "" if solution.converged else solution.status.value
+        if failure:
+            return replace(point, failure=failure)
+        slipping = law.slipping_load(solution.jump, state)
+        new = law.advance(solution.jump, state)
+        return _Point(solution.value, q, spring * (reach - q), jump, new, slipping)
+
+    def pressure(self, point: _Point) -> np.ndarray:
+        """Pressure at a point of the path, shape (points,), Pa."""
+        return np.asarray(-self.rest.law.respond(point.jump, point.state).traction[0])
+
+    def sliding(self, point: _Point) -> str:
+        """Say which interface slides away; nothing if none does."""
+        if point.failure:
+            return f"no equilibrium was found ({point.failure})"
+        load = np.maximum(self.pressure(point), 0.0) * self.structure.weight
+        number = self.rest.path["point_joint"].values
+        for joint in np.unique(number):
+            mine = number == joint
+            slips = float(load[mine] @ point.slipping[mine])
+            if slips > SLID * float(load[mine].sum()):
+                return f"more than {100.0 * SLID:g} % of the load of interface {int(joint)} slips"
+        return ""
+
+
+def follow_backbone(
+    rest: Preloaded,
+    modes: TangentModes,
+    load: np.ndarray,
+    mode: int,
+    amplitudes: Amplitudes,
+    progress: Callable[[], None] = lambda: None,
+) -> Backbone:
+    """Follow one mode over its amplitudes, in both directions from rest.
+
+    Parameters
+    ----------
+    rest : Preloaded
+    modes : TangentModes
+    load : ndarray, shape (whole unknowns, modes), M phi of all modes, kg^1/2
+    mode : int, counted from 0
+    amplitudes : Amplitudes
+    progress : callable, called after each amplitude of each direction
+    """
+    square, points = float(modes.square[mode]), rest.jump.shape[1]
+    asked = len(amplitudes.values)
+    if not points:
+        none = np.zeros((2, asked, 0))
+        constant = np.full(asked, modes.frequency[mode])
+        nothing = np.zeros((2, asked))
+        return Backbone(constant, nothing[0], nothing, none, none, np.zeros(asked, dtype=bool), "")
+    driven = _drive(rest, load[:, mode], square)
+    grid, places = amplitudes.curve()
+    force, drop = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
+    loss, reached = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
+    pressure, slipping = (np.full((2, asked, points), np.nan) for _ in range(2))
+    ends: list[list[_Point]] = [[], []]
+    failures = ["", ""]
+    for side, sign in enumerate((1.0, -1.0)):
+        q, alpha = [0.0], [0.0]
+        at = dict(zip(places.tolist(), range(asked), strict=True))
+        for step, point in enumerate(driven.follow(driven.start, (sign * grid).tolist())):
+            if told := driven.sliding(point):
+                failures[side] = told
+                break
+            q.append(sign * point.amplitude)
+            alpha.append(sign * point.force)
+            if (k := at.get(step)) is not None:
+                ends[side].append(point)
+                pressure[side, k], slipping[side, k] = driven.pressure(point), point.slipping
+                progress()
+        found = len(ends[side])
+        known = places[:found] + 1
+        curve = np.array(q), np.array(alpha)
+        reached[side, :found], force[side, :found] = curve[0][known], curve[1][known]
+        drop[side, :found] = 1.0 - curve[1][known] / curve[0][known] / square
+        loss[side, :found] = masing_loss(*curve, square)[known]
+    sizes, stiffness = reached.sum(axis=0), force.sum(axis=0) / reached.sum(axis=0)
+    lost, q = loss.mean(axis=0), 0.5 * sizes
+    opens = _opens(driven, pressure)
+    for k in np.flatnonzero(np.isfinite(lost)):
+        if amplitudes.full_cycle or opens[k]:
+            lost[k], q[k], stiffness[k] = _cycle(driven, ends[0][k], q[k], amplitudes.steps)
+    frequency = np.sqrt(stiffness) / (2.0 * np.pi)
+    unknown = np.flatnonzero(np.isnan(lost))
+    failure = ""
+    if unknown.size:
+        why = next(filter(None, failures), "a cycle found no equilibrium")
+        failure = (
+            f"mode {mode + 1} has no answer from the modal amplitude "
+            f"{amplitudes.values[unknown[0]]:.4g} kg^1/2 m on: {why}; ask for smaller amplitudes"
+        )
+    damping = lost / (2.0 * np.pi * stiffness * q**2)  # (1)
+    return Backbone(frequency, damping, drop, pressure, slipping, opens, failure)
+
+
+def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
+    """Put the spring on the amplitude of a mode."""
+    own = rest.loaded(load[:, None])
+    spring = SPRING * square
+    pull = own.load[:, 0]
+    driven = Assembled(
+        csr_array(own.stiffness + spring * csr_array(np.outer(pull, pull))),
+        spring * own.load,
+        own.jump,
+        own.weight,
+    )
+    still = rest.law.respond(rest.jump, rest.state).traction
+    return _Mode(rest, driven, _Change(rest.law, still), square)
+
+
+def _opens(driven: _Mode, pressure: np.ndarray) -> np.ndarray:
+    """Tell where pressures, shape (2, amplitudes, points), leave much of the area at rest."""
+    rest, area = driven.pressure(driven.start), driven.structure.weight
+    left = (rest > 0.0) & (pressure < OPENS * rest)  # NaN is not
+    pressed = area[rest > 0.0].sum()
+    return np.asarray((left @ area > OPENS * pressed).any(axis=0))
+
+
+def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[float, float, float]:
+    """Loss, amplitude and secant stiffness of a closed cycle from its positive end."""
+    path = closed_cycle(steps)
+    path = amplitude * np.where(path == 0.0, MIDDLE, path)  # a load is needed as a scale
+    found = [end, *driven.follow(end, path.tolist())]
+    if len(found) <= path.size or found[-1].failure:
+        return np.nan, np.nan, np.nan
+    q = np.array([one.amplitude for one in found])
+    alpha = np.array([one.force for one in found])
+    half = 2 * steps
+    span, pulled = q[-1] - q[half], alpha[-1] - alpha[half]
+    return _closed_work(q, alpha), 0.5 * span, pulled / span
+
+
+def _closed_work(q: np.ndarray, alpha: np.ndarray) -> float:
+    r"""Work of a closed path by Simpson's rule on both branches, of nearly even steps of q."""
+    from scipy.integrate import simpson
+
+    half = q.size // 2
+    deficit = alpha - (alpha[-1] - alpha[half]) / (q[-1] - q[half]) * q  # a line does no work
+    branches = (slice(0, half + 1), slice(half, None))
+    return float(sum(simpson(deficit[part], x=q[part]) for part in branches))
+
+
+def masing_loss(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
+    r"""Loss of closed cycles to the points of a loading curve, by Masing's rule (1), J.
+
+    Parameters
+    ----------
+    amplitude, force : ndarray, shape (points,), q, kg^1/2 m, and alpha, kg^1/2 m/s2, from zero
+    square : float, stiffness at rest, s⁻²
+
+    Notes
+    -----
+    With the deficit :math:`d = \omega_0^2 - \alpha/q`, (1) is
+    :math:`D = 4 d q^2 - 8 \int d\, q'\, \mathrm{d}q'`. Between the points d is a power of q, as it
+    is in micro-slip, and below the first one of the same power as behind it.
+
+    Examples
+    --------
+    >>> q = np.linspace(0.0, 1.0, 5)
+    >>> round(float(masing_loss(q, q - 0.3 * q**2, 1.0)[-1]), 12)  # a deficit of .3 q: .4 q^3
+    0.4
+    """
+    q = amplitude[1:]
+    d = np.maximum(square - force[1:] / q, np.finfo(float).tiny)
+    slope = np.diff(np.log(d)) / np.diff(np.log(q))
+    slope = np.clip(np.append(slope[:1] if slope.size else 1.0, slope), -1.0, 50.0)
+    below = np.append(0.0, q[:-1] / q[1:]) ** (slope + 2.0)
+    area = np.cumsum(d * q**2 / (slope + 2.0) * (1.0 - below))
+    return np.append(0.0, 4.0 * d * q**2 - 8.0 * area)

@@ -1,0 +1,142 @@
+"""A structure at rest under its preload: from here on it vibrates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.sparse import block_array, csr_array, diags_array
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.substructures.assembly_methods import AssembledNewton
+from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
+from multiscale.macro.substructures.capacity import say_free_motions
+from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
+from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.joint_state import states_after
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.whole_solver import SideBySide
+from multiscale.macro.substructures.whole_structure import Assembled, assemble
+from multiscale.macro.vibration.tangent_modes import find_free_motions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Preloaded", "press_structure"]
+
+MOST = 6000
+"""Kept unknowns up to which bodies are condensed: their full matrix is factorised once, and one
+of half its size in every step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Preloaded:
+    """A structure at rest.
+
+    Attributes
+    ----------
+    free : CutProblem, the structure as supports hold it or leave it free
+    condensed : CondensedProblem
+        The same, with springs that hold the motions of the whole that are free.
+    path : Dataset, follows ``MACRO_RESULT``, the steps of the preload on the small problem
+    law : SideBySide, laws of all joints for further loads, which flow no more
+    jump : ndarray, shape (3, points), m
+    state : ndarray, shape (law.n_state, points)
+    """
+
+    free: CutProblem
+    condensed: CondensedProblem
+    path: "xr.Dataset"
+    law: SideBySide
+    jump: np.ndarray
+    state: np.ndarray
+
+    def loaded(self, load: np.ndarray) -> Assembled:
+        """Return the small structure with locked bolts under loads, (whole unknowns, cases), N."""
+        own = assemble(_lock(self.condensed.with_loads(load).small))
+        return replace(own, load=own.load[:, own.load.shape[1] - load.shape[1] :])
+
+    def tangent(self) -> csr_array:
+        """Stiffness of the whole against small changes, with locked bolts, no point slipping, N/m.
+
+        Shape (whole unknowns, whole unknowns).
+        """
+        whole = assemble(_lock(self.free))
+        tangent = self.law.respond(self.jump, self.law.unsheared(self.state)).tangent
+        blocks = [[diags_array(whole.weight * entry) for entry in row] for row in tangent]
+        B = whole.jump
+        stiffness = whole.stiffness + B.T @ csr_array(block_array(blocks, format="csr")) @ B
+        return csr_array(0.5 * (stiffness + stiffness.T))
+
+
+def press_structure(
+    assembly: Assembly,
+    factors: np.ndarray,
+    *,
+    preload_laws: Sequence[InterfaceLaw] | None = None,
+) -> Preloaded:
+    """Bring a structure to rest under its preload.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Supports, interfaces and bolts hold its bodies to each other; the whole may be free, if its
+        loads balance each other.
+    factors : ndarray, shape (steps, cases), factors of its loads, with bolts of their preloads
+    preload_laws : sequence of InterfaceLaw, optional
+        Laws of the interfaces during the preload, such as frictionless ones, with the same states.
+
+    Raises
+    ------
+    CaseError
+        If a body is free to move by itself, or the structure is refused as by ``cut_assembly``.
+    ConvergenceError
+        If the preload has no equilibrium.
+    """
+    free = cut_assembly(assembly)
+    held = _hold(free)
+    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
+    if loose := say_free_motions(held, names):
+        raise CaseError(
+            f"{loose}: hold each body by supports, by an interface with friction or by bolts; the "
+            f"structure as a whole may be free"
+        )
+    condensed = condense_problem(held, largest=MOST)
+    laws = [interface.law for interface in assembly.interfaces]
+    pressed = condensed.small.with_laws(laws if preload_laws is None else preload_laws)
+    path = follow_bolts(pressed, factors, AssembledNewton())
+    if not path["converged"].values.all():
+        raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
+    joints = pressed.joints
+    after = SideBySide([laws[joint.joint].shaken_down() for joint in joints], pressed.points)
+    states = states_after(pressed, path)
+    jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
+    return Preloaded(free, condensed, path, after, jump, after.join(states))
+
+
+def _hold(problem: CutProblem) -> CutProblem:
+    """Hold the motions of the whole that neither supports nor joints with the ground resist."""
+    whole = assemble(problem)
+    size, k = float(whole.stiffness.diagonal().mean()), np.zeros((3, whole.weight.size))
+    for joint, points in zip(problem.joints, problem.points, strict=True):
+        assert joint.law is not None  # a joint has one
+        k[:, points] = size
+        k[1:, points] *= np.sign(joint.law.friction_limit(np.ones(1)))
+    B = whole.jump
+    K = csr_array(whole.stiffness + B.T @ diags_array(k.ravel()) @ B)
+    springs = np.zeros(problem.n)
+    springs[find_free_motions(problem, K).pins] = size
+    parts = []
+    for part in problem.substructures:  # the first that has the unknown has the spring
+        own = springs[part.unknown]
+        springs[part.unknown] = 0.0
+        parts.append(replace(part, stiffness=csr_array(part.stiffness + diags_array(own))))
+    return replace(problem, substructures=tuple(parts))
+
+
+def _lock(problem: CutProblem) -> CutProblem:
+    """Let the shanks carry what changes."""
+    nothing = np.zeros(len(problem.bolts))
+    return lock_bolts(problem, nothing, nothing, 1.0) if problem.bolts else problem

@@ -1,0 +1,220 @@
+r"""Modes of small vibration about a preload, of structures that supports hold or leave free."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.linalg import norm
+from scipy.linalg import eigh, qr
+from scipy.sparse import block_diag, csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from multiscale.errors import CaseError
+from multiscale.fe.elasticity import assemble_mass
+from multiscale.fe.rigid_motion import rigid_motions
+from multiscale.macro.continuum.body import Body
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.numerics.factorisation import factorise
+
+__all__ = ["FreeMotions", "TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
+
+FREE = 1e-9
+"""Energy of a rigid motion that is none, relative to its energy on the diagonal stiffness."""
+
+FEW = 600
+"""Unknowns up to which all modes are found at once."""
+
+BESIDE = 2
+"""Modes beyond the last that is asked for, which tell whether it stands alone."""
+
+COINCIDE = 1e-4
+"""Distance of two frequencies, relative to them, up to which their shapes are not determined."""
+
+RIGID = 0.5
+"""Share of the mass of a shape in rigid motions from which it is one."""
+
+NAMES = ("along x", "along y", "along z", "about x", "about y", "about z")
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotions:
+    """Rigid motions of a whole structure that no support resists.
+
+    Attributes
+    ----------
+    motion : ndarray, shape (n, motions)
+        Displacement of the unknowns, m.
+    pins : ndarray of int, shape (motions,)
+        Unknowns which, when held, hold these motions and nothing else. Loads that balance each
+        other find no reaction in them.
+    names : tuple of str
+        The motions, such as ``"along x"`` and ``"about z"``.
+    """
+
+    motion: np.ndarray
+    pins: np.ndarray
+    names: tuple[str, ...]
+
+    def hold(self, stiffness: csr_array) -> csr_array:
+        """Add a spring of the mean stiffness of the unknowns at every pin, N/m."""
+        held = np.zeros(stiffness.shape[0])
+        held[self.pins] = stiffness.diagonal().mean()
+        return csr_array(stiffness + diags_array(held))
+
+
+def find_free_motions(problem: CutProblem, stiffness: csr_array) -> FreeMotions:
+    """Find the rigid motions of all bodies together that the stiffness does not resist."""
+    position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
+    for part in problem.substructures:
+        position[part.unknown], component[part.unknown] = part.position, part.component
+    rigid = rigid_motions(position, component)
+    rigid /= norm(rigid, axis=0)
+    size = np.sqrt(stiffness.diagonal() @ rigid**2)
+    energy = rigid.T @ (stiffness @ rigid) / np.outer(size, size)
+    value, vector = np.linalg.eigh(0.5 * (energy + energy.T))
+    motion = rigid @ (vector[:, np.abs(value) < FREE] / size[:, None])
+    if not motion.shape[1]:
+        return FreeMotions(motion, np.zeros(0, dtype=int), ())
+    pins = qr(motion.T, mode="r", pivoting=True)[1][: motion.shape[1]]
+    alone = [name for name, one in zip(NAMES, energy.diagonal(), strict=True) if abs(one) < FREE]
+    others = motion.shape[1] - len(alone)
+    joined = [f"{others} that turn and move at once"] if others else []
+    return FreeMotions(motion, pins, (*alone, *joined))
+
+
+def structure_mass(
+    problem: CutProblem, bodies: Sequence[Body], densities: Sequence[float]
+) -> csr_array:
+    """Assemble the mass of a structure on the unknowns of its cut, shape (n, n), kg.
+
+    Parameters
+    ----------
+    problem : CutProblem, of the bodies
+    bodies : sequence of Body
+    densities : sequence of float, of each body, kg/m3; bolts have no mass
+
+    Raises
+    ------
+    CaseError
+        If a density is not positive.
+    """
+    for number, (body, density) in enumerate(zip(bodies, densities, strict=True)):
+        if not 0.0 < density < np.inf:
+            raise CaseError(
+                f"the density of {body.name or f'body {number}'} must be positive (kg/m3), got "
+                f"{density:g}; without mass nothing vibrates"
+            )
+    pairs = zip(bodies, densities, strict=True)
+    own = [assemble_mass(body.basis, density) for body, density in pairs]
+    E = problem.expansion
+    return csr_array(E.T @ csr_array(block_diag(own, format="csr")) @ E)
+
+
+@dataclass(frozen=True, eq=False)
+class TangentModes:
+    r"""Modes of :math:`K \phi = \omega^2 M \phi`.
+
+    Attributes
+    ----------
+    square : ndarray, shape (modes,), rising squares :math:`\omega^2` of the frequencies, s⁻²
+    shape : ndarray, shape (n, modes)
+        Shapes of unit modal mass, :math:`\phi^T M \phi = 1`, kg^-1/2, whose largest displacement
+        is positive.
+    rigid : tuple of str, motions that are left out, as no stiffness resists them
+    coinciding : tuple of tuple of int
+        Groups of modes, counted from 0, of one frequency: their shapes are chosen to move along
+        the axes.
+    """
+
+    square: np.ndarray
+    shape: np.ndarray
+    rigid: tuple[str, ...]
+    coinciding: tuple[tuple[int, ...], ...]
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies, Hz."""
+        return np.asarray(np.sqrt(self.square) / (2.0 * np.pi))
+
+
+def tangent_modes(
+    problem: CutProblem, stiffness: csr_array, mass: csr_array, count: int
+) -> TangentModes:
+    r"""Find the lowest modes of a structure, without its rigid motions.
+
+    Parameters
+    ----------
+    problem : CutProblem, tells the place of the unknowns
+    stiffness : csr_array, shape (n, n), symmetric tangent K with bolts and joints, N/m
+    mass : csr_array, shape (n, n), M, kg
+    count : int, number of modes
+
+    Returns
+    -------
+    TangentModes
+
+    Raises
+    ------
+    CaseError
+        If the model has fewer modes, or the tangent is not positive: the preload is unstable.
+    MultiscaleError
+        If a part moves without force.
+
+    Notes
+    -----
+    With the free rigid motions R, :math:`R^T M R = 1`, and the stiffness :math:`\hat K` held at as
+    many unknowns as there are motions, modes are those of the largest eigenvalues of
+    :math:`P \hat K^{-1} P^T M`, :math:`P = 1 - R R^T M`: loads that balance each other find no
+    reaction where it is held.
+    """
+    free = find_free_motions(problem, stiffness)
+    n, rigid = stiffness.shape[0], free.motion
+    if rigid.shape[1]:
+        rigid = rigid @ np.linalg.inv(np.linalg.cholesky(rigid.T @ (mass @ rigid))).T
+    if not 1 <= count <= n - rigid.shape[1]:
+        raise CaseError(
+            f"mode {count} is wanted, and the model has {n - rigid.shape[1]} modes; count them "
+            f"from 1, or give finer meshes"
+        )
+    wanted = min(count + BESIDE, n - rigid.shape[1])
+    if n <= max(FEW, 4 * wanted):
+        square, shape = eigh(stiffness.toarray(), mass.toarray())
+        kept = norm(rigid.T @ (mass @ shape), axis=0) ** 2 < RIGID
+        square, shape = square[kept], shape[:, kept]
+    else:
+        solve = factorise(free.hold(stiffness), name="the tangent stiffness of the structure")
+
+        def balanced(force: np.ndarray) -> np.ndarray:
+            u = solve(force - mass @ (rigid @ (rigid.T @ force)))
+            return np.asarray(u - rigid @ (rigid.T @ (mass @ u)))
+
+        start = np.random.default_rng(seed=0).standard_normal(n)
+        inverse = LinearOperator((n, n), matvec=balanced, dtype=float)
+        square, shape = eigsh(stiffness, wanted, mass, sigma=0.0, OPinv=inverse, v0=start)
+    order = np.argsort(square)[:wanted]
+    square, shape = square[order], shape[:, order]
+    if square[0] <= 0.0:
+        raise CaseError(
+            f"the preloaded structure is unstable: its tangent has the negative eigenvalue "
+            f"{square[0]:.3g} s-2, so that it leaves its rest by itself; check the laws of the "
+            f"interfaces and the preload"
+        )
+    groups = np.split(
+        np.arange(square.size), 1 + np.flatnonzero(np.diff(square) > 2.0 * COINCIDE * square[1:])
+    )
+    for group in groups:
+        if group.size > 1:
+            shape[:, group] = _along_axes(problem, mass, shape[:, group])
+    largest = np.argmax(np.abs(shape), axis=0)
+    shape = shape * np.sign(shape[largest, np.arange(square.size)])
+    told = tuple(tuple(map(int, one)) for one in groups if one.size > 1 and one[0] < count)
+    return TangentModes(square[:count], shape[:, :count], free.names, told)
+
+
+def _along_axes(problem: CutProblem, mass: csr_array, shape: np.ndarray) -> np.ndarray:
+    """Choose shapes of one frequency by the shares of their masses that move along the axes."""
+    component = np.zeros(problem.n, dtype=int)
+    for part in problem.substructures:
+        component[part.unknown] = part.component
+    lean = 1.0 + component % 3
+    return np.asarray(shape @ np.linalg.eigh(shape.T @ (lean[:, None] * (mass @ shape)))[1])
