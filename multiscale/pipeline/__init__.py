@@ -1,6 +1,6 @@
 """What needs more than one layer: cases of every kind and their run."""
 
-from multiscale.pipeline.case import load_case
+from multiscale.pipeline.case import case_of_image, load_case
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.planner import Plan, plan
 from multiscale.pipeline.requirements import refuse_excess, requirements
@@ -16,6 +16,7 @@ __all__ = [
     "Results",
     "Sweep",
     "TyreCase",
+    "case_of_image",
     "load_case",
     "load_sweep",
     "make_cells",

@@ -16,6 +16,7 @@ from multiscale.schema import INTERFACE_LAW
 
 __all__ = [
     "AnyCase",
+    "case_of_image",
     "find_case",
     "load_case",
     "read_case",
@@ -41,6 +42,7 @@ FILES = (
     ("structure", "interfaces", "law"),
     *(("interface", key) for key in ("law", "damage_file")),
     ("cell", "mesh"),
+    ("rve", "image", "file"),
 )
 """Keys that name files, of tables and of lists of tables."""
 
@@ -113,6 +115,29 @@ def load_case(case: str | Path) -> AnyCase:
     if "sweep" in content:
         raise CaseError(f"{path}: lists values in [sweep]; load it with load_sweep")
     return validate_case(content, path)
+
+
+def case_of_image(
+    image: Path, youngs_modulus: str, poissons_ratio: float, voxel_size: str, void_value: float
+) -> Case:
+    """Make the case of a representative volume whose binary image is in a file or a folder.
+
+    Parameters
+    ----------
+    image : Path
+    youngs_modulus, voxel_size : str
+        Quantities as in case files; an empty size of the voxels is read from the image.
+    poissons_ratio, void_value : float
+
+    Raises
+    ------
+    CaseError
+        If a quantity is refused.
+    """
+    stack = {"file": str(image.resolve()), "void_value": void_value}
+    solid = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
+    table = solid | {"image": stack | ({"voxel_size": voxel_size} if voxel_size else {})}
+    return validate(Case, {"title": f"Volume of {image.name}", "rve": table}, image, TAGS)
 
 
 def read_case(path: Path) -> dict[str, Any]:
