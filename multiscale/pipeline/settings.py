@@ -555,6 +555,11 @@ class Case(Settings):
         """
         if self.structure is None:
             raise CaseError(f"{self.title}: the case has no [structure]; use multiscale run")
+        if self.rve is not None:
+            raise CaseError(
+                f"{self.title}: the structure takes the [rve] of the case, which is computed "
+                f"before it; use multiscale run"
+            )
         source = self.structure.models.get("interface")
         if law is not None and source is None:
             raise CaseError(
