@@ -399,6 +399,61 @@ def inspect_command(
         typer.echo(f"case: {case}")
 
 
+@app.command("damage")
+def damage_command(
+    volume: Annotated[
+        str,
+        typer.Argument(help="A case with [rve], or a TIFF stack or folder with a binary image."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("damage"),
+    youngs_modulus: Annotated[
+        str, typer.Option(help='Of the solid of an image, such as "71 GPa".')
+    ] = "",
+    poissons_ratio: Annotated[float, typer.Option(help="Of the solid of an image.")] = 0.3,
+    voxel_size: Annotated[
+        str, typer.Option(help='Edge of a voxel, such as "5 um", if the image does not say it.')
+    ] = "",
+    void_value: Annotated[float, typer.Option(help="Value of void voxels of the image.")] = 0.0,
+    quick: QuickOption = False,
+    jobs: JobsOption = 0,
+    explain: ExplainOption = False,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Say how pores and cracks of a volume damage its sections and soften it."""
+    from multiscale.io import make_folder
+    from multiscale.pipeline import Case, case_of_image, load_case, requirements, run
+    from multiscale.report import show_run
+
+    path = Path(volume)
+    if path.is_dir() or path.suffix.lower() in (".tif", ".tiff"):
+        if not youngs_modulus:
+            raise CaseError(f"{path}: give --youngs-modulus of the solid, such as 71 GPa")
+        settings = case_of_image(path, youngs_modulus, poissons_ratio, voxel_size, void_value)
+    else:
+        loaded = load_case(volume)
+        if not isinstance(loaded, Case):
+            raise CaseError(f"{volume}: has no [rve], at which the command begins")
+        settings = loaded.only_rve()
+    if quick:
+        settings = settings.quick()
+    if explain:
+        typer.echo(requirements(settings).explain())
+        return
+    make_folder(out)
+    with (
+        _resumable(out),
+        workers(jobs, None) as executor,
+        _shown(verbose, quiet) as progress,
+    ):
+        run(settings, out, executor=executor, progress=progress)
+    finished = show_run(out)
+    _warn(finished.cautions)
+    for line in finished.lines():
+        typer.echo(line)
+    typer.echo(f"report, figures and dataset: {out}")
+
+
 @app.command("bench")
 def bench_command(
     families: Annotated[

@@ -1,14 +1,17 @@
-"""An empty model of the mesh generator gmsh."""
+"""Models of the mesh generator gmsh: empty ones, and those of its own scripts."""
 
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from multiscale.errors import CaseError
 
-__all__ = ["gmsh_model"]
+__all__ = ["gmsh_model", "mesh_geometry"]
 
 
 @contextmanager
@@ -44,3 +47,38 @@ def gmsh_model(name: str) -> Iterator[Any]:
         gmsh.model.remove()
         if started:
             gmsh.finalize()
+
+
+@lru_cache(maxsize=8)
+def mesh_geometry(script: str, element_size: float) -> bytes:
+    """Mesh a geometry in gmsh's script language; return a file in format 2.2 of gmsh.
+
+    Parameters
+    ----------
+    script : str, content of a ``.geo`` file, with physical surfaces and volumes
+    element_size : float, largest edge of an element, in units of the script
+
+    Raises
+    ------
+    CaseError
+        If gmsh cannot be loaded, or refuses the geometry.
+    """
+    with TemporaryDirectory() as folder, gmsh_model("geometry") as gmsh:
+        source, made = Path(folder) / "geometry.geo", Path(folder) / "geometry.msh"
+        source.write_text(script, encoding="utf-8")
+        gmsh.logger.start()
+        try:
+            gmsh.merge(str(source))
+            gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
+            gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)
+            gmsh.model.mesh.generate(3)
+            gmsh.write(str(made))
+        except Exception as error:  # gmsh raises bare Exceptions
+            wrong = [line for line in gmsh.logger.get() if line.startswith("Error")]
+            told = (wrong or str(error).splitlines() or ["no reason given"])[0]
+            raise CaseError(
+                f"gmsh refuses the geometry ({told.replace(str(source), 'line')})"
+            ) from error
+        finally:
+            gmsh.logger.stop()
+        return made.read_bytes()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,15 +10,37 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.facets import facet_normals
-from multiscale.io import read_mesh
+from multiscale.fe.gmsh_model import mesh_geometry
+from multiscale.io import read_mesh, read_text
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
 
-__all__ = ["check_orientation", "load_mesh"]
+__all__ = ["check_orientation", "load_geometry", "load_mesh"]
 
 FLAT = 1e-9
 """Jacobian of an element, relative to the cube of its length, up to which it has no volume."""
+
+
+def load_geometry(path: Path, element_size: float, *, scale: float, volume: str = "") -> "Mesh":
+    """Mesh a geometry of gmsh, a ``.geo`` file, by tetrahedra of a size, m; see :func:`load_mesh`.
+
+    Raises
+    ------
+    CaseError
+        If gmsh or :func:`load_mesh` refuses it.
+    """
+    try:
+        made = mesh_geometry(read_text(path), element_size / scale)
+    except CaseError as error:
+        raise CaseError(f"{path}: {error}") from error
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"{path.stem}.msh"
+        file.write_bytes(made)
+        try:
+            return load_mesh(file, scale=scale, volume=volume)
+        except CaseError as error:
+            raise CaseError(str(error).replace(str(file), str(path))) from error
 
 
 def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool = False) -> "Mesh":

@@ -16,7 +16,7 @@ from multiscale.micro.cell import AnyCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.checkpoint import WORTH, Checkpoint
 from multiscale.micro.path import Path
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, Schema
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,6 +111,7 @@ def run_realisations(
     identity: str,
     progress: Callable[[int], None],
     name: str = "realisation",
+    schema: Schema = MICRO_RESPONSE,
 ) -> "xr.Dataset":
     """Compute realisations, each kept in a file of its own, and join their responses.
 
@@ -122,13 +123,16 @@ def run_realisations(
     executor, folder, sparing, identity, progress
         See :func:`run_ensemble`.
     name : str, of the files, before their number
+    schema : Schema, of the responses
     """
     import xarray as xr
 
     numbers = range(len(arguments))
     files = [_file_of(folder, k, name) if folder else None for k in numbers]
     results = {
-        k: found for k, file in enumerate(files) if (found := _finished(file, identity)) is not None
+        k: found
+        for k, file in enumerate(files)
+        if (found := _finished(file, identity, schema)) is not None
     }
 
     def finish(k: int, response: "xr.Dataset") -> None:
@@ -138,7 +142,7 @@ def run_realisations(
 
     todo = [k for k in numbers if k not in results]
     progress(len(results))
-    jobs = ((k, (function, arguments[k], files[k], identity, sparing)) for k in todo)
+    jobs = ((k, (function, arguments[k], files[k], identity, sparing, schema)) for k in todo)
     run_jobs(_compute_and_keep, jobs, executor, finish)
     ends = np.cumsum([0, *(results[k].sizes["realisation"] for k in numbers)])
     ordered = [
@@ -167,23 +171,24 @@ def _compute_and_keep(
     file: FilePath | None,
     identity: str,
     sparing: bool,
+    schema: Schema,
 ) -> "xr.Dataset":
     """Compute a realisation and write its file, unless it is spared."""
     begun = perf_counter()
     response = function(*arguments)
     if file is not None and not (sparing and perf_counter() - begun < WORTH):
         make_folder(file.parent)
-        write_dataset(response, file, MICRO_RESPONSE, identity=identity)
+        write_dataset(response, file, schema, identity=identity)
         remove(_steps_of(file))
     return response
 
 
-def _finished(file: FilePath | None, identity: str) -> "xr.Dataset | None":
+def _finished(file: FilePath | None, identity: str, schema: Schema) -> "xr.Dataset | None":
     """Return the response of a realisation computed before, if it is whole."""
     if file is None or not file.exists():
         return None
     try:
-        found = open_dataset(file, MICRO_RESPONSE)
+        found = open_dataset(file, schema)
     except SchemaError:  # damaged or of another version: computed again
         return None
     if found.attrs.get("identity") != identity:

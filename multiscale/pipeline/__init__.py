@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from multiscale.pipeline.case import case_of_image as case_of_image
     from multiscale.pipeline.case import load_case as load_case
     from multiscale.pipeline.case_cells import make_cells as make_cells
     from multiscale.pipeline.case_needs import refuse_excess as refuse_excess
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.tyre_settings import TyreCase as TyreCase
 
 _NAMES = {
-    "case": ("load_case",),
+    "case": ("case_of_image", "load_case"),
     "case_cells": ("make_cells",),
     "case_needs": ("refuse_excess", "requirements"),
     "planner": ("Plan", "plan"),

@@ -11,11 +11,14 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.mesh_file import load_geometry
 from multiscale.laws import Exponential
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
+from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.toml_model import (
     Factor,
     Length,
@@ -46,6 +49,9 @@ GROUNDED = "ground"
 
 LARGE, SMALL = 10.0, 1e-3
 """Lengths of a body, m, beyond which the unit of its mesh must be given."""
+
+ANY_MODULUS = 1e9
+"""Young's modulus of a body of which only mesh and faces count, Pa."""
 
 PLANE = 1e-6
 """Spread of the unit normals of a plane face."""
@@ -95,7 +101,13 @@ class MeshedBody(Settings):
     name: Name = Field(description="Name of the body, without dots.")
     mesh: Path = Field(
         description="Mesh of straight tetrahedra or hexahedra with named faces, of gmsh or of "
-        "another program whose files meshio reads."
+        "another program whose files meshio reads; or a geometry of gmsh with physical surfaces, "
+        "a file `.geo`, which is meshed."
+    )
+    element: Length | None = Field(
+        None,
+        description="Largest edge of the elements of a geometry, m; the error of the mesh comes "
+        "from elements twice as large.",
     )
     coarser: Path | None = Field(
         None,
@@ -108,17 +120,93 @@ class MeshedBody(Settings):
     unit: Unit | None = Field(
         None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
     )
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    youngs_modulus: Pressure | None = Field(
+        None,
+        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
+    )
+    poissons_ratio: Ratio | None = Field(
+        None, description="Poisson's ratio; together with the modulus."
+    )
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     stiffness: Path | None = Field(
         None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."
+    )
+    rve: Path | None = Field(
+        None,
+        description="Representative volume of the body: a dataset `rve`, the folder of a run, or a "
+        "case, which is run in a folder of its own; the `[rve]` of this case if not given, nor the "
+        "moduli.",
+    )
+    quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
+    rve_axes: tuple[Direction, Direction] | None = Field(
+        None,
+        description="Directions of the x and the y axis of the volume, or of `stiffness`, in the "
+        "body; its own axes if not given.",
     )
     supports: dict[str, Axes] = Field(
         {},
         description='Faces that are held: `"clamped"`, or the axes along which they do not move, '
         'such as `"z"` or `"xy"`.',
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.youngs_modulus is None) != (self.poissons_ratio is None):
+            raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
+        if self.porous and self.stiffness is not None:
+            raise ValueError("stiffness needs the moduli of the solid beside it; give them")
+        if not self.porous and self.rve is not None:
+            raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
+        if self.rve_axes is not None:
+            first, second = np.array(self.rve_axes, dtype=float)
+            norms = np.linalg.norm(first) * np.linalg.norm(second)
+            if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
+                told = " and ".join(f"{list(one)}" for one in self.rve_axes)
+                raise ValueError(f"rve_axes are two directions at right angles, got {told}")
+        if (self.element is not None) != (self.mesh.suffix == ".geo"):
+            raise ValueError(
+                "a geometry, in a file that ends in .geo, needs the size of its elements by element"
+                if self.element is None
+                else "element is the size of the elements of a geometry, and mesh has its own"
+            )
+        if self.element is not None and self.coarser is not None:
+            raise ValueError("coarser belongs to a mesh; a geometry is meshed twice anyway")
+        return self
+
+    @property
+    def porous(self) -> bool:
+        """Whether its stiffness is that of a representative volume."""
+        return self.youngs_modulus is None
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Axes of the representative volume in the body, as columns, shape (3, 3)."""
+        if self.rve_axes is None:
+            return np.eye(3)
+        first, second = np.array(self.rve_axes, dtype=float)
+        first = first / np.linalg.norm(first)
+        second = second - (second @ first) * first
+        second = second / np.linalg.norm(second)
+        return np.stack([first, second, np.cross(first, second)], axis=1)
+
+    @property
+    def worst_damage(self) -> float:
+        """Damage that is shown in its elements."""
+        return self.damage
+
+    def elasticity(self) -> Elastic | AnisotropicElastic:
+        """Make its law; of a body whose volume is not known yet, any law."""
+        E, nu = self.youngs_modulus or ANY_MODULUS, self.poissons_ratio or 0.0
+        law = elasticity(E, nu, self.stiffness, self.damage)
+        return law.turned(self.axes) if isinstance(law, AnisotropicElastic) else law
+
+    def coarsened(self) -> "Self | None":
+        """Return the same body with larger elements, if it has a coarser mesh or is a geometry."""
+        if self.element is not None:
+            return self.model_copy(update={"element": 2.0 * self.element})
+        if self.coarser is None:
+            return None
+        return self.model_copy(update={"mesh": self.coarser, "coarser": None})
 
     def load(self) -> "Mesh":
         """Read the mesh.
@@ -129,7 +217,11 @@ class MeshedBody(Settings):
             If it is refused, has no named faces, or a unit that is not given leaves it very large
             or very small.
         """
-        mesh = load_mesh(self.mesh, scale=self.unit or 1.0, volume=self.volume)
+        if self.element is None:
+            mesh = load_mesh(self.mesh, scale=self.unit or 1.0, volume=self.volume)
+        else:
+            scale = self.unit or 1.0
+            mesh = load_geometry(self.mesh, self.element, scale=scale, volume=self.volume)
         if mesh.dim() != 3:
             raise CaseError(
                 f"{self.mesh}: the mesh of {self.name} is plane, and a body takes tetrahedra or "
@@ -159,8 +251,7 @@ class MeshedBody(Settings):
             boundary: tuple(partial(_at_time, parts, axis) for axis in range(3))
             for boundary, parts in tractions.items()
         }
-        law = elasticity(self.youngs_modulus, self.poissons_ratio, self.stiffness, self.damage)
-        return Body(mesh, law, supports, pulled, name=self.name)
+        return Body(mesh, self.elasticity(), supports, pulled, name=self.name)
 
 
 class StatedLaw(Settings):
@@ -208,6 +299,11 @@ class BodyInterface(Settings):
         "law.",
     )
     damage: Damage = Field(0.0, description="Damage of the interface: it carries 1 - D of the law.")
+    surface_damage: bool = Field(
+        False,
+        description="Whether sections of the representative volumes of its bodies, normal to the "
+        "interface, damage it too: it carries 1 - D(n) of the law for each of them.",
+    )
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -23,13 +23,17 @@ from multiscale.pipeline.assembly_parts import (
     NamedLoad,
 )
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
+from multiscale.pipeline.porous_body import PorousBody, RveError
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Number,
     Positive,
     Settings,
 )
+from multiscale.schema import RVE
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
+from multiscale.upscaling.budget_terms import FEW_CELLS
+from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -47,8 +51,11 @@ PRELOAD = "preload"
 KINDS = {4: "tetrahedra", 8: "hexahedra"}
 """Kinds of elements by the number of their corners."""
 
+QUICK_ELEMENT = 1.5
+"""Element size of quick geometries over the size stated."""
+
 OpenLaw = Callable[[Path, bool], "xr.Dataset"]
-"""From a dataset, or a case and whether it is quick, to an interface law."""
+"""From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
 
 
 class LoadSteps(Settings):
@@ -184,6 +191,25 @@ class Bodies(StructureKind):
             )
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
+        takers = [one.name for one in self.bodies if one.porous and one.rve is None]
+        if takers and case.rve is None:
+            raise ValueError(
+                f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of "
+                f"them"
+            )
+        if case.rve is not None and not takers:
+            raise ValueError(
+                "every body has moduli or an rve of its own, and none takes the [rve] of this case"
+            )
+        for number, one in enumerate(self.interfaces):
+            faces = one.sides[one.sides[0] == GROUNDED :]
+            if one.surface_damage and not any(
+                self.bodies[self._find("interface", face)[0]].porous for face in faces
+            ):
+                raise ValueError(
+                    f"surface_damage of interface {number} is of representative volumes, and "
+                    f"neither body has one; leave it out, or give damage"
+                )
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -205,6 +231,62 @@ class Bodies(StructureKind):
         return replace(
             path, cycled=to.load, amplitude=to.amplitude, cycles=to.cycles, cycle_steps=to.steps
         )
+
+    def with_volumes(self, found: "Datasets", open_rve: "OpenLaw") -> Self:
+        """Return the same bodies with their representative volumes, and damaged interfaces.
+
+        Raises
+        ------
+        MultiscaleError
+            If a volume is missing or refused, or carries no load.
+        """
+        bodies = tuple(
+            PorousBody.of(one, open_rve(one.rve, one.quick) if one.rve else found[RVE.name])
+            if one.porous
+            else one
+            for one in self.bodies
+        )
+        known = self.model_copy(update={"bodies": bodies})
+        carried = [
+            one.model_copy(update={"damage": 1.0 - (1.0 - one.damage) * known.carried(number)[0]})
+            for number, one in enumerate(self.interfaces)
+        ]
+        return known.model_copy(update={"interfaces": tuple(carried)})
+
+    def carried(self, number: int) -> tuple[float, float]:
+        """Share of an interface that sections of its bodies leave, and half-width over it."""
+        interface, share, error = self.interfaces[number], 1.0, 0.0
+        for face in interface.sides[interface.sides[0] == GROUNDED :] * interface.surface_damage:
+            at, boundary = self._find(f"interface {number}", face)
+            body = self.bodies[at]
+            if isinstance(body, PorousBody):
+                mesh = body.load()
+                damage = body.surface_damage(mesh, boundary)
+                share *= 1.0 - damage.mean
+                error = float(np.hypot(error, damage.half_width / (1.0 - damage.mean)))
+        return share, error
+
+    def volume_errors(self) -> "list[tuple[RveError, Self]]":
+        """List what is unknown of volumes, and the structure with each parameter stretched."""
+        listed = []
+        for at, body in enumerate(self.bodies):
+            if isinstance(body, PorousBody):
+                changed = body.model_copy(update={"factor": 1.0 + STRETCH})
+                bodies = (*self.bodies[:at], changed, *self.bodies[at + 1 :])
+                listed.append((body.error(body.load()), self.model_copy(update={"bodies": bodies})))
+        for at, one in enumerate(self.interfaces):
+            if one.surface_damage:
+                less = 1.0 - (1.0 - one.damage) * (1.0 - STRETCH)
+                changed_one = one.model_copy(update={"damage": less})
+                interfaces = (*self.interfaces[:at], changed_one, *self.interfaces[at + 1 :])
+                told = "scatter of sections of the volume, over the area of the interface"
+                error = RveError(
+                    f"sections at interface {at}",
+                    {FEW_CELLS: self.carried(at)[1]},
+                    {FEW_CELLS: told},
+                )
+                listed.append((error, self.model_copy(update={"interfaces": interfaces})))
+        return listed
 
     def read_laws(
         self, case: "Case", found: "Datasets", open_law: "OpenLaw"
@@ -246,7 +328,7 @@ class Bodies(StructureKind):
         """Mean of the bodies that an interface joins."""
         faces = interface.sides[interface.sides[0] == GROUNDED :]
         bodies = [self.bodies[self._find("interface", face)[0]] for face in faces]
-        return float(np.mean([body.poissons_ratio for body in bodies]))
+        return float(np.mean([body.poissons_ratio or 0.0 for body in bodies]))
 
     def sliders(
         self,
@@ -382,17 +464,14 @@ class Bodies(StructureKind):
         require_held(self.build(case, laws).assembly)
 
     def coarser(self) -> dict[float, Self]:
-        """Return the same bodies on their coarser meshes, by the ratio of the element sizes.
+        """Return the same bodies on coarser meshes, by the ratio of the element sizes.
 
         Nothing if a body has none.
         """
-        coarse = [one.coarser for one in self.bodies]
-        if not all(coarse):
+        coarse = [one.coarsened() for one in self.bodies]
+        bodies = tuple(one for one in coarse if one is not None)
+        if len(bodies) < len(coarse):
             return {}
-        bodies = tuple(
-            one.model_copy(update={"mesh": mesh, "coarser": None})
-            for one, mesh in zip(self.bodies, coarse, strict=True)
-        )
         fine, few = (sum(one.load().t.shape[1] for one in each) for each in (self.bodies, bodies))
         return {(fine / few) ** (1.0 / 3.0): self.model_copy(update={"bodies": bodies})}
 
@@ -401,8 +480,17 @@ class Bodies(StructureKind):
         raise CaseError("homogenise in [substructures] takes no bodies of the user")
 
     def quick(self, case: "Case") -> Self:
-        """Return the same bodies; laws of other cases are those of quick runs."""
+        """Return the same bodies, coarser geometries, and quick runs of the cases they name."""
         interfaces = tuple(
             one.model_copy(update={"quick": one.law is not None}) for one in self.interfaces
         )
-        return self.model_copy(update={"interfaces": interfaces})
+        bodies = tuple(
+            one.model_copy(
+                update={
+                    "quick": one.rve is not None,
+                    "element": one.element and QUICK_ELEMENT * one.element,
+                }
+            )
+            for one in self.bodies
+        )
+        return self.model_copy(update={"bodies": bodies, "interfaces": interfaces})

@@ -14,6 +14,7 @@ from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
 from multiscale.pipeline.joint_settings import SLABS
+from multiscale.pipeline.porous_body import RveError
 from multiscale.pipeline.real_contact import contact_dependence
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job
@@ -29,8 +30,15 @@ from multiscale.upscaling import (
     structure_budget,
     with_scales,
 )
-from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.budget import (
+    ALWAYS,
+    ERROR_TERMS,
+    NO_PART,
+    assemble_budget,
+    how_attribute,
+)
 from multiscale.upscaling.budget_terms import FEW_CELLS, Term
+from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.shear_budget import loss_term
 from multiscale.upscaling.structure_errors import STRETCH
 
@@ -130,6 +138,7 @@ def with_joint_budget(
     asked: JointAnswers,
     coarser: Mapping[float, RoughBodies | Bodies],
     job: Job,
+    volumes: Sequence[tuple[RveError, RoughBodies | Bodies]] = (),
 ) -> "xr.Dataset":
     """Return the result of rough joints with error budget and intervals of their answers.
 
@@ -146,6 +155,9 @@ def with_joint_budget(
         The structure on larger elements, if it has them, by the ratio of their sizes.
     job : Job
         Its executor solves all changes.
+    volumes : sequence of RveError and structure
+        What is unknown of representative volumes, each with the structure in which its parameter
+        is larger by :data:`STRETCH`; independent of each other and of the laws.
 
     Returns
     -------
@@ -179,6 +191,7 @@ def with_joint_budget(
     jobs |= {ratio: Change(structure=structure) for ratio, structure in coarser.items()}
     for number, one in enumerate(of_laws):
         jobs |= {(number, key): change for key, change in one.changes().items()}
+    jobs |= {("volume", k): Change(structure=structure) for k, (_, structure) in enumerate(volumes)}
     solved: dict[Hashable, np.ndarray] = {}
 
     def finish(key: Hashable, found: "xr.Dataset") -> None:
@@ -205,6 +218,10 @@ def with_joint_budget(
         own = ([], 0.0 * beds) if number else (once, beds)
         budgets.append(one.budget(names, value, changed, mesh, *own))
     where = [f"interface {', '.join(map(str, one.joints))}" for one in laws]
+    for k, (error, _) in enumerate(volumes):
+        change = np.abs(solved["volume", k] / value - 1.0) / STRETCH
+        budgets.append(_volume_budget(names, value, change, error, {} if budgets else mesh))
+        where.append(error.name)
     budget = add_budgets(budgets, where)
     if not coarser:
         why = (
@@ -213,6 +230,23 @@ def with_joint_budget(
         )
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
     return asked.place(result, budget)
+
+
+def _volume_budget(
+    names: tuple[str, ...],
+    value: np.ndarray,
+    change: np.ndarray,
+    error: RveError,
+    coarser: Mapping[float, np.ndarray],
+) -> "xr.Dataset":
+    """Carry what is unknown of a volume to answers, by their change over that of its parameter."""
+    nothing = Term("nothing: the volume is elastic", np.zeros(value.shape))
+    terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS}
+    terms |= {name: Term(error.how[name], change * half) for name, half in error.half_width.items()}
+    if coarser:
+        estimate = estimate_grid_error(value, coarser)
+        terms["macro discretisation"] = Term(estimate.how, estimate.half_width / np.abs(value))
+    return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
 @dataclass(frozen=True, eq=False)

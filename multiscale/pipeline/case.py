@@ -12,10 +12,11 @@ from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import INTERFACE_LAW, RVE, Schema
 
 __all__ = [
     "AnyCase",
+    "case_of_image",
     "find_case",
     "load_case",
     "read_case",
@@ -37,15 +38,16 @@ FILES = (
     ("body_1", "surface", "file"),
     ("body_2", "surface", "file"),
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
-    *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness")),
+    *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness", "rve")),
     ("structure", "interfaces", "law"),
     *(("interface", key) for key in ("law", "damage_file")),
     ("cell", "mesh"),
+    ("rve", "image", "file"),
 )
 """Keys that name files, of tables and of lists of tables."""
 
-LAWS = ("interfaces", "interface")
-"""Tables whose law may also be the folder of a run, or a shipped case."""
+OF_RUNS = {"law": INTERFACE_LAW, "rve": RVE}
+"""Keys whose dataset may also come from the folder of a run, or from a shipped case."""
 
 MOVED = {
     "joint": 'height and width in [structure] kind = "blocks", preloads in [statics], the rest in '
@@ -115,6 +117,29 @@ def load_case(case: str | Path) -> AnyCase:
     return validate_case(content, path)
 
 
+def case_of_image(
+    image: Path, youngs_modulus: str, poissons_ratio: float, voxel_size: str, void_value: float
+) -> Case:
+    """Make the case of a representative volume whose binary image is in a file or a folder.
+
+    Parameters
+    ----------
+    image : Path
+    youngs_modulus, voxel_size : str
+        Quantities as in case files; an empty size of the voxels is read from the image.
+    poissons_ratio, void_value : float
+
+    Raises
+    ------
+    CaseError
+        If a quantity is refused.
+    """
+    stack = {"file": str(image.resolve()), "void_value": void_value}
+    solid = {"youngs_modulus": youngs_modulus, "poissons_ratio": poissons_ratio}
+    table = solid | {"image": stack | ({"voxel_size": voxel_size} if voxel_size else {})}
+    return validate(Case, {"title": f"Volume of {image.name}", "rve": table}, image, TAGS)
+
+
 def read_case(path: Path) -> dict[str, Any]:
     """Read a case file without checking it; paths of other files become absolute.
 
@@ -133,8 +158,7 @@ def read_case(path: Path) -> dict[str, Any]:
     for *tables, key in FILES:
         for named in _tables(content, tables):
             if isinstance(named.get(key), str):
-                of_law = tables[-1] in LAWS
-                named[key] = str(_find_file(path.parent.resolve() / named[key], of_law))
+                named[key] = str(_find_file(path.parent.resolve() / named[key], OF_RUNS.get(key)))
     return content
 
 
@@ -145,11 +169,11 @@ def _tables(content: dict[str, Any], names: Sequence[str]) -> list[dict[str, Any
     return [one for one in (found if isinstance(found, list) else [found]) if isinstance(one, dict)]
 
 
-def _find_file(file: Path, of_law: bool) -> Path:
-    """Return the file itself; of laws, the law in the folder of a run, or a shipped case."""
-    if of_law and file.is_dir():
-        return file / f"{INTERFACE_LAW.name}.nc"
-    if of_law and not file.exists():
+def _find_file(file: Path, left: Schema | None) -> Path:
+    """Return the file itself; or what a run has left in its folder, or a shipped case."""
+    if left is not None and file.is_dir():
+        return file / f"{left.name}.nc"
+    if left is not None and not file.exists():
         return shipped_cases().get(file.name, file)
     return file
 

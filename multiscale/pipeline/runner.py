@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -110,7 +110,7 @@ def run(
         If an input is refused, a file cannot be written, or nothing converged.
     """
     folder = Path(out)
-    job = Job(folder, executor, progress, sparing=sparing, read_law=_read_laws(folder, executor))
+    job = replace(_job(folder, executor), progress=progress, sparing=sparing)
     if not sparing or folder.exists():
         claim_folder(make_folder(folder), case, force=force)
     for stage in stages_of(case.tables):
@@ -172,12 +172,18 @@ def run_macro(
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
     file, case = Path(file), case.from_structure(None if law is None else Path(law))
-    job = Job(file.parent, team=team, read_law=_read_laws(file.parent, None))
+    job = replace(_job(file.parent, None), team=team)
     first, *rest = stages_of(case.tables)
     found = {first.name: _compute(first, case, {}, job, file)}
     for stage in rest if _writes(job) else ():
         _compute(stage, case, found, job, file.with_name(f"{file.stem}-{stage.name}.nc"))
     return found[first.name]
+
+
+def _job(out: Path, executor: Executor | None) -> Job:
+    """Work in a folder, where the other cases that a case names are run in folders of their own."""
+    laws, volumes = _read_laws(out, executor), _read_volumes(out, executor)
+    return Job(out, executor, read_law=laws, read_rve=volumes)
 
 
 def _read_laws(out: Path, executor: Executor | None) -> "Callable[[Path, bool], xr.Dataset]":
@@ -193,6 +199,23 @@ def _read_laws(out: Path, executor: Executor | None) -> "Callable[[Path, bool], 
         alone = alone.quick() if quick else alone
         folder = out / "laws" / f"{file.stem}-{alone.checksum()[:8]}"
         return run(alone, folder, executor=executor).interface_law
+
+    return read
+
+
+def _read_volumes(out: Path, executor: Executor | None) -> "Callable[[Path, bool], xr.Dataset]":
+    """Open representative volumes, and run cases for them, or find them finished."""
+
+    def read(file: Path, quick: bool) -> "xr.Dataset":
+        if file.suffix != ".toml":
+            return open_dataset(file, RVE)
+        other = load_case(file)
+        if not isinstance(other, Case):
+            raise CaseError(f"{file}: the case has no [rve], and so no representative volume")
+        alone = other.only_rve()
+        alone = alone.quick() if quick else alone
+        folder = out / "volumes" / f"{file.stem}-{alone.checksum()[:8]}"
+        return run(alone, folder, executor=executor)[RVE.name]
 
     return read
 

@@ -48,6 +48,7 @@ from multiscale.pipeline.link_settings import (
     TensegrityGrid,
 )
 from multiscale.pipeline.rough_bodies import CoatingSettings, InstrumentSurface, RoughBody
+from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
 from multiscale.schema import INTERFACE_LAW
 from multiscale.units import readable
@@ -125,6 +126,7 @@ class Case(Settings):
     accuracy: AccuracySettings | None = Field(
         None, description="Target of a planner, which then chooses the cells."
     )
+    rve: RveSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
     interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
     statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
@@ -154,7 +156,7 @@ class Case(Settings):
     def _check(self) -> Self:
         asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
-        if missing and (asked or self.structure is None):
+        if missing and (asked or (self.structure is None and self.rve is None)):
             raise ValueError(
                 f"without {list_tables(missing)} there are no cells, which take "
                 f"{list_tables(CELLS)}"
@@ -552,6 +554,11 @@ class Case(Settings):
         """
         if self.structure is None:
             raise CaseError(f"{self.title}: the case has no [structure]; use multiscale run")
+        if self.rve is not None:
+            raise CaseError(
+                f"{self.title}: the structure takes the [rve] of the case, which is computed "
+                f"before it; use multiscale run"
+            )
         source = self.structure.models.get("interface")
         if law is not None and source is None:
             raise CaseError(
@@ -589,9 +596,22 @@ class Case(Settings):
         micro = self.micro.model_copy(update={"realisations": count})
         return self.model_copy(update={"cell": cell, "micro": micro})
 
+    def only_rve(self) -> Self:
+        """Return the part of the case that is its representative volume.
+
+        Raises
+        ------
+        CaseError
+            If there is none.
+        """
+        if self.rve is None:
+            raise CaseError(f"{self.title}: the case has no [rve], and so no representative volume")
+        others = set(type(self).model_fields) - {"title", "rve", "elastic", "strict"}
+        return self.model_copy(update=dict.fromkeys(others))
+
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
-        after = ("structure", "substructures", "seal", "accuracy", *WITH_STRUCTURE)
+        after = ("rve", "structure", "substructures", "seal", "accuracy", *WITH_STRUCTURE)
         return self.model_copy(update=dict.fromkeys(after))
 
     def quick(self) -> Self:
@@ -599,7 +619,7 @@ class Case(Settings):
 
         There is no target. A structure from files stays as it is.
         """
-        names = ("cell", "micro", "law", "cycles", "substructures", "grains", "motion")
+        names = ("rve", "cell", "micro", "law", "cycles", "substructures", "grains", "motion")
         changes = {name: getattr(self, name).quick() for name in names if self._has(name)}
         changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)
         if self.has_cells and (shear := changes["micro"].shear) is not None and shear.points:
@@ -649,8 +669,10 @@ class Case(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        if self.structure is None or self.has_cells:
+        if self.has_cells:
             return self.cell.scope
+        if self.structure is None:
+            return "a representative volume"
         return f"a structure of kind {self.structure.kind!r}"
 
     def identity(self) -> str:
@@ -659,7 +681,8 @@ class Case(Settings):
         Instrument files count with their content; the number of realisations does not count, and
         cells that are sheared are not those that are pressed.
         """
-        own = set(CELLS) if self.has_cells else {"structure", "grains"}
+        own = {"structure", "grains"} if self.structure else {"rve"}
+        own = set(CELLS) if self.has_cells else own
         beside: dict[str, Any] = {"micro": BESIDE}
         beside |= {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
         return self.checksum(include=own, exclude=beside)

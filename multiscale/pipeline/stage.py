@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from multiscale import __version__
-from multiscale.io import open_law
+from multiscale.io import open_dataset, open_law
 from multiscale.needs import Needs
-from multiscale.schema import Schema
+from multiscale.schema import RVE, Schema
 from multiscale.units import Unit
 
 if TYPE_CHECKING:
@@ -130,6 +130,7 @@ class Job:
     read_law : callable
         From a dataset, or a case and whether it is quick, to an interface law; a case is run in a
         folder of its own.
+    read_rve : callable, the same for representative volumes
     """
 
     out: Path
@@ -138,6 +139,7 @@ class Job:
     team: "ProcessGroup | None" = None
     sparing: bool = False
     read_law: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_law(file)
+    read_rve: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_dataset(file, RVE)
 
 
 def list_cautions(dataset: "xr.Dataset") -> list[str]:

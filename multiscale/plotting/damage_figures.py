@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from multiscale.micro.damage.cavities import Cavities
 
 __all__ = [
+    "colour_sphere",
     "draw_damage",
     "plot_damage_sphere",
     "plot_joint_life",
@@ -39,23 +40,28 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
     ax : Axes3D
         Axes to draw on. An arrow shows the worst normal.
     """
+    worst = sections["damage"].values.max(axis=1)
+    return colour_sphere(sections["normal"].values, worst, sections["worst_normal"].values, ax=ax)
+
+
+def colour_sphere(
+    normals: np.ndarray, damage: np.ndarray, worst: np.ndarray, *, ax: "Axes3D"
+) -> "Axes3D":
+    """Colour the sphere of normals (n, 3) by damage (n,), with an arrow at the worst normal."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from scipy.spatial import ConvexHull
 
-    normals = sections["normal"].values
-    worst = sections["damage"].values.max(axis=1)
-    points, values = np.concatenate([normals, -normals]), np.concatenate([worst, worst])
+    points, values = np.concatenate([normals, -normals]), np.concatenate([damage, damage])
     corners = ConvexHull(points).simplices
-    scale = Normalize(0.0, float(worst.max()) or 1.0)
+    scale = Normalize(0.0, float(damage.max()) or 1.0)
     colours = colormaps["viridis"](scale(values[corners].mean(axis=1)))
     ax.add_collection3d(
         Poly3DCollection(points[corners], facecolors=colours, edgecolors="white", linewidths=0.2)
     )
-    n = sections["worst_normal"].values
-    n = n if n[2] >= 0.0 else -n
+    n = worst if worst[2] >= 0.0 else -worst
     ax.quiver(*n, *(0.6 * n), color="black", arrow_length_ratio=0.25)
     ax.view_init(
         elev=25.0, azim=float(np.degrees(np.arctan2(n[1], n[0]))) - 35.0

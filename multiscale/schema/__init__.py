@@ -14,7 +14,14 @@ from multiscale.schema.cell_schema import (
     UNLOADING,
     branch_of,
 )
-from multiscale.schema.damage_schema import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
+from multiscale.schema.damage_schema import (
+    DAMAGE_SECTIONS,
+    FATIGUE,
+    RVE,
+    RVE_STIFFNESS,
+    RVE_VOLUMES,
+    WOEHLER,
+)
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT, SEAL
@@ -39,7 +46,9 @@ __all__ = [
     "LOADING",
     "MACRO_RESULT",
     "MICRO_RESPONSE",
+    "RVE",
     "RVE_STIFFNESS",
+    "RVE_VOLUMES",
     "SCHEMAS",
     "SEAL",
     "SHEAR_RESPONSE",
@@ -68,7 +77,9 @@ SCHEMAS = {
         FIELDS,
         WORK_PRECISION,
         DAMAGE_SECTIONS,
+        RVE,
         RVE_STIFFNESS,
+        RVE_VOLUMES,
         FATIGUE,
         WOEHLER,
         ERROR_BUDGET,

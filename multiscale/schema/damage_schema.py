@@ -4,11 +4,14 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import Schema, Variable
 
-__all__ = ["DAMAGE_SECTIONS", "FATIGUE", "RVE_STIFFNESS", "WOEHLER"]
+__all__ = ["DAMAGE_SECTIONS", "FATIGUE", "RVE", "RVE_STIFFNESS", "RVE_VOLUMES", "WOEHLER"]
 
 _number = partial(Variable, ())
 _record = partial(Variable, ("record",))
 _step = partial(Variable, ("step",))
+_volume = partial(Variable, ("realisation",))
+_section = partial(Variable, ("realisation", "direction"), "1")
+_direction = partial(Variable, ("direction",))
 
 DAMAGE_SECTIONS = Schema(
     name="damage_sections",
@@ -48,6 +51,70 @@ RVE_STIFFNESS = Schema(
     optional={
         "strain": Variable(("strain",), "1", "component of stress"),
         "other_strain": Variable(("other_strain",), "1", "component of strain, shear as angle"),
+    },
+)
+
+RVE_VOLUMES = Schema(
+    name="rve_volumes",
+    version=1,
+    variables={
+        "share": _volume("1", "edge over the edge of the representative volume"),
+        "porosity": _volume("1", "volume fraction of void"),
+        "largest_damage": _section("largest damage of sections with a normal, eq (1)"),
+        "mean_damage": _section("mean damage of sections with a normal"),
+        "low_damage": _section("damage that one in forty sections with a normal falls short of"),
+        "high_damage": _section("damage that one in forty sections with a normal exceeds"),
+        "apparent_stiffness": Variable(
+            ("realisation", "sides", "strain", "other_strain"),
+            "Pa",
+            "stiffness with traction, periodic and displacement sides; NaN where not converged",
+        ),
+        "coarse_stiffness": Variable(
+            ("realisation", "strain", "other_strain"),
+            "Pa",
+            "stiffness with periodic sides on elements twice as large",
+        ),
+    },
+)
+
+RVE = Schema(
+    name="rve",
+    version=1,
+    variables={
+        **RVE_VOLUMES.variables,
+        "normal": Variable(("direction", "axis"), "1", "unit normals of sections and tension"),
+        "box_size": Variable(("axis",), "m", "size of the representative volume"),
+        "apparent_modulus": Variable(
+            ("realisation", "sides", "direction"), "Pa", "Young's modulus along the normal"
+        ),
+        "stiffness": Variable(
+            ("strain", "other_strain"), "Pa", "mean stiffness with periodic sides"
+        ),
+        "modulus": _direction("Pa", "Young's modulus along the normal of the mean stiffness"),
+        "modulus_mean_law": Variable(
+            ("limit", "direction"), "Pa", "95 % interval of the modulus of the material"
+        ),
+        "modulus_one_part": Variable(
+            ("limit", "direction"), "Pa", "95 % interval of the modulus of one further volume"
+        ),
+        "modulus_error": Variable(
+            ("rve_error", "direction"), "1", "half-width of the 95 % interval by its causes"
+        ),
+        "scatter": _direction("1", "standard deviation of the modulus between volumes"),
+        "damage": _direction("1", "largest damage of a section, mean over volumes, eq (1)"),
+        "damage_mean_law": Variable(
+            ("limit", "direction"), "1", "95 % interval of the mean over volumes"
+        ),
+        "damage_one_part": Variable(
+            ("limit", "direction"), "1", "95 % interval of one further volume"
+        ),
+        "void": Variable(("x", "y", "z"), "1", "whether a voxel of the first volume is void"),
+    },
+    optional={
+        "sides": Variable(("sides",), "1", "condition on the sides"),
+        "strain": Variable(("strain",), "1", "component of stress"),
+        "other_strain": Variable(("other_strain",), "1", "component of strain, shear as angle"),
+        "rve_error": Variable(("rve_error",), "1", "cause of the error"),
     },
 )
 

@@ -13,6 +13,9 @@ __all__ = ["AnisotropicElastic"]
 VOIGT_ROW = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 """Row of the 6 x 6 stiffness for each pair of axes (Voigt notation)."""
 
+VOIGT_PAIRS = np.array([[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]])
+"""Pair of axes of each row of the 6 x 6 stiffness."""
+
 SYMMETRY_TOLERANCE = 1e-6
 """Largest allowed difference to the transpose, relative to the largest stiffness."""
 
@@ -84,6 +87,13 @@ class AnisotropicElastic(BulkLaw):
         mean = float(C[0, 1] + C[0, 2] + C[1, 2]) / 3.0
         one = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         return min(max(mean, 0.0), 1.0 / float(one @ np.linalg.solve(C, one)))
+
+    def turned(self, axes: np.ndarray) -> "AnisotropicElastic":
+        """Return the law of the solid whose own axes are the columns of a rotation, (3, 3)."""
+        Q = np.asarray(axes, dtype=float)
+        tensor = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, self.tensor, optimize=True)
+        i, j = VOIGT_PAIRS
+        return AnisotropicElastic(tensor[i[:, None], j[:, None], i, j])
 
     def scaled(self, factor: float) -> "AnisotropicElastic":
         """Return the law with the stiffness multiplied by a factor, dimensionless."""

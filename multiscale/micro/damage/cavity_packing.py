@@ -4,7 +4,7 @@ The box is periodic; its lengths ``size``, the ``edge`` of a cubic cell and the 
 spheres are in m. A parameter outside its range is refused.
 """
 
-from math import ceil, log, pi
+from math import ceil, exp, log, pi
 
 import numpy as np
 
@@ -52,17 +52,21 @@ def random_spheres(
     *,
     porosity: float,
     seed: int,
+    spread: float = 0.0,
     max_tries: int = 100_000,
 ) -> Cavities:
-    """Equal spherical cavities that do not overlap, placed one after the other at random.
+    """Spherical cavities that do not overlap, placed one after the other at random.
 
     Parameters
     ----------
-    size, radius
+    size
         As of the module.
+    radius : float, median radius
     porosity : float
         Volume fraction wanted; the number of spheres is rounded. Random addition ends near 0.38.
     seed : int
+    spread : float
+        Standard deviation of the logarithm of the radii, which are log-normal; 0 makes all equal.
     max_tries : int, largest number of places tried for one sphere
 
     Raises
@@ -71,56 +75,85 @@ def random_spheres(
         If the spheres do not fit.
     """
     check_box(size)
-    count = _count(size, radius, porosity)
     rng, box = np.random.default_rng(seed), np.array(size)
-    if count and 2.0 * radius > box.min():
+    radii = -np.sort(-_radii(size, radius, porosity, spread, rng))  # the largest first
+    if len(radii) and 2.0 * radii[0] > box.min():
         raise CaseError(
-            f"spheres of radius {radius:g} m overlap their own images in a box of {size} m; make "
-            f"the box larger"
+            f"spheres of radius {radii[0]:g} m overlap their own images in a box of {size} m; "
+            f"make the box larger"
         )
     places = np.empty((0, 3))
-    while len(places) < count:
+    while (done := len(places)) < len(radii):
         for _ in range(ceil(max_tries / 1000)):
             trial = rng.uniform(size=(1000, 3)) * box
             free = np.ones(1000, dtype=bool)
-            for place in places:
+            for place, reach in zip(places, radii[:done] + radii[done], strict=True):
                 away = trial - place
                 away -= box * np.rint(away / box)
-                free &= np.sum(away**2, axis=1) >= 4.0 * radius**2
+                free &= np.sum(away**2, axis=1) >= reach**2
             if free.any():
                 places = np.vstack([places, trial[np.argmax(free)]])
                 break
         else:
             raise CaseError(
-                f"after {len(places)} of {count} spheres no free place was found for the next; "
-                f"a porosity of {porosity:g} is too much for random addition, so lower it or use "
-                f"boolean_spheres"
+                f"after {done} of {len(radii)} spheres no free place was found for the next; a "
+                f"porosity of {porosity:g} is too much for random addition, so lower it or let "
+                f"spheres overlap"
             )
-    return Cavities(size, [spheres(places, radius)] if count else [])
+    return Cavities(size, [spheres(places, radii)] if len(radii) else [])
 
 
 def boolean_spheres(
-    size: tuple[float, float, float], radius: float, *, porosity: float, seed: int
+    size: tuple[float, float, float],
+    radius: float,
+    *,
+    porosity: float,
+    seed: int,
+    spread: float = 0.0,
 ) -> Cavities:
-    r"""Equal spherical cavities at independent places, which may overlap.
+    r"""Spherical cavities at independent places, which may overlap; see :func:`random_spheres`.
 
     Their number is drawn from Poisson's distribution with the mean :math:`-V \ln(1-\phi) / v` for
-    the porosity :math:`\phi` and the volume :math:`v` of a sphere, which makes the expected volume
-    fraction the porosity, from 0 to below 1.
+    the porosity :math:`\phi` and the mean volume :math:`v` of a sphere, which makes the expected
+    volume fraction the porosity, from 0 to below 1.
     """
     check_box(size)
-    _count(size, radius, porosity)
     rng = np.random.default_rng(seed)
-    mean = -log(1.0 - porosity) * float(np.prod(size)) / (4.0 / 3.0 * pi * radius**3)
+    _check(radius, porosity, spread)
+    mean = -log(1.0 - porosity) * float(np.prod(size)) / _mean_volume(radius, spread)
     count = int(rng.poisson(mean))
     places = rng.uniform(size=(count, 3)) * np.array(size)
-    return Cavities(size, [spheres(places, radius)] if count else [])
+    radii = radius * np.exp(spread * rng.standard_normal(count))
+    return Cavities(size, [spheres(places, radii)] if count else [])
 
 
-def _count(size: tuple[float, float, float], radius: float, porosity: float) -> int:
-    """Find the number of spheres whose volumes add up to the porosity."""
+def _radii(
+    size: tuple[float, float, float],
+    radius: float,
+    porosity: float,
+    spread: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Draw radii of spheres whose volumes add up to the porosity as closely as a number can."""
+    _check(radius, porosity, spread)
+    wanted = porosity * float(np.prod(size))
+    if spread == 0.0:
+        return np.full(round(wanted / _mean_volume(radius, 0.0)), radius)
+    drawn = np.empty(0)
+    while (filled := np.cumsum(4.0 / 3.0 * pi * drawn**3)).max(initial=0.0) < wanted:
+        drawn = np.append(drawn, radius * np.exp(spread * rng.standard_normal(64)))
+    return drawn[: int(np.argmin(np.abs(np.append(0.0, filled) - wanted)))]
+
+
+def _mean_volume(radius: float, spread: float) -> float:
+    """Mean volume of spheres whose radii are log-normal, m³."""
+    return 4.0 / 3.0 * pi * radius**3 * exp(4.5 * spread**2)
+
+
+def _check(radius: float, porosity: float, spread: float) -> None:
     if not 0.0 <= porosity < 1.0:
         raise CaseError(f"the porosity must lie from 0 to below 1, got {porosity:g}")
     if not (radius > 0.0 and np.isfinite(radius)):
         raise CaseError(f"the radius of the spheres must be positive (m), got {radius:g}")
-    return round(porosity * float(np.prod(size)) / (4.0 / 3.0 * pi * radius**3))
+    if not 0.0 <= spread <= 1.0:
+        raise CaseError(f"the spread of radii must lie from 0 to 1, got {spread:g}")

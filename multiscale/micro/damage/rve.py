@@ -1,4 +1,4 @@
-r"""Effective stiffness of a voxel image with periodic conditions.
+r"""Effective stiffness of a voxel image with periodic, displacement or traction sides.
 
 For each of six mean strains :math:`\bar\varepsilon` the periodic displacement :math:`u` solves
 
@@ -17,6 +17,10 @@ k leaves, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate
     = \int (\bar\varepsilon_j + \nabla_s u_j) : C : (\bar\varepsilon_k + \nabla_s u_k)    \tag{2}
 
 has an error of the order of the square of the tolerance.
+
+With displacement sides u vanishes on the boundary, which bounds the periodic stiffness from above.
+With traction sides :math:`\int u \otimes n` alone vanishes on the solid part of the sides, which
+bounds it from below: see :mod:`~.voxel_sides`.
 
 References
 ----------
@@ -43,7 +47,10 @@ from multiscale.micro.damage.effective_moduli import drop_soft_modes
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxel_operator import VoxelOperator
 
-__all__ = ["STRAINS", "effective_stiffness", "summarise_loads"]
+__all__ = ["SIDES", "STRAINS", "effective_stiffness", "summarise_loads"]
+
+SIDES = ("traction", "periodic", "displacement")
+"""Conditions on the sides of a volume, from the softest to the stiffest."""
 
 STRAINS = ("xx", "yy", "zz", "yz", "xz", "xy")
 """Order of strains and stresses; shear strains are angles, twice the tensor components."""
@@ -59,18 +66,23 @@ def effective_stiffness(
     youngs_modulus: float,
     poissons_ratio: float,
     *,
+    sides: str = "periodic",
     void_modulus: float = 0.0,
     max_iterations: int = 1000,
     tolerance: float = 1e-4,
     callback: Callable[[int, float], None] | None = None,
 ) -> Solution:
-    r"""Effective stiffness of a periodic image with two isotropic materials.
+    r"""Effective stiffness of an image with two isotropic materials.
 
     Parameters
     ----------
     image : VoxelImage
         The volume. Its edges may differ, and a single voxel across means plane strain.
     youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
+    sides : {"periodic", "displacement", "traction"}
+        Conditions on the sides: the image continues periodically, or has sides with the linear
+        displacement of the mean strain, an upper bound, or with uniform tractions on their solid
+        part, a lower bound of the periodic stiffness.
     void_modulus : float
         Young's modulus of the filling of the voids, Pa, with the same Poisson's ratio.
     max_iterations : int, iteration limit for each of the six strains
@@ -91,7 +103,8 @@ def effective_stiffness(
     Raises
     ------
     CaseError
-        If a modulus is outside its range, or the image is no VoxelImage or holds no solid.
+        If a modulus is outside its range, the sides have no such condition or too few voxels, or
+        the image is no VoxelImage or holds no solid.
 
     Examples
     --------
@@ -101,14 +114,21 @@ def effective_stiffness(
     np.float64(0.75)
     """
     from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
+    from multiscale.micro.damage.voxel_sides import HeldVoxels, traction_stiffness
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
             f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; turn cavities "
             f"into one by voxelise(rve, 64), or mesh them by mesh_stiffness"
         )
+    if sides not in SIDES:
+        raise CaseError(f"there are no sides {sides!r}; choose from {', '.join(SIDES)}")
+    if sides != "periodic" and min(image.void.shape) < 2:
+        raise CaseError(
+            f"{sides} sides need two voxels or more along every axis, got {image.void.shape}"
+        )
     check_moduli(youngs_modulus, poissons_ratio)
-    lame, shear = lame_parameters(1.0, poissons_ratio)  # over Young's modulus
+    lame, shear = map(float, lame_parameters(1.0, poissons_ratio))  # over Young's modulus
     if not 0.0 <= void_modulus < np.inf:
         raise CaseError(f"void_modulus must not be negative (Pa), got {void_modulus:g}")
     if image.void.all() and void_modulus == 0.0:
@@ -116,19 +136,27 @@ def effective_stiffness(
     # in units of the solid's modulus and the longest edge, so that no unit is special
     modulus = np.where(image.void, void_modulus / youngs_modulus, 1.0)
     edges = np.array(image.spacing) / max(image.spacing)
-    operator = VoxelOperator(lame * modulus, shear * modulus, edges)
-    volume = float(np.prod(edges)) * image.void.size
-    stiffness = np.empty((6, 6))
-    loads: list[Solution] = []
-    motions: list[np.ndarray] = []
-    for k in range(6):
-        strain = np.eye(6)[k]
-        load, r = _solve(operator, strain, max_iterations, tolerance, callback)
-        stress = operator.mean_stress(load.value, strain)
-        motions.append(load.value.astype(np.float32))
-        for j, u in enumerate(motions):  # (2)
-            stiffness[j, k] = stiffness[k, j] = stress[j] - inner_product(r, u) / volume
-        loads.append(replace(load, value=stress))
+
+    def solve(operator: "VoxelOperator", load: np.ndarray) -> tuple[Solution, np.ndarray]:
+        return _solve(operator, load, max_iterations, tolerance, callback)
+
+    if sides == "traction":
+        stiffness, loads = traction_stiffness(modulus, lame, shear, edges, solve)
+    else:
+        kind = VoxelOperator if sides == "periodic" else HeldVoxels
+        operator = kind(lame * modulus, shear * modulus, edges)
+        volume = float(np.prod(edges)) * image.void.size
+        stiffness = np.empty((6, 6))
+        loads, motions = [], list[np.ndarray]()
+        for k in range(6):
+            strain = np.eye(6)[k]
+            nothing = np.zeros((3, *modulus.shape))
+            load, r = solve(operator, -operator.forces(nothing, strain))
+            stress = operator.mean_stress(load.value, strain)
+            motions.append(load.value.astype(np.float32))
+            for j, u in enumerate(motions):  # (2)
+                stiffness[j, k] = stiffness[k, j] = stress[j] - inner_product(r, u) / volume
+            loads.append(replace(load, value=stress))
     # a stiffness below the error of (2) cannot be told from zero
     lost = max(LOST_STIFFNESS, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
     return summarise_loads(youngs_modulus * stiffness, loads, lost * youngs_modulus)
@@ -136,12 +164,12 @@ def effective_stiffness(
 
 def _solve(
     operator: "VoxelOperator",
-    strain: np.ndarray,
+    load: np.ndarray,
     max_iterations: int,
     tolerance: float,
     callback: Callable[[int, float], None] | None,
 ) -> tuple[Solution, np.ndarray]:
-    """Preconditioned conjugate gradients on (1) for one mean strain: u and the forces left.
+    """Preconditioned conjugate gradients for nodal forces: u and the forces left.
 
     Any fixed positive definite preconditioner will do, so that single precision is enough for it;
     all sums are in double precision.
@@ -149,8 +177,7 @@ def _solve(
     from multiscale.micro.damage.voxel_operator import inner_product, turn_direction, update_iterate
 
     begin = perf_counter()
-    u = np.zeros((3, *operator.lame.shape))
-    r = -operator.forces(u, strain)
+    u, r = np.zeros(load.shape), load.copy()
     size = float(np.abs(r).max())
     floor = 1e-13 * float(np.max(operator.lame + operator.shear) * np.prod(operator.edges))
     if size <= floor / operator.edges.min():  # uniform along the strain: nothing to solve

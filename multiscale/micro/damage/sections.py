@@ -26,7 +26,7 @@ from multiscale.schema import DAMAGE_SECTIONS
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["box_polygon", "max_damage", "plane_damage"]
+__all__ = ["box_polygon", "max_damage", "plane_damage", "section_normals"]
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections that are reported
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
@@ -131,12 +131,9 @@ def max_damage(
             f"sections must be at least 1, level at least 0 and smallest_section from 0 to below "
             f"1, got {sections}, {level} and {smallest_section:g}"
         )
-    if closed:
-        normals = lattice_directions(rve.size, level + 1)
-    else:  # edges and diagonals of the box, then the sphere
-        lattice, sphere = lattice_directions(rve.size, 1), sphere_directions(level)
-        apart = np.abs(sphere @ lattice.T).max(axis=1) < 1.0 - 1e-9
-        normals = np.concatenate([lattice, sphere[apart]])
+    normals = (
+        lattice_directions(rve.size, level + 1) if closed else section_normals(rve.size, level)
+    )
     offset = np.array([_offsets(rve, n, sections, smallest_section, closed) for n in normals])
     damage = np.array(
         [
@@ -164,6 +161,13 @@ def max_damage(
         coarse = plane_damage(rve.coarsened(), normal, place, slab=slab, closed=closed)
         values["resolution_error"] = abs(float(coarse) - worst)
     return DAMAGE_SECTIONS.build(values, slab=slab, closed=int(closed))
+
+
+def section_normals(size: tuple[float, float, float], level: int) -> np.ndarray:
+    """List unit normals (n, 3): edges and diagonals of a box, then a sphere of some refinement."""
+    lattice, sphere = lattice_directions(size, 1), sphere_directions(level)
+    apart = np.abs(sphere @ lattice.T).max(axis=1) < 1.0 - 1e-9
+    return np.concatenate([lattice, sphere[apart]])
 
 
 def _sections(

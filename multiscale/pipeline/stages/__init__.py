@@ -15,6 +15,7 @@ from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.plate import PLATE
+from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
@@ -24,6 +25,7 @@ from multiscale.pipeline.stages.sliding import SLIDING
 __all__ = ["STAGES", "stages_of"]
 
 STAGES: tuple[Stage, ...] = (
+    REPRESENTATIVE_VOLUME,
     SLIDING,
     CELLS,
     SHEARED_CELLS,

@@ -30,12 +30,14 @@ from multiscale.pipeline.body_budget import (
 )
 from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
+from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     require_known,
@@ -46,7 +48,7 @@ from multiscale.pipeline.structure_stage import (
 )
 from multiscale.plotting import MOST_DRAWN, load_pictures
 from multiscale.plotting.figure import on_axes
-from multiscale.schema import with_cautions
+from multiscale.schema import MACRO_RESULT, with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -89,6 +91,7 @@ PICTURES = (
 
 def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the path over the named loads."""
+    bodies = bodies.with_volumes(found, job.read_rve)
     laws = bodies.read_laws(case, found, job.read_law)
     parts = bodies.build(case, bodies.sliders(case, laws))
     chosen = choose_solver(case, _size(bodies, case), job.team)
@@ -111,7 +114,11 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     measured = [*_secants(result), *_real_pressures(result), *_energies(result)]
     facts = [*counted, *parts.facts, *measured, *bolts, solver]
     result = result.assign_attrs(facts="\n".join(facts))
-    damages = [body.damage for body in bodies.bodies]
+    volumes = [one for one in bodies.bodies if isinstance(one, PorousBody)]
+    for one in volumes:
+        told = [f"volume of {one.name}: {caution}" for caution in list_cautions(one.volume_data)]
+        result = with_cautions(result, *told, *one.cautions(one.load()))
+    damages = [body.worst_damage for body in bodies.bodies]
     return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
 
 
@@ -126,8 +133,12 @@ def _with_budget(
     job: Job,
 ) -> "xr.Dataset":
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
-    if not any(law is not None and "error_half_width" in law for law in laws):
+    volumes = bodies.volume_errors()
+    of_laws = any(law is not None and "error_half_width" in law for law in laws)
+    if not of_laws and not volumes:
         return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
+    if not laws:  # nothing but convergence limits what is known
+        result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
     shared, found = case.interface or JointLaw(), []
     for number, law in enumerate(laws):
         if law is None or "error_half_width" not in law:
@@ -145,11 +156,11 @@ def _with_budget(
     )
     near = follow_cut_loads(problem, short, method=method, extrapolate=True)
     solve = partial(_solve_changed, bodies, case, laws, problem, short, near, method)
-    rise = path.cycle_steps if path.cycles and whole else 0
+    rise = path.cycle_steps if path.cycles and whole and of_laws else 0
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
         result = with_cautions(result, NO_COARSER)
-    return with_joint_budget(result, found, solve, asked, coarser, job)
+    return with_joint_budget(result, found, solve, asked, coarser, job, volumes)
 
 
 def _solve_changed(
@@ -164,7 +175,8 @@ def _solve_changed(
 ) -> "xr.Dataset":
     """Follow the path again with a change, near the path without it."""
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    changed = change_friction(bodies.sliders(case, laws, normal), change)
+    source = change.structure if isinstance(change.structure, Bodies) else bodies
+    changed = change_friction(source.sliders(case, laws, normal), change)
     follow = partial(follow_cut_loads, path=path, method=method, extrapolate=True)
     if change.structure is None:
         return follow(problem.with_laws(changed), near=near)
@@ -310,11 +322,12 @@ LOADED_BODIES = structure_stage(
     _tabulate,
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
-    takes=(FITTED_LAW,),
+    takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case),
     check=partial(require_known, answer="load_displacement"),
-    kept="--quick keeps the meshes of the bodies, which it cannot make coarser",
+    kept="--quick keeps the meshes of bodies that are read from files, which it cannot make "
+    "coarser",
     more=_sections,
     pictures=PICTURES,
     answers=ANSWERS,

@@ -26,6 +26,7 @@ from multiscale.micro.damage import (
     youngs_modulus_along,
 )
 from multiscale.micro.damage.effective_moduli import COMPONENTS
+from multiscale.micro.damage.rve import SIDES
 from tests.closed_forms.elastic_solids import (
     hashin_shtrikman_bound,
     isotropic_stiffness,
@@ -288,3 +289,44 @@ def test_directions_of_an_isotropic_solid_are_alike():
 def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
     with pytest.raises(CaseError, match=sentence):
         call()
+
+
+@pytest.mark.parametrize("sides", SIDES)
+def test_a_solid_box_has_the_stiffness_of_its_material_with_all_sides(sides):
+    bricks = VoxelImage(np.zeros((4, 6, 5), dtype=bool), (1.0, 2.0, 0.5))
+    found = effective_stiffness(bricks, E, NU, sides=sides, tolerance=1e-8).unwrap()
+    assert found == pytest.approx(isotropic_stiffness(E, NU), abs=1e-9 * E)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        pytest.param(
+            voxelise(boolean_spheres(CUBE, 0.15, porosity=0.4, seed=2), 16), id="porosity .4"
+        ),
+        pytest.param(
+            voxelise(Cavities(CUBE, [penny_cracks([[0.5, 0.5, 0.5]], (1, 2, 3), 0.45)]), 15),
+            id="a wide crack",
+        ),
+        pytest.param(
+            VoxelImage(np.random.default_rng(seed=1).random((12, 10, 8)) < 0.3, CUBE), id="noise"
+        ),
+    ],
+)
+def test_traction_sides_are_softer_than_periodic_sides_and_those_than_displacement_sides(image):
+    soft, periodic, stiff = (
+        effective_stiffness(image, E, NU, sides=sides).unwrap() for sides in SIDES
+    )
+    least = -1e-6 * E
+    assert np.linalg.eigvalsh(periodic - soft)[0] > least
+    assert np.linalg.eigvalsh(stiff - periodic)[0] > least
+    assert np.linalg.eigvalsh(soft)[0] > least
+    assert np.trace(soft) < 0.999 * np.trace(periodic) < 0.998 * np.trace(stiff)
+
+
+def test_a_box_that_is_cut_through_carries_nothing_across_with_traction_sides():
+    void = np.zeros((8, 8, 8), dtype=bool)
+    void[3] = True
+    found = effective_stiffness(VoxelImage(void, CUBE), E, NU, sides="traction")
+    assert found.converged
+    assert "no stiffness against the strains xx, xz, xy" in found.detail

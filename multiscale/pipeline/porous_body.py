@@ -1,0 +1,139 @@
+"""Bodies whose stiffness comes from a representative volume, and what is unknown of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.laws.bulk import AnisotropicElastic
+from multiscale.pipeline.assembly_parts import MeshedBody
+from multiscale.units import readable
+from multiscale.upscaling.budget_terms import FEW_CELLS
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from skfem import Mesh
+
+__all__ = ["PorousBody", "RveError", "SurfaceDamage"]
+
+FEWEST_ACROSS = 3.0
+"""Representative volumes across a body below which it is no continuum of many."""
+
+
+@dataclass(frozen=True)
+class RveError:
+    """Half-widths of 95 % intervals, over a parameter, by terms of the error budget.
+
+    Attributes
+    ----------
+    name : str, the parameter
+    half_width : mapping of str to float
+    how : mapping of str to str, how each was estimated
+    """
+
+    name: str
+    half_width: Mapping[str, float]
+    how: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class SurfaceDamage:
+    """Damage of sections beside a face, and the half-width of its interval on such a face."""
+
+    mean: float
+    half_width: float
+
+
+class PorousBody(MeshedBody):
+    """A body with its representative volume; no case has such a table.
+
+    Attributes
+    ----------
+    volume_data : Dataset, follows ``RVE``
+    factor : float, by which the stiffness is multiplied
+    """
+
+    volume_data: Any
+    factor: float = 1.0
+
+    @classmethod
+    def of(cls, body: MeshedBody, rve: "xr.Dataset") -> "PorousBody":
+        """Give a body its representative volume, and the Poisson's ratio of the solid."""
+        ratio = float(rve.attrs["poissons_ratio"])
+        own = {name: getattr(body, name) for name in type(body).model_fields}
+        return cls.model_construct(**own | {"poissons_ratio": ratio, "volume_data": rve})
+
+    def elasticity(self) -> AnisotropicElastic:
+        """Make the law of the volume, turned to its axes."""
+        C = self.factor * (1.0 - self.damage) * self.volume_data["stiffness"].to_numpy()
+        return AnisotropicElastic(C).turned(self.axes)
+
+    @property
+    def worst_damage(self) -> float:
+        """Damage of the worst section of the volume, and the damage stated."""
+        return 1.0 - (1.0 - self.damage) * (1.0 - float(self.volume_data["damage"].max()))
+
+    @property
+    def box(self) -> np.ndarray:
+        """Size of the volume, m."""
+        return np.asarray(self.volume_data["box_size"].to_numpy())
+
+    def error(self, mesh: "Mesh") -> RveError:
+        """Errors of the stiffness, the largest ones of all directions, in a body of a size."""
+        rve = self.volume_data
+        sampling, sides, elements = rve["modulus_error"].max("direction").to_numpy()
+        scatter = float(rve["scatter"].max())
+        count = float(_volume(mesh) / np.prod(self.box))
+        return RveError(
+            f"volume of {self.name}",
+            {
+                "sampling": sampling,
+                "micro discretisation": elements,
+                "scale separation": sides,
+                FEW_CELLS: 2.0 * scatter / np.sqrt(count),
+            },
+            {
+                "sampling": "scatter of the representative volumes",
+                "micro discretisation": "the stiffness of volumes on elements twice as large",
+                "scale separation": "bounds by traction and displacement sides",
+                FEW_CELLS: f"scatter of single volumes, of which the body holds {count:.3g}",
+            },
+        )
+
+    def cautions(self, mesh: "Mesh") -> list[str]:
+        """Say where the body is too small for its volume."""
+        extent, edge = float(np.ptp(mesh.p, axis=1).min()), float(self.box.max())
+        if extent > FEWEST_ACROSS * edge:
+            return []
+        told = "is larger than" if edge > extent else "is hardly smaller than"
+        return [
+            f"the representative volume of {self.name} {told} the body is thick, "
+            f"{readable(f'{edge:.3g} m')} against {readable(f'{extent:.3g} m')}: scales do not "
+            f"separate, and the stiffness of a continuum may not hold"
+        ]
+
+    def surface_damage(self, mesh: "Mesh", boundary: str) -> SurfaceDamage:
+        """Damage of sections along a face: the mean one, as a face is one section of many."""
+        face = surface_of(mesh, boundary)
+        normals = facet_normals(mesh.p.T[face.nodes][face.facets])
+        area = float(np.linalg.norm(normals, axis=1).sum())
+        own = self.axes.T @ normals.sum(axis=0)
+        rve = self.volume_data
+        at = int(np.argmax(np.abs(rve["normal"].to_numpy() @ own)))
+        whole = rve["share"].to_numpy() == 1.0
+        mean, low, high = (
+            float(rve[f"{name}_damage"].to_numpy()[whole, at].mean())
+            for name in ("mean", "low", "high")
+        )
+        section = float(np.prod(self.box)) ** (2.0 / 3.0)
+        return SurfaceDamage(mean, 0.5 * (high - low) * np.sqrt(section / area))
+
+
+def _volume(mesh: "Mesh") -> float:
+    """Volume of a mesh of straight elements, m³, by the divergence theorem on its faces."""
+    named = mesh.with_boundaries({"all of it": mesh.boundary_facets()})
+    face = surface_of(named, "all of it")
+    x = mesh.p.T[face.nodes][face.facets]
+    return float(np.sum(facet_normals(x) * x.mean(axis=1)) / 3.0)

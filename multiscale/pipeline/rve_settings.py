@@ -1,0 +1,317 @@
+"""What a case may say of a representative volume: its pores and cracks, its size, its solid."""
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from multiscale.errors import CaseError
+from multiscale.io.images import VoxelImage, read_images
+from multiscale.micro.damage import Cavities, penny_cracks, spheres
+from multiscale.micro.damage.recipe import Recipe
+from multiscale.micro.damage.shapes import Shapes
+from multiscale.pipeline.toml_model import (
+    Count,
+    Factor,
+    Length,
+    Natural,
+    Number,
+    Positive,
+    Pressure,
+    Ratio,
+    Settings,
+    must_rise,
+    quantity,
+    with_unit,
+)
+
+__all__ = ["Direction", "ImageStack", "RveSettings", "read_direction"]
+
+Coordinate = Annotated[float, quantity("m"), with_unit("m")]
+Point = tuple[Coordinate, Coordinate, Coordinate]
+Direction = tuple[Number, Number, Number]
+Voxels = Annotated[Count, Field(ge=4, le=512)]
+Part = Annotated[Number, Field(ge=0.2, lt=1.0)]
+
+
+def read_direction(value: Direction) -> Direction:
+    """Refuse a direction without length."""
+    if not np.linalg.norm(value) > 0.0:
+        raise ValueError(f"is a direction, which must not be zero, got {list(value)}")
+    return value
+
+
+class Pore(Settings):
+    """A spherical pore of a listed volume, which continues periodically."""
+
+    centre: Point = Field(description="Centre along x, y and z from a corner of the volume, m.")
+    radius: Length = Field(description="Radius, m.")
+
+
+class Crack(Pore):
+    """A circular flat crack of a listed volume."""
+
+    normal: Direction = Field(description="Normal of the crack, of any length.")
+
+    _point = field_validator("normal")(read_direction)
+
+
+class RecipeSettings(Settings):
+    """A law of random volumes, of which several are drawn."""
+
+    porosity: Factor = Field(0.0, description="Volume fraction of spherical pores.")
+    pore_radius: Length | None = Field(None, description="Median radius of the pores, m.")
+    pore_spread: Factor = Field(
+        0.0, description="Standard deviation of the logarithm of their radii."
+    )
+    overlap: bool = Field(
+        False,
+        description="Whether pores may overlap, as they must above a porosity of about .38.",
+    )
+    crack_density: Factor = Field(
+        0.0, description="Number of circular cracks times mean cubed radius, over the volume."
+    )
+    crack_radius: Length | None = Field(None, description="Median radius of the cracks, m.")
+    crack_spread: Factor = Field(
+        0.0, description="Standard deviation of the logarithm of their radii."
+    )
+    crack_normal: Direction | None = Field(
+        None, description="Normal of all cracks; evenly distributed directions if not given."
+    )
+    realisations: Positive = Field(6, description="Number of volumes of every size.")
+    seed: Natural = Field(0, description="Seed of the first volume; the next ones count on.")
+
+    @field_validator("crack_normal")
+    @classmethod
+    def _point(cls, value: Direction | None) -> Direction | None:
+        return None if value is None else read_direction(value)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        for share, radius in (("porosity", "pore_radius"), ("crack_density", "crack_radius")):
+            if bool(getattr(self, share)) != (getattr(self, radius) is not None):
+                raise ValueError(f"{share} and {radius} belong together; give both or none")
+        if not self.porosity and not self.crack_density:
+            raise ValueError("has neither porosity nor crack_density, and so the solid is sound")
+        if self.porosity >= 1.0:
+            raise ValueError(f"porosity must be below 1, got {self.porosity:g}")
+        return self
+
+    def build(self) -> Recipe:
+        """Make the law."""
+        said = self.model_dump(exclude={"realisations", "seed"}, exclude_none=True)
+        return Recipe(**said)
+
+    def quick(self) -> Self:
+        """Return three volumes at most."""
+        return self.model_copy(update={"realisations": min(3, self.realisations)})
+
+
+class ImageStack(Settings):
+    """A binary image of a volume, by a tomograph."""
+
+    file: Path = Field(
+        description="TIFF file of many pages, or folder of TIFF slices, with two values alone."
+    )
+    void_value: Number = Field(0.0, description="Value of voxels without material.")
+    voxel_size: Length | tuple[Length, Length, Length] | None = Field(
+        None,
+        description="Edge of cubic voxels, or edges along x, y and z, m; from the file if "
+        "not given.",
+    )
+
+    def read(self) -> VoxelImage:
+        """Read the image."""
+        return read_images(self.file, void_value=self.void_value, voxel_size=self.voxel_size)
+
+
+class RveSettings(Settings):
+    """A representative volume of a solid with pores and cracks.
+
+    They come from a random recipe, from lists, or from an image.
+    """
+
+    youngs_modulus: Pressure = Field(description="Young's modulus of the solid, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio of the solid.")
+    size: tuple[Length, Length, Length] | None = Field(
+        None, description="Lengths along x, y and z, m, or one of a cube; an image has its own."
+    )
+    recipe: RecipeSettings | None = None
+    pores: tuple[Pore, ...] = ()
+    cracks: tuple[Crack, ...] = ()
+    image: ImageStack | None = None
+    voxels: Voxels = Field(48, description="Voxels along the longest edge, for the stiffness.")
+    element: Length | None = Field(
+        None,
+        description="Element size, m, of a mesh that follows pores and both faces of cracks, in "
+        "place of voxels; it has periodic sides alone, so that the bounds are not known.",
+    )
+    parts: tuple[Part, ...] = Field(
+        (0.5,), description="Sizes of smaller volumes over `size`, rising, of the size study."
+    )
+    level: Annotated[Natural, Field(le=4)] = Field(
+        2, description="Refinement of the sphere of normals: 1, 2, 3 give about 30, 90, 330."
+    )
+    sections: Positive = Field(33, description="Plane sections for each normal.")
+    slab: Annotated[Coordinate, Field(ge=0.0)] = Field(
+        0.0, description="Thickness about a section in which cracks count, m; 0 counts those cut."
+    )
+    accept: Annotated[Number, Field(gt=0.0, lt=1.0)] = Field(
+        0.05,
+        description="Largest distance of the bounds, and scatter, of a volume that is called "
+        "representative, over its stiffness.",
+    )
+
+    @field_validator("size", mode="before")
+    @classmethod
+    def _read_size(cls, value: object) -> object:
+        return (value,) * 3 if isinstance(value, str) else value
+
+    @field_validator("parts")
+    @classmethod
+    def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        return must_rise(value)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        kinds = {
+            "recipe": self.recipe is not None,
+            "pores or cracks": bool(self.pores or self.cracks),
+            "image": self.image is not None,
+        }
+        given = [name for name, there in kinds.items() if there]
+        if len(given) != 1:
+            raise ValueError(
+                f"takes either [rve.recipe], a list of pores and cracks, or [rve.image], got "
+                f"{' and '.join(given) or 'none of them'}"
+            )
+        if (self.size is None) != (self.image is not None):
+            raise ValueError(
+                "size is given by the voxels of an image; leave it out"
+                if self.size
+                else "size is missing"
+            )
+        if self.image is not None and self.element is not None:
+            raise ValueError("element is the size of a mesh, and an image has voxels; leave it out")
+        return self
+
+    @property
+    def grid(self) -> tuple[int, int, int]:
+        """Voxels along x, y and z; of an image, those of its file."""
+        if self.size is None:
+            x, y, z = self.read_volume().void.shape
+            return x, y, z
+        longest = max(self.size)
+        x, y, z = (max(1, round(self.voxels * edge / longest)) for edge in self.size)
+        return x, y, z
+
+    def read_volume(self) -> VoxelImage:
+        """Read the image."""
+        assert self.image is not None
+        return self.image.read()
+
+    def first(self) -> Cavities | VoxelImage:
+        """Make the first representative volume."""
+        return self.volumes(1.0)[0]
+
+    def volumes(self, share: float) -> list[Cavities | VoxelImage]:
+        """Make the volumes of a size: further ones of a recipe, parts at the corners of others.
+
+        Raises
+        ------
+        CaseError
+            If an image is refused, or pores do not fit.
+        """
+        if self.recipe is not None:
+            assert self.size is not None
+            # seeds of smaller volumes lie far from those of larger ones
+            seed = self.recipe.seed + round(1e6 * (1.0 - share))
+            box = self._box(share)
+            recipe = self.recipe.build()
+            try:
+                return [recipe.draw(box, seed + k) for k in range(self.recipe.realisations)]
+            except CaseError as error:
+                raise CaseError(f"[rve.recipe] {error}") from error
+        whole = self.read_volume() if self.image is not None else self._listed()
+        if share == 1.0:
+            return [whole]
+        return [_window(whole, share, corner) for corner in product((0, 1), repeat=3)]
+
+    def _box(self, share: float) -> tuple[float, float, float]:
+        """Lengths of a smaller volume of whole voxels, m."""
+        assert self.size is not None
+        n = [max(1, round(share * k)) / k for k in self.grid]
+        x, y, z = (part * edge for part, edge in zip(n, self.size, strict=True))
+        return x, y, z
+
+    def _listed(self) -> Cavities:
+        """Make the volume of the lists."""
+        assert self.size is not None
+        bodies: list[Shapes] = []
+        if self.pores:
+            radii = np.array([one.radius for one in self.pores])
+            bodies.append(spheres(np.array([one.centre for one in self.pores]), radii))
+        if self.cracks:
+            centres, normals = (
+                np.array([getattr(one, name) for one in self.cracks])
+                for name in ("centre", "normal")
+            )
+            radii = np.array([one.radius for one in self.cracks])
+            bodies.append(penny_cracks(centres, normals, radii))
+        return Cavities(self.size, bodies)
+
+    @property
+    def smallest(self) -> float:
+        """Smallest median diameter of pores, m; infinite without any, or in an image."""
+        radii = [one.radius for one in self.pores]
+        radii += [self.recipe.pore_radius] if self.recipe and self.recipe.pore_radius else []
+        return 2.0 * min(radii, default=np.inf)
+
+    def jobs(self) -> Iterator[tuple[float, Cavities | VoxelImage]]:
+        """Yield all volumes with their size over the representative one, the largest first."""
+        for share in (1.0, *self.parts[::-1]):
+            yield from ((share, one) for one in self.volumes(share))
+
+    def voxels_of(self, volume: Cavities | VoxelImage) -> int:
+        """Voxels along the longest edge of a volume, all of one size."""
+        return round(max(volume.size) / self.spacing) if self.size else 0
+
+    @property
+    def spacing(self) -> float:
+        """Edge of a voxel, m."""
+        assert self.size is not None
+        return max(self.size) / self.voxels
+
+    def quick(self) -> Self:
+        """Return fewer and coarser volumes; an image stays as it is."""
+        return self.model_copy(
+            update={
+                "recipe": self.recipe and self.recipe.quick(),
+                "voxels": min(24, self.voxels),
+                "element": self.element and 1.5 * self.element,
+                "level": min(1, self.level),
+                "sections": min(17, self.sections),
+            }
+        )
+
+
+def _window(
+    whole: Cavities | VoxelImage, share: float, corner: Sequence[int]
+) -> Cavities | VoxelImage:
+    """Cut a part at a corner of a volume; its sides are those of a cut."""
+    if isinstance(whole, VoxelImage):
+        n = [max(1, round(share * k)) for k in whole.void.shape]
+        start = [far * (k - part) for far, k, part in zip(corner, whole.void.shape, n, strict=True)]
+        cut = tuple(slice(a, a + part) for a, part in zip(start, n, strict=True))
+        x, y, z = (part * h for part, h in zip(n, whole.spacing, strict=True))
+        return VoxelImage(whole.void[cut], (x, y, z))
+    x, y, z = (share * edge for edge in whole.size)
+    away = np.array(corner) * (1.0 - share) * np.array(whole.size)
+    inside = [
+        kind.take(np.arange(len(kind.centre)), np.broadcast_to(-away, kind.centre.shape))
+        for kind in whole.images
+    ]
+    return Cavities((x, y, z), inside, periodic=False)

@@ -1,0 +1,362 @@
+"""Stage: a volume of a solid with pores and cracks, its damage on sections and its stiffness."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage import Cavities, voxelise
+from multiscale.micro.damage.apparent import measure_volume, represent
+from multiscale.micro.damage.sections import section_normals
+from multiscale.micro.ensemble import run_realisations
+from multiscale.needs import Choice, Needs, choose
+from multiscale.pipeline.rows import Table
+from multiscale.pipeline.rve_settings import RveSettings
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import (
+    Datasets,
+    Job,
+    Section,
+    Stage,
+    StageAnswer,
+    Summary,
+    format_table,
+    list_cautions,
+)
+from multiscale.plotting.figure import new_figure, save_figure
+from multiscale.plotting.rve_figures import (
+    plot_modulus_surface,
+    plot_rve,
+    plot_rve_damage,
+    plot_size_study,
+)
+from multiscale.schema import RVE, RVE_VOLUMES
+from multiscale.units import readable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["REPRESENTATIVE_VOLUME", "is_representative", "measure_case"]
+
+FOLDER = "volumes"
+
+FEWEST_ACROSS = 6.0
+"""Voxels across a pore below which the stiffness depends on the voxels by some per cent."""
+
+FLATTEST = 3.0
+"""Ratio of the edges of a voxel above which a mistake in its size is likely."""
+
+BYTES, SECONDS = 650.0, 6e-5
+"""Memory and time of a voxel, with all sides, and seconds of a section of closed forms."""
+
+SECTION_SECONDS = 3e-4
+
+ANSWERS = (
+    StageAnswer("modulus_x", "modulus along x", "GPa", 1e-9),
+    StageAnswer("modulus_y", "modulus along y", "GPa", 1e-9),
+    StageAnswer("modulus_z", "modulus along z", "GPa", 1e-9),
+    StageAnswer("largest_damage", "damage of the worst section"),
+    StageAnswer("porosity", "porosity", "%", 100.0),
+)
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    return measure_case(case.rve, job).assign_attrs(title=case.title)
+
+
+def measure_case(rve: RveSettings, job: Job) -> "xr.Dataset":
+    """Measure all volumes of the settings, of which finished ones are kept, and average them."""
+    volumes = [*rve.jobs()]
+    measure = partial(
+        measure_volume,
+        youngs_modulus=rve.youngs_modulus,
+        poissons_ratio=rve.poissons_ratio,
+        element_size=rve.element,
+        level=rve.level,
+        sections=rve.sections,
+        slab=rve.slab,
+    )
+    identity = rve.checksum(exclude={"accept"})
+    measured = run_realisations(
+        _measure,
+        [(measure, one, rve.voxels_of(one), share) for share, one in volumes],
+        executor=job.executor,
+        folder=job.out / FOLDER / identity[:12],
+        sparing=job.sparing,
+        identity=identity,
+        progress=lambda finished: job.progress(finished, len(volumes), "volumes"),
+        name="volume",
+        schema=RVE_VOLUMES,
+    )
+    first = volumes[0][1]
+    image = voxelise(first, rve.voxels) if isinstance(first, Cavities) else first
+    moduli = rve.youngs_modulus, rve.poissons_ratio
+    result = represent(measured, image, *moduli, level=rve.level)
+    result = result.assign_attrs(accept=rve.accept)
+    return result.assign_attrs(cautions="\n".join(_cautions(rve, image, result, measured)))
+
+
+def _measure(
+    measure: "Callable[..., xr.Dataset]",
+    volume: Cavities | VoxelImage,
+    voxels: int,
+    share: float,
+) -> "xr.Dataset":
+    return measure(volume, voxels=voxels, share=share)
+
+
+def _cautions(
+    rve: RveSettings, image: VoxelImage, result: "xr.Dataset", measured: "xr.Dataset"
+) -> Iterator[str]:
+    """Say what is lost, coarse or not known."""
+    if ended := measured.attrs.get("ended"):
+        yield ended.replace("\n", "; ")
+    edges = np.array(image.spacing)
+    across = rve.smallest / edges.max()
+    if rve.element is None and across < FEWEST_ACROSS:
+        yield (
+            f"pores are {across:.2g} voxels across, and their stiffness needs {FEWEST_ACROSS:g} or "
+            f"more; give more voxels"
+        )
+    if edges.max() > FLATTEST * edges.min():
+        told = " x ".join(readable(f"{edge:.3g} m") for edge in edges)
+        yield f"voxels measure {told}: check voxel_size in [rve.image]"
+    if not np.isfinite(result["scatter"]).all():
+        yield "one volume alone has no scatter, and intervals are not known; give several"
+
+
+def is_representative(rve: "xr.Dataset") -> str:
+    """Say how far the bounds lie apart and volumes differ, and whether the volume is one."""
+    accept = float(rve.attrs["accept"])
+    gap = float(rve["modulus_error"].sel(rve_error="sides").max())
+    scatter = float(rve["scatter"].max())
+    if np.isnan(gap) or np.isnan(scatter):
+        return (
+            "Whether the volume is representative is not known, as there are no bounds by "
+            "traction and displacement sides, or no scatter."
+        )
+    differ = (
+        f"{100.0 * gap:.2g} % from periodic sides, and volumes scatter by {100.0 * scatter:.2g} %"
+    )
+    if max(gap, scatter) <= accept:
+        return (
+            f"Traction and displacement sides differ by at most {differ}: the volume is "
+            f"representative within {100.0 * accept:g} %."
+        )
+    return (
+        f"Traction and displacement sides differ by up to {differ}: the volume is not "
+        f"representative within {100.0 * accept:g} %; intervals count this, and a larger one "
+        f"narrows them."
+    )
+
+
+def _axes(rve: "xr.Dataset") -> dict[str, int]:
+    """Numbers of the normals along the edges."""
+    normals = np.abs(rve["normal"].to_numpy())
+    return {name: int(np.argmax(normals[:, k])) for k, name in enumerate("xyz")}
+
+
+def _tabulate(rve: "xr.Dataset") -> Table:
+    """Head and rows of damage and modulus along the edges and extreme directions."""
+    head = (
+        "direction",
+        "damage of the worst section",
+        "of one volume, 95 %",
+        "E (GPa)",
+        "of the material, 95 %",
+        "of one volume, 95 %",
+        "traction ... displacement sides",
+    )
+    whole = rve["share"].to_numpy() == 1.0
+    bounds = 1e-9 * rve["apparent_modulus"].to_numpy()[whole].mean(axis=0)
+    rows: list[tuple[str, ...]] = []
+    softest, worst = (int(np.argmin(rve["modulus"].values)), int(np.argmax(rve["damage"].values)))
+    for name, k in {**_axes(rve), "softest": softest, "most damaged": worst}.items():
+        one = rve.isel(direction=k)
+        normal = ", ".join(f"{0.0 if abs(n) < 5e-3 else n:.2f}" for n in one["normal"].values)
+        rows.append(
+            (
+                name if len(name) == 1 else f"{name} ({normal})",
+                f"{float(one['damage']):.3f}",
+                _interval(one["damage_one_part"].to_numpy(), 1.0, ".3f"),
+                f"{1e-9 * float(one['modulus']):.4g}",
+                _interval(one["modulus_mean_law"].to_numpy(), 1e-9),
+                _interval(one["modulus_one_part"].to_numpy(), 1e-9),
+                _interval(bounds[[0, 2], k], 1.0),
+            )
+        )
+    return head, rows
+
+
+def _interval(ends: np.ndarray, scale: float, digits: str = ".4g") -> str:
+    low, high = scale * ends
+    return f"{low:{digits}} ... {high:{digits}}" if np.isfinite(ends).all() else "unknown"
+
+
+def _sizes(rve: "xr.Dataset") -> Table:
+    """Head and rows of the size study: means and standard deviations of the volumes."""
+    head = (
+        "edge",
+        "volumes",
+        "porosity (%)",
+        "worst section",
+        *(f"E, {sides} (GPa)" for sides in rve["sides"].values),
+    )
+    share, rows = rve["share"].to_numpy(), []
+    worst = rve["largest_damage"].to_numpy().max(axis=1)
+    E = 1e-9 * rve["apparent_modulus"].to_numpy().mean(axis=-1)
+    edge = float(np.prod(rve["box_size"].to_numpy())) ** (1.0 / 3.0)
+    for one in np.unique(share):
+        own = share == one
+        rows.append(
+            (
+                readable(f"{one * edge:.4g} m"),
+                f"{own.sum()}",
+                _mean(100.0 * rve["porosity"].to_numpy()[own]),
+                _mean(worst[own]),
+                *(_mean(E[own, k]) for k in range(E.shape[1])),
+            )
+        )
+    return head, rows
+
+
+def _mean(values: np.ndarray) -> str:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "unknown"
+    return f"{known.mean():.4g}" + (f" ± {known.std(ddof=1):.2g}" if known.size > 1 else "")
+
+
+def _causes(rve: "xr.Dataset") -> str:
+    """Say which causes the intervals count."""
+    half = 100.0 * rve["modulus_error"].max("direction").to_numpy()
+    said = [
+        f"{name} {value:.2g} %" if np.isfinite(value) else f"{name} unknown"
+        for name, value in zip(rve["rve_error"].values, half, strict=True)
+    ]
+    return f"Half-widths of the 95 % interval of the material, at most: {', '.join(said)}."
+
+
+def _facts(rve: "xr.Dataset") -> list[str]:
+    own = rve["share"].to_numpy() == 1.0
+    porosity = _mean(100.0 * rve["porosity"].to_numpy()[own])
+    size = " x ".join(readable(f"{edge:.4g} m") for edge in rve["box_size"].to_numpy())
+    told = rve.attrs["spread"]
+    return [
+        f"{own.sum()} volume(s) of {size}, porosity {porosity} %.",
+        is_representative(rve),
+        _causes(rve) + (f" The scatter comes from {told}." if told else ""),
+        "Damage is geometric, eq (1): the stiffness is E (1 - D) only of pores that run through "
+        "along the direction.",
+    ]
+
+
+def _lines(found: Datasets) -> Iterator[str]:
+    rve = found[RVE.name]
+    yield from format_table(rve.attrs["title"], *_tabulate(rve))
+    yield from _facts(rve)
+    yield from format_table("Size study", *_sizes(rve))
+
+
+def _summary(found: Datasets) -> Summary:
+    rve = found[RVE.name]
+    E = 1e-9 * rve["modulus"].to_numpy()
+    loss = 100.0 * (1.0 - E / (1e-9 * rve.attrs["youngs_modulus"]))
+    k = int(np.argmin(E))
+    answer = (
+        f"Young's modulus lies between {E.min():.4g} and {E.max():.4g} GPa with the direction, "
+        f"{loss.min():.3g} to {loss.max():.3g} % below the solid (softest direction: "
+        f"{_interval(rve['modulus_mean_law'].to_numpy()[:, k], 1e-9)} GPa, 95 %), and the worst "
+        f"plane section has lost {100.0 * float(rve['damage'].max()):.3g} % of its area."
+    )
+    question = "How stiff is the solid with its pores and cracks, and which sections are damaged?"
+    return Summary(rve.attrs["title"], question, [answer, is_representative(rve)])
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    rve = found[RVE.name]
+    figures: dict[str, Callable[[Path], Path]] = {
+        "rve": _in_space(rve, plot_rve),
+        "stiffness_surface": _in_space(rve, plot_modulus_surface),
+        "damage_sphere": _in_space(rve, plot_rve_damage),
+        "size_study": partial(_draw_study, rve),
+    }
+    yield Section("Representative volume", _facts(rve), *_tabulate(rve), figures=figures)
+    told = ["Means over volumes, and for stiffnesses over directions, ± one standard deviation."]
+    yield Section("Size study", told, *_sizes(rve))
+
+
+def _in_space(rve: "xr.Dataset", plot: Callable[..., object]) -> Callable[[Path], Path]:
+    """Return ``draw(file)`` of a figure on axes in space."""
+
+    def draw(file: Path) -> Path:
+        figure = new_figure()
+        plot(rve, ax=figure.add_subplot(projection="3d"))
+        return save_figure(figure, file)
+
+    return draw
+
+
+def _draw_study(rve: "xr.Dataset", file: Path) -> Path:
+    figure = new_figure(5.2, 5.6)
+    plot_size_study(rve, figure)
+    return save_figure(figure, file)
+
+
+def _compared(rve: "xr.Dataset") -> "xr.Dataset":
+    """Return moduli along the edges with their intervals, the largest damage and the porosity."""
+    own = rve["share"].to_numpy() == 1.0
+    values = {
+        "largest_damage": rve["damage"].max("direction"),
+        "porosity": rve["porosity"].isel(realisation=own).mean("realisation"),
+    }
+    for name, k in _axes(rve).items():
+        for kind in ("", "_mean_law", "_one_part"):
+            values[f"modulus_{name}{kind}"] = rve[f"modulus{kind}"].isel(direction=k, drop=True)
+    return rve[[]].assign(values)
+
+
+def _needs(case: Case) -> Needs:
+    rve = case.rve
+    voxels = int(np.prod(rve.grid))
+    count = rve.recipe.realisations if rve.recipe else 1
+    cubes = count + sum((count if rve.recipe else 8) * one**3 for one in rve.parts)
+    planes = (count if rve.recipe else 8) * (1 + len(rve.parts)) * rve.sections
+    planes *= len(section_normals((1.0, 1.0, 1.0), rve.level))
+    return Needs(
+        kinematics="small strain, both sides of a crack move freely",
+        choices=(
+            Choice("sections", f"{rve.sections} for each normal, exact areas, eq (1)"),
+            choose(
+                "bounds",
+                rve.element is None,
+                "traction and displacement sides, which tell whether the volume is representative",
+                "a mesh has periodic sides alone",
+            ),
+        ),
+        libraries=("gmsh", "scikit-fem") if rve.element else ("numba",),
+        memory=int(BYTES * voxels),
+        seconds=cubes * SECONDS * voxels + planes * SECTION_SECONDS,
+    )
+
+
+REPRESENTATIVE_VOLUME = Stage(
+    schema=RVE,
+    tables=("rve",),
+    reads={"title", "rve"},
+    run=_run,
+    needs=_needs,
+    prepare=lambda case: case.rve.first(),
+    cautions=list_cautions,
+    lines=_lines,
+    sections=_sections,
+    summary=_summary,
+    kept="",
+    folders=(FOLDER,),
+    pictures=("rve", "stiffness_surface", "damage_sphere", "size_study"),
+    answers=ANSWERS,
+    compared=_compared,
+)

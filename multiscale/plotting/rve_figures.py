@@ -1,0 +1,185 @@
+"""Figures of a representative volume; every dataset follows ``RVE``."""
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.io.images import VoxelImage
+from multiscale.micro.damage.directions import sphere_directions
+from multiscale.micro.damage.effective_moduli import youngs_modulus_along
+from multiscale.plotting.damage_figures import colour_sphere
+from multiscale.plotting.figure import axes_or_current
+from multiscale.units import length_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
+
+__all__ = ["plot_modulus_surface", "plot_rve", "plot_rve_damage", "plot_size_study"]
+
+MOST_FACES = 15_000
+"""Faces of voxels above which an image is drawn at half its resolution."""
+
+LIGHT = np.array([0.35, -0.55, 0.76])
+"""Unit vector towards the light."""
+
+COLOURS = {"traction": "C0", "periodic": "black", "displacement": "C3"}
+
+
+def plot_rve(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+    """Draw the voids of the first volume within its box."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+    from scipy.ndimage import gaussian_filter
+
+    size = rve["box_size"].to_numpy()
+    unit = length_unit(size)
+    image = VoxelImage(rve["void"].to_numpy(), tuple(unit.scale * size))
+    while (quads := _void_faces(image))[0].shape[0] > MOST_FACES:
+        image = image.coarsened()
+    corners, outward, voxel, cut = quads
+    # the gradient of the blurred voids shades spheres of voxels as spheres
+    blurred = gaussian_filter(np.pad(image.void.astype(float), 2, mode="wrap"), 1.0)
+    slope = -np.stack(np.gradient(blurred))[:, 2:-2, 2:-2, 2:-2]
+    normal = slope[(slice(None), *voxel.T)].T
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.where(length > 1e-3, normal / np.maximum(length, 1e-3), outward)
+    bright = 0.45 + 0.55 * np.clip(normal @ LIGHT, 0.0, 1.0)
+    colours = bright[:, None] * np.array([0.36, 0.55, 0.78])
+    colours[cut] = [0.75, 0.33, 0.22]
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="none"))
+    box = np.array([*product((0.0, 1.0), repeat=3)]) * image.size
+    edges = [(box[a], box[a | bit]) for a in range(8) for bit in (1, 2, 4) if not a & bit]
+    ax.add_collection3d(Line3DCollection(edges, colors="0.4", linewidths=0.8))
+    x, y, z = image.size
+    ax.set(xlim=(0, x), ylim=(0, y), zlim=(0, z))
+    ax.set(xlabel=f"x ({unit.name})", ylabel=f"y ({unit.name})", zlabel=f"z ({unit.name})")
+    ax.set_box_aspect(image.size)
+    ax.view_init(elev=22.0, azim=-55.0)
+    ax.set_title(f"voids {100.0 * image.porosity:.3g} %")
+    return ax
+
+
+def _void_faces(image: VoxelImage) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return faces of void voxels beside solid or the box, outward normals, voxels, and cuts."""
+    corners, normals, voxels, cuts = [], [], [], []
+    spacing = np.array(image.spacing)
+    for axis, way in product(range(3), (0, 1)):
+        void = np.moveaxis(image.void, axis, 0)
+        beside = np.ones_like(void)
+        inner = (slice(1, None), slice(None, -1)) if way == 0 else (slice(None, -1), slice(1, None))
+        beside[inner[0]] = ~void[inner[1]]
+        at = np.argwhere(void & beside)
+        end = 0 if way == 0 else void.shape[0] - 1
+        cuts.append(at[:, 0] == end)
+        square = np.array([[way, 0, 0], [way, 1, 0], [way, 1, 1], [way, 0, 1]])
+        place = np.moveaxis(at[:, None] + square, -1, 0)
+        order = [1, 2]
+        order.insert(axis, 0)
+        corners.append(np.moveaxis(place[order], 0, -1) * spacing)
+        voxels.append(at[:, order])
+        outward = np.zeros(3)
+        outward[axis] = 1.0 - 2.0 * way
+        normals.append(np.broadcast_to(outward, (len(at), 3)))
+    return tuple(np.concatenate(one) for one in (corners, normals, voxels, cuts))  # type: ignore[return-value]
+
+
+def plot_rve_damage(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+    """Colour the sphere of normals by the damage of their worst sections, mean over volumes."""
+    normals, damage = rve["normal"].to_numpy(), rve["damage"].to_numpy()
+    worst = normals[np.argmax(damage)]
+    return colour_sphere(normals, damage, worst, ax=ax)
+
+
+def plot_modulus_surface(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+    """Draw the surface whose distance from the centre is Young's modulus along the direction."""
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.ticker import MaxNLocator
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from scipy.spatial import ConvexHull
+
+    half = sphere_directions(3)
+    points = np.concatenate([half, -half])
+    faces = ConvexHull(points).simplices
+    ratio = 1e-9 * youngs_modulus_along(rve["stiffness"].to_numpy(), points)
+    scale = Normalize(float(ratio.min()), float(ratio.max()))
+    if np.ptp(ratio) < 1e-6 * ratio.max():
+        scale = Normalize(0.0, float(ratio.max()) or 1.0)
+    colours = colormaps["viridis"](scale(ratio[faces].mean(axis=1)))
+    surface = (ratio[:, None] * points)[faces]
+    ax.add_collection3d(
+        Poly3DCollection(surface, facecolors=colours, edgecolors="white", linewidths=0.1)
+    )
+    reach = 1.1 * (float(ratio.max()) or 1.0)
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
+    ax.set(xlabel="x (GPa)", ylabel="y (GPa)", zlabel="z (GPa)")
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_major_locator(MaxNLocator(3))
+    ax.set_box_aspect((1.0, 1.0, 1.0))
+    mappable = ScalarMappable(scale, colormaps["viridis"])
+    ax.figure.colorbar(
+        mappable, ax=ax, label="Young's modulus along the direction (GPa)", shrink=0.6, pad=0.1
+    )
+    return ax
+
+
+def plot_size_study(rve: "xr.Dataset", figure: "Figure") -> None:
+    """Draw stiffness with all sides, and damage of the worst section, against size.
+
+    Lines are means over volumes and normals, and bands one standard deviation between volumes.
+    """
+    above, below = figure.subplots(2, 1, sharex=True)
+    plot_size_stiffness(rve, ax=above)
+    plot_size_damage(rve, ax=below)
+    above.set_xlabel("")
+
+
+def plot_size_stiffness(rve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Draw Young's modulus, mean over directions, against the size of the volumes."""
+    ax = axes_or_current(ax)
+    share = rve["share"].to_numpy()
+    E = rve["apparent_modulus"].to_numpy() / rve.attrs["youngs_modulus"]
+    for k, sides in enumerate(map(str, rve["sides"].values)):
+        _band(ax, rve, share, E[:, k].mean(axis=-1), COLOURS[sides], f"{sides} sides")
+    ax.set_ylabel("Young's modulus over solid")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
+    return ax
+
+
+def plot_size_damage(rve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Draw damage of the worst and of the mean section against the size of the volumes."""
+    ax = axes_or_current(ax)
+    share = rve["share"].to_numpy()
+    worst = rve["largest_damage"].to_numpy().max(axis=1)
+    _band(ax, rve, share, worst, "C1", "worst section")
+    _band(ax, rve, share, rve["mean_damage"].to_numpy().mean(axis=1), "C2", "mean section")
+    unit = length_unit(_edges(rve, share))
+    ax.set(xlabel=f"edge of the volume ({unit.name})", ylabel="damage D")
+    ax.set_ylim(bottom=0.0)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    return ax
+
+
+def _edges(rve: "xr.Dataset", share: np.ndarray) -> np.ndarray:
+    """Edges of cubes of the same volume, m."""
+    return np.asarray(share * float(np.prod(rve["box_size"].to_numpy())) ** (1.0 / 3.0))
+
+
+def _band(
+    ax: "Axes", rve: "xr.Dataset", share: np.ndarray, value: np.ndarray, colour: str, label: str
+) -> None:
+    """Draw the mean of each size, and a standard deviation about it."""
+    sizes = np.unique(share)
+    if not np.isfinite(value).any():
+        return
+    own = [value[(share == one) & np.isfinite(value)] for one in sizes]
+    mean = np.array([one.mean() if one.size else np.nan for one in own])
+    spread = np.array([one.std(ddof=1) if one.size > 1 else 0.0 for one in own])
+    edges = _edges(rve, sizes)
+    edges = edges * length_unit(_edges(rve, share)).scale
+    ax.plot(edges, mean, "o-", color=colour, label=label, markersize=4)
+    ax.fill_between(edges, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
