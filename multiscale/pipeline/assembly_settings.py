@@ -109,6 +109,7 @@ class Bodies(StructureKind):
         "cycles": LoadCycles,
     }
     may_be_cut: ClassVar[bool] = True
+    may_tire: ClassVar[bool] = True
 
     kind: Literal["bodies"]
     bodies: tuple[MeshedBody, ...] = Field(min_length=1)
@@ -184,6 +185,8 @@ class Bodies(StructureKind):
             )
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
+        if case.fatigue is not None:
+            self._check_fatigue(case)
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -192,6 +195,23 @@ class Bodies(StructureKind):
                     missing := own.tell_missing(told, case.strict, f"interface {number}")
                 ):
                     raise ValueError(missing)
+
+    def _check_fatigue(self, case: "Case") -> None:
+        """Refuse a history without a cycle, and a body that does not exist."""
+        if case.cycles is None:
+            raise ValueError(
+                "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
+                "[cycles] with load, amplitude, cycles and steps"
+            )
+        names = [one.name for one in self.bodies]
+        if case.fatigue.body is None and len(names) > 1:
+            raise ValueError(
+                f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
+            )
+        if case.fatigue.body not in (None, *names):
+            raise ValueError(
+                f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
+            )
 
     def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
         """Return the path over the loads, whose resultants at the factor one are given, N."""

@@ -44,6 +44,7 @@ __all__ = [
     "JointsOfLaw",
     "change_friction",
     "few_steps",
+    "not_solved",
     "with_joint_budget",
 ]
 
@@ -333,7 +334,7 @@ class _OfLaw:
         return structure_budget(
             names,
             law,
-            _not_solved,
+            not_solved,
             answer=value,
             pressure=mean,
             coarser=coarser,
@@ -345,7 +346,7 @@ class _OfLaw:
         )
 
 
-def _not_solved(law: NormalLaw) -> np.ndarray:
+def not_solved(law: NormalLaw) -> np.ndarray:
     """Refuse to solve with a law whose answers are given."""
     raise AssertionError(f"{law} should be among the changed laws")
 

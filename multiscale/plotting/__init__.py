@@ -10,6 +10,7 @@ from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.damage_figures import (
     draw_damage,
     plot_damage_sphere,
+    plot_fatigue_field,
     plot_joint_life,
     plot_stiffness_against_damage,
     plot_woehler,
@@ -96,6 +97,7 @@ __all__ = [
     "plot_deformed_links",
     "plot_energies",
     "plot_error_budget",
+    "plot_fatigue_field",
     "plot_flow_channels",
     "plot_footprint",
     "plot_force_network",

@@ -15,6 +15,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.compare import section_image
 from multiscale.micro.damage.plane_damage import SectionPlane
+from multiscale.plotting.element_faces import FACES
 from multiscale.plotting.figure import axes_or_current, new_figure, save_figure, save_figures
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "draw_damage",
     "plot_damage_sphere",
+    "plot_fatigue_field",
     "plot_joint_life",
     "plot_stiffness_against_damage",
     "plot_woehler",
@@ -67,6 +69,62 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
     ax.set_box_aspect((1.0, 1.0, 1.0))
     mappable = ScalarMappable(scale, colormaps["viridis"])
     ax.figure.colorbar(mappable, ax=ax, label="damage of the worst section", shrink=0.6, pad=0.1)
+    return ax
+
+
+def plot_fatigue_field(
+    life: "xr.Dataset", name: str = "damage", *, ax: "Axes | None" = None
+) -> "Axes":
+    """Colour the elements of a body that look along an axis by their damage or life.
+
+    The axis is the direction in which the body is thinnest; a cross marks the crack.
+
+    Parameters
+    ----------
+    life : Dataset
+        Follows ``FATIGUE_LIFE``, with the mesh of the body.
+    name : {"damage", "cracked_share", "plastic_strain", "first_crack"}
+        Variable of the elements; cycles are shown as powers of ten.
+    """
+    from matplotlib.collections import PolyCollection
+
+    ax = axes_or_current(ax)
+    place, corners = life["position"].values, life["corners"].values
+    table = np.array(FACES[corners.shape[1]])
+    faces = corners[:, table].reshape(-1, table.shape[1])
+    owner = np.repeat(np.arange(len(corners)), len(table))
+    _, back, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    outer = count[back.ravel()] == 1
+    faces, owner = faces[outer], owner[outer]
+    depth = int(np.argmin(np.ptp(place, axis=0)))
+    first, second = (k for k in range(3) if k != depth)
+    middle = place[corners].mean(axis=1)[owner, depth]
+    seen = place[faces][..., depth].mean(axis=1) > middle
+    flat = place[faces][..., [first, second]]
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    size = np.ptp(place, axis=0).max()
+    seen &= np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > (1e-6 * size) ** 2
+    order = np.flatnonzero(seen)
+    order = order[np.argsort(place[faces[order]][..., depth].mean(axis=1))]
+    values = life[name].values[owner[order]]
+    label = str(life[name].attrs["long_name"])
+    if name == "first_crack":
+        values, label = np.log10(np.where(np.isfinite(values), values, np.nan)), "log10 of cycles"
+    scale = 1e3
+    drawn = PolyCollection(
+        scale * flat[order], array=values, cmap="viridis", edgecolors="face", linewidths=0.2
+    )
+    drawn.cmap.set_bad("0.85")
+    ax.add_collection(drawn)
+    ax.set(aspect="equal", xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
+    ax.autoscale_view()
+    if "crack_position" in life:
+        x = scale * life["crack_position"].values
+        ax.plot(x[first], x[second], "x", color="red", markersize=9, label="crack")
+        ax.legend(loc="best")
+    ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
     return ax
 
 

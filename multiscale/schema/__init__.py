@@ -14,7 +14,13 @@ from multiscale.schema.cell_schema import (
     UNLOADING,
     branch_of,
 )
-from multiscale.schema.damage_schema import DAMAGE_SECTIONS, FATIGUE, RVE_STIFFNESS, WOEHLER
+from multiscale.schema.damage_schema import (
+    DAMAGE_SECTIONS,
+    FATIGUE,
+    FATIGUE_LIFE,
+    RVE_STIFFNESS,
+    WOEHLER,
+)
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT, SEAL
@@ -30,6 +36,7 @@ __all__ = [
     "END_TO_END",
     "ERROR_BUDGET",
     "FATIGUE",
+    "FATIGUE_LIFE",
     "FIELDS",
     "GRANULATE",
     "HOLDING",
@@ -70,6 +77,7 @@ SCHEMAS = {
         DAMAGE_SECTIONS,
         RVE_STIFFNESS,
         FATIGUE,
+        FATIGUE_LIFE,
         WOEHLER,
         ERROR_BUDGET,
         LAW_COMPARISON,
