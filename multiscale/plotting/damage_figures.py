@@ -1,7 +1,7 @@
 """Figures of damage, stiffness and fatigue.
 
 ``sections`` follow ``DAMAGE_SECTIONS``, a ``curve`` ``WOEHLER``, a ``comparison``
-``RVE_STIFFNESS``, and a ``result`` ``MACRO_RESULT``, with cycles.
+``RVE_STIFFNESS``, and a ``life`` ``FATIGUE_LIFE``.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,13 @@ from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.compare import section_image
 from multiscale.micro.damage.plane_damage import SectionPlane
 from multiscale.plotting.element_faces import FACES
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure, save_figures
+from multiscale.plotting.figure import (
+    add_colour_bar,
+    axes_or_current,
+    new_figure,
+    save_figure,
+    save_figures,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,11 +33,18 @@ __all__ = [
     "draw_damage",
     "plot_damage_sphere",
     "plot_fatigue_field",
-    "plot_joint_life",
     "plot_stiffness_against_damage",
     "plot_woehler",
     "plot_worst_section",
 ]
+
+
+FATIGUE_FIELDS = {
+    "damage": (1.0, "mean damage of the inclusions"),
+    "cracked_share": (100.0, "cracked inclusions (%)"),
+    "equivalent_amplitude": (1e-6, "von Mises amplitude (MPa)"),
+}
+"""Factor and label of the fields of elements that are drawn, by their names."""
 
 
 def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
@@ -73,18 +86,19 @@ def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
 
 
 def plot_fatigue_field(
-    life: "xr.Dataset", name: str = "damage", *, ax: "Axes | None" = None
+    life: "xr.Dataset", name: str = "damage", *, near: bool = False, ax: "Axes | None" = None
 ) -> "Axes":
-    """Colour the elements of a body that look along an axis by their damage or life.
-
-    The axis is the direction in which the body is thinnest; a cross marks the crack.
+    """Colour the elements of a body, seen along the axis in which it is thinnest.
 
     Parameters
     ----------
     life : Dataset
         Follows ``FATIGUE_LIFE``, with the mesh of the body.
-    name : {"damage", "cracked_share", "plastic_strain", "first_crack"}
-        Variable of the elements; cycles are shown as powers of ten.
+    name : str
+        A key of :data:`FATIGUE_FIELDS`.
+    near : bool
+        Whether only the surroundings of damaged elements are shown. A ring marks the crack.
+    ax : Axes, optional
     """
     from matplotlib.collections import PolyCollection
 
@@ -108,23 +122,25 @@ def plot_fatigue_field(
     seen &= np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > (1e-6 * size) ** 2
     order = np.flatnonzero(seen)
     order = order[np.argsort(place[faces[order]][..., depth].mean(axis=1))]
-    values = life[name].values[owner[order]]
-    label = str(life[name].attrs["long_name"])
-    if name == "first_crack":
-        values, label = np.log10(np.where(np.isfinite(values), values, np.nan)), "log10 of cycles"
-    scale = 1e3
+    factor, label = FATIGUE_FIELDS[name]
+    values = factor * life[name].values[owner[order]]
     drawn = PolyCollection(
-        scale * flat[order], array=values, cmap="viridis", edgecolors="face", linewidths=0.2
+        1e3 * flat[order], array=values, cmap="viridis", edgecolors="white", linewidths=0.1
     )
-    drawn.cmap.set_bad("0.85")
     ax.add_collection(drawn)
-    ax.set(aspect="equal", xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
     ax.autoscale_view()
+    damaged = np.flatnonzero(life["damage"].values > 0.0)
+    if near and damaged.size:
+        own = 1e3 * place[corners[damaged]][..., [first, second]].reshape(-1, 2)
+        half = 1.5 * np.ptp(own, axis=0).max()
+        x, y = own.mean(axis=0)
+        ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+    ax.set(aspect="equal", xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
     if "crack_position" in life:
-        x = scale * life["crack_position"].values
-        ax.plot(x[first], x[second], "x", color="red", markersize=9, label="crack")
+        x, y = 1e3 * life["crack_position"].values[[first, second]]
+        ax.plot(x, y, "o", color="red", markersize=14, fillstyle="none", label="crack")
         ax.legend(loc="best")
-    ax.figure.colorbar(drawn, ax=ax, label=label, shrink=0.8)
+    add_colour_bar(drawn, ax, label)
     return ax
 
 
@@ -197,19 +213,6 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
     return ax
 
 
-def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of a joint over its life."""
-    ax = axes_or_current(ax)
-    cycles = result["cycles"].values
-    for name, label in (("joint_stiffness", "joint"), ("interface_stiffness", "interface alone")):
-        value = result[name].values
-        ax.plot(cycles, value / value[0], "o-", label=label)
-    ax.plot(cycles, 1.0 - result["damage"].values, color="black", linestyle="--", label="1 - D")
-    ax.set(xlabel="cycles", ylabel="stiffness over initial stiffness")
-    ax.legend()
-    return ax
-
-
 def draw_damage(
     folder: Path,
     *,
@@ -217,7 +220,6 @@ def draw_damage(
     rve: Cavities | VoxelImage | None = None,
     curve: "xr.Dataset | None" = None,
     comparison: "xr.Dataset | None" = None,
-    joint: "xr.Dataset | None" = None,
 ) -> list[Path]:
     """Draw the figures of the given datasets into PNG files.
 
@@ -232,8 +234,6 @@ def draw_damage(
         Follows ``WOEHLER``.
     comparison : Dataset, optional
         Follows ``RVE_STIFFNESS``.
-    joint : Dataset, optional
-        Follows ``MACRO_RESULT``, with cycles.
     """
     make_folder(folder)
     drawn = []
@@ -250,8 +250,6 @@ def draw_damage(
         figures["stiffness_against_damage"] = lambda ax: plot_stiffness_against_damage(
             comparison, ax=ax
         )
-    if joint is not None:
-        figures["joint_life"] = lambda ax: plot_joint_life(joint, ax=ax)
     return drawn + save_figures(figures, folder)
 
 

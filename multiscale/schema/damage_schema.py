@@ -81,7 +81,7 @@ FATIGUE_LIFE = Schema(
         "damage": _element("1", "mean damage of the inclusions of an element at the end"),
         "plastic_strain": _element("1", "mean accumulated plastic strain of the inclusions"),
         "first_crack": _element("1", "cycles to the first crack of each element, unless others do"),
-        "equivalent_amplitude": _element("Pa", "half the von Mises range of the stress at the end"),
+        "equivalent_amplitude": _element("Pa", "half the von Mises range of the sound structure"),
         "crack_element": _number("1", "number of the element that cracks first, or -1"),
         "cycles_to_first": _number("1", "cycles until the first inclusion cracks"),
         "cycles_to_crack": _number("1", "cycles until an element has cracked through"),

@@ -183,7 +183,7 @@ def local_fatigue(
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
     options = {"jump_tolerance": jump_tolerance, "substeps": substeps, "scatter": scatter}
     first = first_cracks(stress, material, max_cycles=max_cycles, **options)  # type: ignore[arg-type]
-    weakest = np.inf if np.isinf(first).all() else float(first.min())
+    weakest, amplitude = float(first.min()), _amplitude(stress)
     record = [(0.0, 0.0, 0.0)]
     crack, life, elastic = -1, np.nan, False
     jump = max(1, int(min(weakest, max_cycles)) - 1)
@@ -227,9 +227,9 @@ def local_fatigue(
             "damage": state[:, 0].reshape(elements, -1).mean(axis=1),
             "plastic_strain": strain.mean(axis=1),
             "first_crack": first,
-            "equivalent_amplitude": _amplitude(stress),
+            "equivalent_amplitude": amplitude,
             "crack_element": crack,
-            "cycles_to_first": weakest,
+            "cycles_to_first": min(weakest, life) if crack >= 0 else weakest,
             "cycles_to_crack": np.inf if elastic and crack < 0 else life,
             "run_out": int(elastic and crack < 0),
             "solves": solves,

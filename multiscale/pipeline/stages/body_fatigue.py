@@ -143,12 +143,8 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     stress = cycled.stress(result, parts.assembly.bodies)
     _refuse_static(stress, table, names[number])
     material = table.material(own.youngs_modulus, own.poissons_ratio)
-    solves = 0
 
     def stress_of(cracked: np.ndarray) -> np.ndarray:
-        nonlocal solves
-        solves += 1
-        job.progress(solves, solves, "solves of the structure with cracks")
         return cycled.solve(cycled.sliders, cracked) if cracked.any() else stress
 
     life = local_fatigue(
@@ -338,10 +334,13 @@ def _lines(found: Datasets) -> Iterator[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     life = found[FATIGUE_LIFE.name]
 
-    def draw(name: str) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot_fatigue_field(life, name, ax=ax))
+    def draw(name: str, near: bool) -> Callable[[Path], Path]:
+        return on_axes(lambda ax: plot_fatigue_field(life, name, near=near, ax=ax))
 
-    pictures = {f"fatigue_{name}": draw(name) for name in ("damage", "first_crack")}
+    pictures = {
+        "fatigue_amplitude": draw("equivalent_amplitude", False),
+        "fatigue_damage": draw("damage", True),
+    }
     yield Section("Fatigue", [_answer(life)], *_tabulate(life), figures=pictures)
 
 
@@ -367,7 +366,7 @@ BODY_FATIGUE = Stage(
     lines=_lines,
     sections=_sections,
     summary=_summary,
-    pictures=("fatigue_damage", "fatigue_first_crack"),
+    pictures=("fatigue_amplitude", "fatigue_damage"),
     answers=(
         StageAnswer("cycles_to_crack", "life", "cycles"),
         StageAnswer("cycles_to_first", "first inclusion", "cycles"),
