@@ -97,7 +97,9 @@ def assemble_mass(basis: "CellBasis", density: float) -> csr_array:
     return csr_array(kron(csr_array(scalar), np.eye(basis.mesh.dim())))
 
 
-def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr_array:
+def elastic_matrix(
+    basis: "CellBasis", law: Elastic | AnisotropicElastic, share: np.ndarray | None = None
+) -> csr_array:
     r"""Assemble the small-strain elasticity of a law.
 
     Parameters
@@ -105,6 +107,8 @@ def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr
     basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
     law : Elastic or AnisotropicElastic
         In plane strain the tensor is taken without its rows and columns along z.
+    share : ndarray, shape (elements,), optional
+        Share of the stiffness of every element that is left; 1 if not given.
 
     Returns
     -------
@@ -114,10 +118,12 @@ def elastic_matrix(basis: "CellBasis", law: Elastic | AnisotropicElastic) -> csr
         .. math:: K_{ij} = \int C_{ikjl}\, \partial_k v\, \partial_l u .    \tag{2}
     """
     if isinstance(law, Elastic):
-        moduli = lame_parameters(law.youngs_modulus, law.poissons_ratio)
-        return assemble_elasticity(basis, *moduli)
+        lame, shear = lame_parameters(law.youngs_modulus, law.poissons_ratio)
+        if share is None:
+            return assemble_elasticity(basis, lame, shear)
+        return assemble_elasticity(basis, lame * share, shear * share)
     d = basis.mesh.dim()
-    products, C = _products(basis, np.ones(1)), law.tensor
+    products, C = _products(basis, np.ones(1) if share is None else share), law.tensor
     blocks = [
         [
             sum(C[i, k, j, m] * products[k][m] for k in range(d) for m in range(d))  # (2)

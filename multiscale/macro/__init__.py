@@ -52,7 +52,6 @@ from multiscale.macro.dynamics import simulate
 from multiscale.macro.joint import (
     Block,
     RoughJoint,
-    cycled_joint,
     press_joint,
     pressed_blocks,
     rough_joint,
@@ -93,7 +92,6 @@ __all__ = [
     "critical_factor",
     "cut_bodies",
     "cut_links",
-    "cycled_joint",
     "granulate",
     "homogenise",
     "load_mesh",

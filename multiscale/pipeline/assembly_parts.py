@@ -174,6 +174,13 @@ class MeshedBody(Settings):
         return self
 
     @property
+    def moduli(self) -> tuple[float, float]:
+        """Young's modulus, Pa, and Poisson's ratio of a body that is not porous."""
+        assert self.youngs_modulus is not None
+        assert self.poissons_ratio is not None
+        return self.youngs_modulus, self.poissons_ratio
+
+    @property
     def porous(self) -> bool:
         """Whether its stiffness is that of a representative volume."""
         return self.youngs_modulus is None

@@ -116,6 +116,7 @@ class Bodies(StructureKind):
         "cycles": LoadCycles,
     }
     may_be_cut: ClassVar[bool] = True
+    may_tire: ClassVar[bool] = True
 
     kind: Literal["bodies"]
     bodies: tuple[MeshedBody, ...] = Field(min_length=1)
@@ -210,6 +211,8 @@ class Bodies(StructureKind):
                     f"surface_damage of interface {number} is of representative volumes, and "
                     f"neither body has one; leave it out, or give damage"
                 )
+        if case.fatigue is not None:
+            self._check_fatigue(case)
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -218,6 +221,29 @@ class Bodies(StructureKind):
                     missing := own.tell_missing(told, case.strict, f"interface {number}")
                 ):
                     raise ValueError(missing)
+
+    def _check_fatigue(self, case: "Case") -> None:
+        """Refuse a history without a cycle, and a body that does not exist."""
+        if case.cycles is None:
+            raise ValueError(
+                "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
+                "[cycles] with load, amplitude, cycles and steps"
+            )
+        names = [one.name for one in self.bodies]
+        if case.fatigue.body is None and len(names) > 1:
+            raise ValueError(
+                f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
+            )
+        if case.fatigue.body not in (None, *names):
+            raise ValueError(
+                f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
+            )
+        followed = self.bodies[names.index(case.fatigue.body or names[0])]
+        if followed.porous:
+            raise ValueError(
+                f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
+                f"youngs_modulus and poissons_ratio in place of a representative volume"
+            )
 
     def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
         """Return the path over the loads, whose resultants at the factor one are given, N."""

@@ -52,6 +52,7 @@ __all__ = [
     "JointsOfLaw",
     "change_friction",
     "few_steps",
+    "not_solved",
     "with_joint_budget",
 ]
 
@@ -366,7 +367,7 @@ class _OfLaw:
         return structure_budget(
             names,
             law,
-            _not_solved,
+            not_solved,
             answer=value,
             pressure=mean,
             coarser=coarser,
@@ -378,7 +379,7 @@ class _OfLaw:
         )
 
 
-def _not_solved(law: NormalLaw) -> np.ndarray:
+def not_solved(law: NormalLaw) -> np.ndarray:
     """Refuse to solve with a law whose answers are given."""
     raise AssertionError(f"{law} should be among the changed laws")
 

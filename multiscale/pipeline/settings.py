@@ -21,6 +21,7 @@ from multiscale.pipeline.case_tables import (
     SealSettings,
     SlideSettings,
 )
+from multiscale.pipeline.fatigue_settings import FatigueSettings
 from multiscale.pipeline.grain_settings import (
     Biaxial,
     ColumnCollapse,
@@ -133,6 +134,7 @@ class Case(Settings):
     cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
     dynamics: Dynamics | None = None
     substructures: Substructures | None = None
+    fatigue: FatigueSettings = ABSENT
     grains: GrainSettings = ABSENT
     motion: Motion = ABSENT
 
@@ -165,6 +167,11 @@ class Case(Settings):
             self._check_cells()
         if self.structure is not None:
             self._check_structure(self.structure)
+        if self.fatigue is not None and not (self.structure and self.structure.may_tire):
+            raise ValueError(
+                '[fatigue] follows the elements of [structure] kind = "bodies"; leave it out, or '
+                "give such a structure"
+            )
         return self
 
     def _has(self, name: str) -> bool:
@@ -611,7 +618,15 @@ class Case(Settings):
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
-        after = ("rve", "structure", "substructures", "seal", "accuracy", *WITH_STRUCTURE)
+        after = (
+            "rve",
+            "structure",
+            "substructures",
+            "fatigue",
+            "seal",
+            "accuracy",
+            *WITH_STRUCTURE,
+        )
         return self.model_copy(update=dict.fromkeys(after))
 
     def quick(self) -> Self:

@@ -1,7 +1,7 @@
 """Figures of damage, stiffness and fatigue.
 
 ``sections`` follow ``DAMAGE_SECTIONS``, a ``curve`` ``WOEHLER``, a ``comparison``
-``RVE_STIFFNESS``, and a ``result`` ``MACRO_RESULT``, with cycles.
+``RVE_STIFFNESS``, and a ``life`` ``FATIGUE_LIFE``.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,14 @@ import numpy as np
 
 from multiscale.io import make_folder
 from multiscale.io.images import VoxelImage
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure, save_figures
+from multiscale.plotting.element_faces import FACES
+from multiscale.plotting.figure import (
+    add_colour_bar,
+    axes_or_current,
+    new_figure,
+    save_figure,
+    save_figures,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,11 +32,19 @@ __all__ = [
     "colour_sphere",
     "draw_damage",
     "plot_damage_sphere",
-    "plot_joint_life",
+    "plot_fatigue_field",
     "plot_stiffness_against_damage",
     "plot_woehler",
     "plot_worst_section",
 ]
+
+
+FATIGUE_FIELDS = {
+    "damage": (1.0, "mean damage of the inclusions"),
+    "cracked_share": (100.0, "cracked inclusions (%)"),
+    "equivalent_amplitude": (1e-6, "von Mises amplitude (MPa)"),
+}
+"""Factor and label of the fields of elements that are drawn, by their names."""
 
 
 def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
@@ -72,6 +87,65 @@ def colour_sphere(
     ax.set_box_aspect((1.0, 1.0, 1.0))
     mappable = ScalarMappable(scale, colormaps["viridis"])
     ax.figure.colorbar(mappable, ax=ax, label="damage of the worst section", shrink=0.6, pad=0.1)
+    return ax
+
+
+def plot_fatigue_field(
+    life: "xr.Dataset", name: str = "damage", *, near: bool = False, ax: "Axes | None" = None
+) -> "Axes":
+    """Colour the elements of a body, seen along the axis in which it is thinnest.
+
+    Parameters
+    ----------
+    life : Dataset
+        Follows ``FATIGUE_LIFE``, with the mesh of the body.
+    name : str
+        A key of :data:`FATIGUE_FIELDS`.
+    near : bool
+        Whether only the surroundings of damaged elements are shown. A ring marks the crack.
+    ax : Axes, optional
+    """
+    from matplotlib.collections import PolyCollection
+
+    ax = axes_or_current(ax)
+    place, corners = life["position"].values, life["corners"].values
+    table = np.array(FACES[corners.shape[1]])
+    faces = corners[:, table].reshape(-1, table.shape[1])
+    owner = np.repeat(np.arange(len(corners)), len(table))
+    _, back, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    outer = count[back.ravel()] == 1
+    faces, owner = faces[outer], owner[outer]
+    depth = int(np.argmin(np.ptp(place, axis=0)))
+    first, second = (k for k in range(3) if k != depth)
+    middle = place[corners].mean(axis=1)[owner, depth]
+    seen = place[faces][..., depth].mean(axis=1) > middle
+    flat = place[faces][..., [first, second]]
+    a, b = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    size = np.ptp(place, axis=0).max()
+    seen &= np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > (1e-6 * size) ** 2
+    order = np.flatnonzero(seen)
+    order = order[np.argsort(place[faces[order]][..., depth].mean(axis=1))]
+    factor, label = FATIGUE_FIELDS[name]
+    values = factor * life[name].values[owner[order]]
+    drawn = PolyCollection(
+        1e3 * flat[order], array=values, cmap="viridis", edgecolors="white", linewidths=0.1
+    )
+    ax.add_collection(drawn)
+    ax.autoscale_view()
+    damaged = np.flatnonzero(life["damage"].values > 0.0)
+    if near and damaged.size:
+        own = 1e3 * place[corners[damaged]][..., [first, second]].reshape(-1, 2)
+        half = 1.5 * np.ptp(own, axis=0).max()
+        x, y = own.mean(axis=0)
+        ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+    ax.set(aspect="equal", xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)")
+    if "crack_position" in life:
+        x, y = 1e3 * life["crack_position"].values[[first, second]]
+        ax.plot(x, y, "o", color="red", markersize=14, fillstyle="none", label="crack")
+        ax.legend(loc="best")
+    add_colour_bar(drawn, ax, label)
     return ax
 
 
@@ -147,19 +221,6 @@ def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None"
     return ax
 
 
-def plot_joint_life(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the stiffness of a joint over its life."""
-    ax = axes_or_current(ax)
-    cycles = result["cycles"].values
-    for name, label in (("joint_stiffness", "joint"), ("interface_stiffness", "interface alone")):
-        value = result[name].values
-        ax.plot(cycles, value / value[0], "o-", label=label)
-    ax.plot(cycles, 1.0 - result["damage"].values, color="black", linestyle="--", label="1 - D")
-    ax.set(xlabel="cycles", ylabel="stiffness over initial stiffness")
-    ax.legend()
-    return ax
-
-
 def draw_damage(
     folder: Path,
     *,
@@ -167,7 +228,6 @@ def draw_damage(
     rve: "Cavities | VoxelImage | None" = None,
     curve: "xr.Dataset | None" = None,
     comparison: "xr.Dataset | None" = None,
-    joint: "xr.Dataset | None" = None,
 ) -> list[Path]:
     """Draw the figures of the given datasets into PNG files.
 
@@ -182,8 +242,6 @@ def draw_damage(
         Follows ``WOEHLER``.
     comparison : Dataset, optional
         Follows ``RVE_STIFFNESS``.
-    joint : Dataset, optional
-        Follows ``MACRO_RESULT``, with cycles.
     """
     make_folder(folder)
     drawn = []
@@ -200,8 +258,6 @@ def draw_damage(
         figures["stiffness_against_damage"] = lambda ax: plot_stiffness_against_damage(
             comparison, ax=ax
         )
-    if joint is not None:
-        figures["joint_life"] = lambda ax: plot_joint_life(joint, ax=ax)
     return drawn + save_figures(figures, folder)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.facets import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
+from multiscale.plotting.element_faces import FACES
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
 from multiscale.units import Unit, stiffness_unit
@@ -29,12 +30,6 @@ ZONES = ("open", "stick", "slip")
 ZONE_COLOURS = ("0.8", "C0", "C3")
 """Colours of the zones."""
 
-
-FACES = {
-    4: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
-    8: ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-}
-"""Faces of an element by its number of corners, in the order of VTK."""
 
 LEGEND_BELOW = 0.45
 """Distance of the legend of the zones below the axes, inches."""

@@ -17,6 +17,7 @@ from multiscale.schema.cell_schema import (
 from multiscale.schema.damage_schema import (
     DAMAGE_SECTIONS,
     FATIGUE,
+    FATIGUE_LIFE,
     RVE,
     RVE_STIFFNESS,
     RVE_VOLUMES,
@@ -37,6 +38,7 @@ __all__ = [
     "END_TO_END",
     "ERROR_BUDGET",
     "FATIGUE",
+    "FATIGUE_LIFE",
     "FIELDS",
     "GRANULATE",
     "HOLDING",
@@ -81,6 +83,7 @@ SCHEMAS = {
         RVE_STIFFNESS,
         RVE_VOLUMES,
         FATIGUE,
+        FATIGUE_LIFE,
         WOEHLER,
         ERROR_BUDGET,
         LAW_COMPARISON,

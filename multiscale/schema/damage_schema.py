@@ -4,7 +4,15 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import Schema, Variable
 
-__all__ = ["DAMAGE_SECTIONS", "FATIGUE", "RVE", "RVE_STIFFNESS", "RVE_VOLUMES", "WOEHLER"]
+__all__ = [
+    "DAMAGE_SECTIONS",
+    "FATIGUE",
+    "FATIGUE_LIFE",
+    "RVE",
+    "RVE_STIFFNESS",
+    "RVE_VOLUMES",
+    "WOEHLER",
+]
 
 _number = partial(Variable, ())
 _record = partial(Variable, ("record",))
@@ -12,6 +20,7 @@ _step = partial(Variable, ("step",))
 _volume = partial(Variable, ("realisation",))
 _section = partial(Variable, ("realisation", "direction"), "1")
 _direction = partial(Variable, ("direction",))
+_element = partial(Variable, ("element",))
 
 DAMAGE_SECTIONS = Schema(
     name="damage_sections",
@@ -131,6 +140,38 @@ FATIGUE = Schema(
         "computed_cycles": _number("1", "cycles whose stress path was followed"),
         "converged": _number("1", "whether rupture or run-out was reached"),
         "wall_time": _number("s", "wall time"),
+    },
+)
+
+_LIMITS = partial(Variable, ("limit",), "1")
+
+FATIGUE_LIFE = Schema(
+    name="fatigue_life",
+    version=1,
+    variables={
+        "cycles": _record("1", "number of cycles at the ends of jumps between solves"),
+        "largest_share": _record("1", "largest share of an element that has cracked"),
+        "largest_damage": _record("1", "largest damage of an inclusion"),
+        "cracked_share": _element("1", "share of the inclusions of an element that have cracked"),
+        "damage": _element("1", "mean damage of the inclusions of an element at the end"),
+        "plastic_strain": _element("1", "mean accumulated plastic strain of the inclusions"),
+        "first_crack": _element("1", "cycles to the first crack of each element, unless others do"),
+        "equivalent_amplitude": _element("Pa", "half the von Mises range of the sound structure"),
+        "crack_element": _number("1", "number of the element that cracks first, or -1"),
+        "cycles_to_first": _number("1", "cycles until the first inclusion cracks"),
+        "cycles_to_crack": _number("1", "cycles until an element has cracked through"),
+        "run_out": _number("1", "whether all inclusions stay elastic"),
+        "solves": _number("1", "number of solves of the structure"),
+        "converged": _number("1", "whether a crack or run-out was reached"),
+    },
+    optional={
+        "position": Variable(("node", "component"), "m", "position of the nodes"),
+        "corners": Variable(
+            ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
+        ),
+        "crack_position": Variable(("component",), "m", "middle of the element that cracks"),
+        "cycles_to_crack_mean_law": _LIMITS("95 % interval of the life of the mean part"),
+        "cycles_to_crack_one_part": _LIMITS("95 % interval of the life of the next part"),
     },
 )
 

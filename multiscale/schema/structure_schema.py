@@ -40,8 +40,6 @@ MACRO_RESULT = Schema(
         "position": Variable(("node", "component"), "m", "position of the nodes"),
         "ends": Variable(("link", "end"), "1", "nodes at both ends of the links"),
         "law": Variable(("link",), "1", "kind of the links: bar, beam, cable or strut"),
-        "cycles": _step("1", "number of load cycles"),
-        "damage": _step("1", "damage of blocks and interface by the cycles"),
         "load_factor": _step("1", "factor of the loads"),
         "tension": Variable(("step", "link"), "N", "tension, compression negative"),
         "slack": Variable(("step", "link"), "m", "distance by which the ends of a link miss it"),

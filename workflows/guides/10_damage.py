@@ -39,4 +39,5 @@ alloy = FatigueMaterial(71e9, 0.33, fatigue_limit=70e6, damage_strength=0.2e6, h
 life = two_scale_fatigue(np.array([90e6, -90e6]), alloy)
 print(float(life["cycles_to_rupture"]))
 
-# workflows/damage_to_joint.py goes from pores to the life of a joint and its loss of stiffness.
+# workflows/damage_to_joint.py goes from pores to stiffness and life of a joint. [fatigue] in a case
+# follows every element of a body under the cycles of its structure.

@@ -57,7 +57,7 @@ SHOWN = {
     "column_collapse": plotting.plot_force_network,
     "shear_cell": plotting.plot_force_network,
     "biaxial": plotting.plot_biaxial_curve,
-    "damage_to_joint": plotting.plot_joint_life,
+    "damage_to_joint": plotting.plot_woehler,
     "ploughing": plotting.plot_sliding_friction,
     "surfaces_to_joint": plotting.plot_hysteresis,
     "measured_stiffness": plotting.plot_joint_stiffness,
@@ -65,7 +65,7 @@ SHOWN = {
     "three_ways": partial(plotting.plot_work_precision, scene="rough wave"),
 }
 LEFT = {
-    "damage_to_joint": "macro_result.nc",
+    "damage_to_joint": "woehler.nc",
     "ploughing": "sliding_response.nc",
     "surfaces_to_joint": "run/macro_result.nc",
     "measured_stiffness": "macro_result.nc",

@@ -56,6 +56,9 @@ class Body:
     pins : mapping of tuple to sequence
         For the position of a single node, m, its prescribed displacement, as in ``supports``.
     name : str, in messages
+    share : ndarray, shape (elements,), optional
+        Share of the stiffness of every element that is left, above 0; 1 if not given. Solvers of
+        linear elastic bodies take it.
 
     Raises
     ------
@@ -71,6 +74,7 @@ class Body:
     element: "Element | None" = None
     pins: Pins = field(default_factory=dict)
     name: str = ""
+    share: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         kind = type(self.mesh).__name__

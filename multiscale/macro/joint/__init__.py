@@ -1,8 +1,7 @@
 """The rough joint: two elastic blocks and the law between them."""
 
-from multiscale.macro.joint.cycled import cycled_joint, soften
 from multiscale.macro.joint.even import press_joint
-from multiscale.macro.joint.geometry import Block, RoughJoint
+from multiscale.macro.joint.geometry import Block, RoughJoint, soften
 from multiscale.macro.joint.joint_assembly import pressed_blocks
 from multiscale.macro.joint.joint_solver import rough_joint
 from multiscale.macro.joint.tread import (
@@ -19,7 +18,6 @@ __all__ = [
     "RoughJoint",
     "TreadBlock",
     "condense_tread",
-    "cycled_joint",
     "press_joint",
     "pressed_blocks",
     "rough_joint",

@@ -1,17 +1,19 @@
 """What a rough joint is made of."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.schema import RVE_STIFFNESS
 
 if TYPE_CHECKING:
+    import xarray as xr
     from skfem import Element
 
-__all__ = ["Block", "RoughJoint"]
+__all__ = ["Block", "RoughJoint", "soften"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class Block:
     layers : int, default 4, number of elements over the height
     effective : AnisotropicElastic, optional
         Elasticity of the block where cavities or cracks make it differ from the elasticity of its
-        solid, whose moduli then count no more; see :func:`~.cycled.soften`.
+        solid, whose moduli then count no more; see :func:`soften`.
 
     Raises
     ------
@@ -127,3 +129,37 @@ class RoughJoint:
     def area(self) -> float:
         """Nominal contact area, m²."""
         return self.section[0] * self.section[1]
+
+
+def soften(block: Block, stiffness: "float | xr.Dataset") -> Block:
+    """Return a block with less stiffness.
+
+    Parameters
+    ----------
+    block : Block, sound, or softened before
+    stiffness : float or Dataset
+        A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
+        Or a dataset that follows ``RVE_STIFFNESS``: the block takes the whole tensor of the
+        representative volume, whose axes are the axes of the joint, in place of its moduli.
+
+    Raises
+    ------
+    CaseError
+        If the share is outside its range, or the volume is cut through.
+    SchemaError
+        If the dataset does not follow its schema.
+    """
+    if not isinstance(stiffness, int | float | np.number):
+        RVE_STIFFNESS.check(stiffness)
+        return replace(block, effective=AnisotropicElastic(stiffness["stiffness"].values))
+    if not 0.0 < stiffness <= 1.0:
+        raise CaseError(
+            f"the stiffness factor of a block must lie above 0 and up to 1, got {stiffness:g}; a "
+            f"block without stiffness carries no joint"
+        )
+    share = float(stiffness)
+    return replace(
+        block,
+        youngs_modulus=share * block.youngs_modulus,
+        effective=block.effective and block.effective.scaled(share),
+    )

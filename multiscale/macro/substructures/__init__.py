@@ -12,7 +12,11 @@ from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, 
 from multiscale.macro.substructures.cut_motion import simulate_latin
 from multiscale.macro.substructures.followed_path import condense_assembly
 from multiscale.macro.substructures.homogenised import homogenise
-from multiscale.macro.substructures.joint_fields import add_body_fields
+from multiscale.macro.substructures.joint_fields import (
+    add_body_fields,
+    element_corners,
+    element_stress,
+)
 from multiscale.macro.substructures.joint_loading import (
     FEW_STEPS,
     FollowedJoint,
@@ -56,6 +60,8 @@ __all__ = [
     "cut_assembly",
     "cut_bodies",
     "cut_links",
+    "element_corners",
+    "element_stress",
     "follow_cut_loads",
     "follow_joint",
     "homogenise",

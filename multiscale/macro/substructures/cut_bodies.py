@@ -241,7 +241,8 @@ def _stiffness(
         mine = expansion[(3 * node[:, None] + np.arange(3)).ravel()]
         unknown = np.unique(mine.indices)
         mine = csr_array(mine[:, unknown])
-        found.append((csr_array(mine.T @ elastic_matrix(basis, body.law) @ mine), unknown))
+        share = None if body.share is None else body.share[elements]
+        found.append((csr_array(mine.T @ elastic_matrix(basis, body.law, share) @ mine), unknown))
     return found
 
 

@@ -15,7 +15,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["add_body_fields"]
+__all__ = ["add_body_fields", "element_corners", "element_stress"]
 
 
 def add_body_fields(
@@ -61,7 +61,7 @@ def add_body_fields(
     count = [body.mesh.t.shape[1] for body in bodies]
     values: dict[str, Any] = {
         "corners": np.concatenate(
-            [_corners(body) + start for body, start in zip(bodies, first, strict=False)]
+            [element_corners(body) + start for body, start in zip(bodies, first, strict=False)]
         ),
         "element_body": np.repeat(np.arange(len(bodies)), count),
         "equivalent_stress": np.concatenate([stress for stress, _ in fields], axis=1),
@@ -72,25 +72,50 @@ def add_body_fields(
     return MACRO_RESULT.assign(result, values)
 
 
+def element_stress(body: Body, displacement: np.ndarray) -> np.ndarray:
+    """Mean stress of the sound material at the strain of every element.
+
+    Parameters
+    ----------
+    body : Body, elastic
+    displacement : ndarray, shape (steps, nodes, 3), m
+
+    Returns
+    -------
+    ndarray, shape (steps, elements, 6)
+        xx, yy, zz, yz, xz, xy, Pa. An element whose ``share`` is less bears that share of it.
+    """
+    stress = np.stack([_mean_fields(body, u)[0] for u in displacement])
+    i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T
+    return np.asarray(stress[:, i, j].swapaxes(1, 2))
+
+
 def _fields(body: Body, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Equivalent stress and energy density of the elements, shape (steps, elements) each."""
-    basis = body.basis
-    slopes = np.stack([np.asarray(shape[0].grad) for shape in basis.basis])  # (a, 3, e, points)
-    share = basis.dx / basis.dx.sum(axis=1, keepdims=True)
-    eye = np.eye(3)[:, :, None, None]
+    share = 1.0 if body.share is None else body.share
     stresses, energies = [], []
     for u in displacement:
-        gradient = np.einsum("aei,ajep->ijep", u[basis.element_dofs], slopes)
-        stress = respond_bulk(body.law, eye + gradient, np.zeros((0, *share.shape))).stress
-        energies.append(0.5 * np.einsum("ijep,ijep,ep->e", stress, gradient, share))
-        mean = np.einsum("ijep,ep->ije", stress, share)
+        mean, energy = _mean_fields(body, u)
         deviator = mean - np.trace(mean) / 3.0 * np.eye(3)[:, :, None]
-        stresses.append(np.sqrt(1.5 * np.sum(deviator**2, axis=(0, 1))))
+        stresses.append(share * np.sqrt(1.5 * np.sum(deviator**2, axis=(0, 1))))
+        energies.append(share * energy)
     return np.array(stresses), np.array(energies)
 
 
-def _corners(body: Body) -> np.ndarray:
-    """Nodes of the elements in the order of VTK, shape (elements, corners)."""
+def _mean_fields(body: Body, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean stress, (3, 3, elements), and energy density of the sound material, (elements,)."""
+    basis = body.basis
+    slopes = np.stack([np.asarray(shape[0].grad) for shape in basis.basis])  # (a, 3, e, points)
+    weight = basis.dx / basis.dx.sum(axis=1, keepdims=True)
+    gradient = np.einsum("aei,ajep->ijep", u[basis.element_dofs], slopes)
+    at = np.eye(3)[:, :, None, None] + gradient
+    stress = respond_bulk(body.law, at, np.zeros((0, *weight.shape))).stress
+    energy = 0.5 * np.einsum("ijep,ijep,ep->e", stress, gradient, weight)
+    return np.einsum("ijep,ep->ije", stress, weight), energy
+
+
+def element_corners(body: Body) -> np.ndarray:
+    """Nodes of the elements of a body in the order of VTK, shape (elements, corners)."""
     from skfem import MeshHex
 
     corners = body.mesh.t.copy()

@@ -9,6 +9,7 @@ from multiscale.micro.damage.effective_moduli import (
 )
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
+from multiscale.micro.damage.local_fatigue import FatigueScatter, local_fatigue
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
@@ -28,6 +29,7 @@ __all__ = [
     "Cylinders",
     "Ellipsoids",
     "FatigueMaterial",
+    "FatigueScatter",
     "StressBlock",
     "VoxelImage",
     "boolean_spheres",
@@ -36,6 +38,7 @@ __all__ = [
     "effective_stiffness",
     "ellipsoids",
     "lattice",
+    "local_fatigue",
     "max_damage",
     "mesh_stiffness",
     "penny_cracks",

@@ -84,10 +84,15 @@ def two_scale_fatigue(
         raise CaseError("the history holds no block; give at least one")
     life = _Life(program, material, jump_tolerance, substeps)
     run, record = life.compute(max_cycles)
-    ended = run.broken or run.elastic
-    rupture = run.cycles if run.broken else np.inf if run.elastic else np.nan
-    initiation = run.initiation if np.isfinite(run.initiation) or ended else np.nan
+    broken, elastic = bool(run.broken[0]), bool(run.elastic[0])
+    ended = broken or elastic
+    rupture = float(run.cycles[0]) if broken else np.inf if elastic else np.nan
     cycles, damage, strain = np.array(record).T
+    initiation = np.inf if ended else np.nan
+    if strain[-1] > material.threshold:
+        after = int(np.argmax(strain > material.threshold))
+        part = slice(after - 1, after + 1)
+        initiation = float(np.interp(material.threshold, strain[part], cycles[part]))
     return FATIGUE.build(
         {
             "cycles": cycles,
@@ -95,8 +100,8 @@ def two_scale_fatigue(
             "plastic_strain": strain,
             "cycles_to_initiation": initiation,
             "cycles_to_rupture": rupture,
-            "run_out": int(run.elastic),
-            "computed_cycles": run.computed,
+            "run_out": int(elastic),
+            "computed_cycles": float(run.computed[0]),
             "converged": int(ended),
             "wall_time": perf_counter() - begin,
         }
@@ -164,15 +169,10 @@ class _Life:
         """Repeat the blocks until rupture, shakedown or the last cycle."""
         from multiscale.micro.damage.inclusion import STATE_SIZE
 
-        run, record = FatigueProgress(np.zeros(STATE_SIZE)), [(0.0, 0.0, 0.0)]
-        threshold = self.material.threshold
+        run, record = FatigueProgress.begin(np.zeros((1, STATE_SIZE))), [(0.0, 0.0, 0.0)]
 
         def note() -> None:
-            if run.state[1] > threshold and np.isinf(run.initiation):
-                cycles, _, strain = record[-1]
-                share = (threshold - strain) / (float(run.state[1]) - strain)
-                run.initiation = cycles + share * (run.cycles - cycles)
-            record.append((run.cycles, float(run.state[0]), float(run.state[1])))
+            record.append((float(run.cycles[0]), float(run.state[0, 0]), float(run.state[0, 1])))
 
         alone = len(self.program) == 1
         length = 1 if alone else sum(block.cycles for block in self.program)
@@ -181,14 +181,14 @@ class _Life:
             once = partial(self.pass_block, self.program[0], 1) if alone else self.pass_program
             pass_cycles(run, once, left, self.material, self.tolerance, note)
             return run, record
-        while left > 0 and not (run.broken or run.elastic):
-            many = min(left, max(1, int(run.cycles) // (20 * length)))  # passes for each record
+        while left > 0 and not (run.broken[0] or run.elastic[0]):
+            many = min(left, max(1, int(run.cycles[0]) // (20 * length)))  # passes for each record
             if alone:
                 self.pass_block(self.program[0], many, run)
             else:
                 for _ in range(many):
                     self.pass_program(run)
-                    if run.broken or run.elastic:
+                    if run.broken[0] or run.elastic[0]:
                         break
             left -= many
             note()
@@ -196,27 +196,28 @@ class _Life:
 
     def pass_block(self, block: StressBlock, cycles: int, run: FatigueProgress) -> None:
         """Compute every cycle of a block."""
-        from multiscale.micro.damage.inclusion import run_cycles
+        from multiscale.micro.damage.inclusion import run_points
 
-        done, run.elastic = run_cycles(
-            run.state, block.stress, cycles, self.material.parameters(), self.substeps
+        done, run.elastic[:] = run_points(
+            run.state, block.stress[None], cycles, self.material.parameters()[None], self.substeps
         )
         run.cycles += done
         run.computed += done
-        run.broken = bool(run.state[0] >= self.material.critical_damage)
+        run.broken[:] = run.state[:, 0] >= self.material.critical_damage
 
     def pass_program(self, run: FatigueProgress) -> None:
         """Pass through all blocks."""
-        strain = run.state[1]
+        strain = run.state[:, 1].copy()
         for block in self.program:
-            start = run.cycles
+            start = run.cycles.copy()
             if self.tolerance is None:
                 self.pass_block(block, block.cycles, run)
             else:
                 once = partial(self.pass_block, block, 1)
-                pass_cycles(run, once, block.cycles, self.material, self.tolerance, lambda: None)
-            if run.broken:
+                run.elastic[:] = False
+                pass_cycles(run, once, block.cycles, self.material, self.tolerance)
+            if run.broken[0]:
                 return
-            if run.elastic:  # the remaining cycles only count
-                run.cycles = start + block.cycles
-        run.elastic = bool(run.state[1] == strain)
+            if run.elastic[0]:  # the remaining cycles only count
+                run.cycles[:] = start + block.cycles
+        run.elastic[:] = run.state[:, 1] == strain

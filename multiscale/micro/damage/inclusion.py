@@ -65,7 +65,7 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles"]
+__all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles", "run_points"]
 
 STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
@@ -105,6 +105,19 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
         if state[1] == p and (cycle > 0 or cycles == 1):
             return cycle + 1.0, True
     return float(cycles), False
+
+
+@compiled
+def run_points(state, path, cycles, material, substeps):  # type: ignore[no-untyped-def]
+    """Follow the paths of many inclusions, as :func:`run_cycles`.
+
+    ``state`` has the shape (points, 20), ``path`` (points, corners, 6), ``material`` (points, 10).
+    Returns the cycles done and whether the last one was elastic, both of shape (points,).
+    """
+    done, elastic = np.empty(len(state)), np.empty(len(state), dtype=np.bool_)
+    for k in range(len(state)):
+        done[k], elastic[k] = run_cycles(state[k], path[k], cycles, material[k], substeps)
+    return done, elastic
 
 
 @compiled

@@ -3,6 +3,7 @@
 from collections.abc import Container
 
 from multiscale.pipeline.stage import Stage
+from multiscale.pipeline.stages.body_fatigue import BODY_FATIGUE
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
@@ -42,6 +43,7 @@ STAGES: tuple[Stage, ...] = (
     PLATE,
     ROUGH_JOINTS,
     LOADED_BODIES,
+    BODY_FATIGUE,
     GRAINS,
     CONDENSED_PARTS,
 )

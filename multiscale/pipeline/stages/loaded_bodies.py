@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-__all__ = ["LOADED_BODIES"]
+__all__ = ["LOADED_BODIES", "count_size"]
 
 NO_COARSER = (
     "intervals do not count the error of the meshes, which is not known: give every body a coarser "
@@ -94,7 +94,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     bodies = bodies.with_volumes(found, job.read_rve)
     laws = bodies.read_laws(case, found, job.read_law)
     parts = bodies.build(case, bodies.sliders(case, laws))
-    chosen = choose_solver(case, _size(bodies, case), job.team)
+    chosen = choose_solver(case, count_size(bodies, case), job.team)
     method = chosen.taken.method
     require_held(parts.assembly)
     structure = condense_assembly(parts.assembly, method)
@@ -220,7 +220,7 @@ def _energies(result: "xr.Dataset") -> Iterator[str]:
                 yield f"Interface {number} loses {1e3 * lost:.4g} mJ in the last cycle."
 
 
-def _size(bodies: Bodies, case: Case) -> JointSize:
+def count_size(bodies: Bodies, case: Case) -> JointSize:
     """Count unknowns, points of interfaces and load steps."""
     meshes = [body.load() for body in bodies.bodies]
     nodes = sum(mesh.p.shape[1] for mesh in meshes)
@@ -232,7 +232,7 @@ def _size(bodies: Bodies, case: Case) -> JointSize:
 
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
-    size = _size(bodies, case)
+    size = count_size(bodies, case)
     chosen = choose_solver(case, size)
     points = size.joint_points
     needs = solver_needs(chosen, size, SLABS if points else 0)

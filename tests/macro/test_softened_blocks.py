@@ -1,16 +1,16 @@
-"""A joint that loses stiffness over its life: springs in series, one of which is softer."""
+"""Joints of blocks that have lost stiffness: springs in series, some of which are softer."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError, SchemaError
+from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential
-from multiscale.macro import Block, RoughJoint, cycled_joint, rough_joint, soften
+from multiscale.macro import Block, RoughJoint, press_joint, rough_joint, soften
 from multiscale.micro.damage import youngs_modulus_along
 from multiscale.micro.damage.rve import STRAINS
-from multiscale.schema import FATIGUE, MACRO_RESULT, RVE_STIFFNESS
+from multiscale.schema import RVE_STIFFNESS
 from tests.closed_forms import joint as closed_form
 from tests.closed_forms.elastic_solids import isotropic_stiffness
 
@@ -20,42 +20,22 @@ JOINT = RoughJoint((0.05, 0.04), BLOCK, BLOCK, elements=(2, 2))
 LAW = Exponential(pressure_scale=4e9, decay_length=DECAY)
 
 
-def fatigue(cycles, damage):
-    zeros = np.zeros(len(cycles))
-    return FATIGUE.build(
-        {
-            "cycles": np.array(cycles),
-            "damage": np.array(damage),
-            "plastic_strain": zeros,
-            "cycles_to_initiation": cycles[1],
-            "cycles_to_rupture": cycles[-1],
-            "run_out": 0,
-            "computed_cycles": 3,
-            "converged": 1,
-            "wall_time": 0.0,
-        }
-    )
+def pressed(block, law=LAW):
+    """Press two of a block against each other."""
+    joint = dataclasses.replace(JOINT, lower=block, upper=block)
+    return press_joint(joint, law, np.array([PRELOAD]))
 
 
-LIFE = fatigue([0.0, 1e4, 2e4, 3e4], [0.0, 0.0, 0.1, 0.3])
-
-
-@pytest.mark.parametrize("damage_interface", [False, True])
-def test_the_joint_is_springs_in_series_at_every_time(damage_interface):
+@pytest.mark.parametrize("damage", [0.0, 0.3])
+def test_the_joint_is_springs_in_series(damage):
     porous = soften(BLOCK, 0.9)
-    joint = dataclasses.replace(JOINT, lower=porous, upper=porous)
-    found = cycled_joint(joint, LAW, PRELOAD, LIFE, damage_interface=damage_interface, steps=4)
-    MACRO_RESULT.check(found)
-    damage = found["damage"].values
-    np.testing.assert_allclose(damage, [0.0, 0.1, 0.2, 0.3])
-    np.testing.assert_allclose(found["cycles"], [1e4, 2e4, 2.5e4, 3e4])
+    found = pressed(porous, Damaged(LAW, damage))
     # an exponential law has K = p / u0 whatever share of it is damaged
-    modulus = 0.9 * E * (1.0 - damage)
+    modulus = 0.9 * E
     expected = closed_form.series(PRELOAD / DECAY, modulus / HEIGHT, modulus / HEIGHT)
     np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-8)
-    if damage_interface:
-        gap = DECAY * np.log(4e9 * (1.0 - damage) / PRELOAD)
-        np.testing.assert_allclose(found["mean_gap"], gap, rtol=1e-8)
+    gap = DECAY * np.log(4e9 * (1.0 - damage) / PRELOAD)
+    np.testing.assert_allclose(found["mean_gap"], gap, rtol=1e-8)
 
 
 def random_stiffness(seed):
@@ -82,10 +62,8 @@ def rve_stiffness(stiffness):
 def test_blocks_with_the_tensor_of_a_volume_are_springs_with_its_compliance():
     """Between frictionless platens the stress is uniaxial, whatever shear comes with it."""
     C = random_stiffness(1)
-    porous = soften(BLOCK, rve_stiffness(C))
-    joint = dataclasses.replace(JOINT, lower=porous, upper=porous)
-    found = cycled_joint(joint, LAW, PRELOAD, LIFE, steps=4)
-    modulus = (1.0 - found["damage"].values) / np.linalg.inv(C)[2, 2]
+    found = pressed(soften(BLOCK, rve_stiffness(C)))
+    modulus = 1.0 / np.linalg.inv(C)[2, 2]
     expected = closed_form.series(PRELOAD / DECAY, modulus / HEIGHT, modulus / HEIGHT)
     np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-8)
 
@@ -102,13 +80,6 @@ def test_an_isotropic_tensor_is_the_solid():
             for block in (BLOCK, tensor)
         )
         np.testing.assert_allclose(other["joint_stiffness"], one["joint_stiffness"], rtol=1e-9)
-
-
-def test_a_joint_without_damage_has_one_time():
-    sound = cycled_joint(JOINT, LAW, PRELOAD, fatigue([0.0, 3.0], [0.0, 0.0]))
-    assert sound.sizes["step"] == 1
-    plain = rough_joint(JOINT, LAW, np.array([PRELOAD]))
-    assert float(sound["joint_stiffness"][0]) == pytest.approx(float(plain["joint_stiffness"][0]))
 
 
 def test_softening_keeps_everything_but_the_stiffness():
@@ -128,18 +99,8 @@ def test_a_damaged_law_carries_less():
             "cut through, D = 1, and carries no load",
         ),
         (lambda: soften(BLOCK, 0.0), "must lie above 0 and up to 1, got 0; a block without"),
-        (
-            lambda: cycled_joint(JOINT, LAW, PRELOAD, fatigue([0.0, 1.0], [0.0, 1.0])),
-            "D = 1: their stiffness is zero",
-        ),
-        (lambda: cycled_joint(JOINT, LAW, PRELOAD, LIFE, steps=0), "steps must be at least 1"),
     ],
 )
 def test_what_cannot_be_is_refused_with_a_sentence(call, sentence):
     with pytest.raises(CaseError, match=sentence):
         call()
-
-
-def test_another_dataset_is_refused():
-    with pytest.raises(SchemaError, match="not a 'fatigue' dataset"):
-        cycled_joint(JOINT, LAW, PRELOAD, LIFE.drop_vars("damage"))

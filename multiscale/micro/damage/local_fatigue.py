@@ -1,0 +1,286 @@
+r"""Fatigue of a structure, element by element, until the first element has cracked.
+
+Every element is a representative volume with weak inclusions of several fatigue limits, each of
+which has its own two-scale model under the stress of the sound material at the strain of the
+element. Damage of an inclusion is not measurable from outside; an inclusion that cracks
+(:math:`D = D_c`) takes its share of the stiffness with it,
+
+.. math:: C_e = (1 - c_e)\, C, \qquad c_e = \frac{\text{inclusions cracked}}{\text{inclusions}}.
+    \tag{1}
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
+from multiscale.micro.damage.fatigue_material import FatigueMaterial
+from multiscale.micro.damage.inclusion import STATE_SIZE, run_points
+from multiscale.schema import FATIGUE_LIFE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["FatigueScatter", "first_cracks", "local_fatigue"]
+
+StressOf = Callable[[np.ndarray], np.ndarray]
+"""From the cracked share of every element to the corners of its stress in one cycle, of shape
+(corners, elements, 6), Pa: the stress of the sound material at the strain of the element."""
+
+STRAIGHT = 1e-6
+"""Distance of a corner from the line of its neighbours, over the largest stress, that is none."""
+
+MOST_SOLVES = 200
+
+INCLUSIONS = 8
+"""Inclusions of an element whose fatigue limits scatter."""
+
+
+@dataclass(frozen=True)
+class FatigueScatter:
+    r"""Lognormal scatter of the fatigue limits of the inclusions of an element.
+
+    Parameters
+    ----------
+    deviation : float
+        Standard deviation of the logarithm of the fatigue limit, dimensionless. Zero means one
+        inclusion, with the fatigue limit of the material, which is the median.
+    """
+
+    deviation: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.deviation < 1.0:
+            raise CaseError(
+                f"the deviation of the fatigue limit must lie from 0 to 1, got {self.deviation:g}"
+            )
+
+    def factors(self) -> np.ndarray:
+        """Fatigue limits over their median, at the middles of equal shares, rising."""
+        from scipy.special import ndtri
+
+        n = INCLUSIONS if self.deviation else 1
+        return np.asarray(np.exp(self.deviation * ndtri((np.arange(n) + 0.5) / n)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Inclusions:
+    """The inclusions of all elements: point ``e * classes + k`` is class k of element e."""
+
+    material: FatigueMaterial
+    factors: np.ndarray
+    tolerance: float | None
+    substeps: int
+
+    def follow(self, state: np.ndarray, stress: np.ndarray, cycles: int) -> FatigueProgress:
+        """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
+        path = np.ascontiguousarray(np.repeat(_bends(stress), self.factors.size, axis=1))
+        path = np.ascontiguousarray(path.swapaxes(0, 1))
+        parameters = np.tile(self.material.parameters(), (len(state), 1))
+        parameters[:, 2] = np.tile(self.factors, len(state) // self.factors.size)
+        parameters[:, 2] *= self.material.fatigue_limit
+        run = FatigueProgress.begin(state)
+        run.broken[:] = state[:, 0] >= self.material.critical_damage
+
+        def compute(part: FatigueProgress, count: int) -> None:
+            own = part.number
+            done, part.elastic[:] = run_points(
+                part.state, path[own], count, parameters[own], self.substeps
+            )
+            part.cycles += done
+            part.computed += done
+            part.broken[:] = part.state[:, 0] >= self.material.critical_damage
+
+        if self.tolerance is None:
+            sound = np.flatnonzero(~run.broken)
+            part = run.take(sound)
+            compute(part, cycles)
+            run.put(sound, part)
+        else:
+            once = lambda part: compute(part, 1)  # noqa: E731
+            pass_cycles(run, once, cycles, self.material, self.tolerance)
+        return run
+
+    def cracked(self, run: FatigueProgress) -> np.ndarray:
+        """Share (1) of the inclusions of every element that have cracked."""
+        return np.asarray(run.broken.reshape(-1, self.factors.size).mean(axis=1))
+
+
+def first_cracks(
+    stress: np.ndarray,
+    material: FatigueMaterial,
+    *,
+    scatter: FatigueScatter | None = None,
+    jump_tolerance: float | None = 0.02,
+    max_cycles: float = 1e9,
+    substeps: int = 16,
+) -> np.ndarray:
+    """Return the cycles at which the weakest inclusion of every element cracks, unless others do.
+
+    ``stress`` has the shape (corners, elements, 6), Pa; the other parameters are those of
+    :func:`local_fatigue`. Infinite where it stays elastic or does not crack by ``max_cycles``.
+    """
+    weakest = (scatter or FatigueScatter()).factors()[:1]
+    inclusions = _Inclusions(material, weakest, jump_tolerance, substeps)
+    run = inclusions.follow(np.zeros((stress.shape[1], STATE_SIZE)), stress, int(max_cycles))
+    return np.where(run.broken, run.cycles, np.inf)
+
+
+def local_fatigue(
+    stress_of: StressOf,
+    elements: int,
+    material: FatigueMaterial,
+    *,
+    scatter: FatigueScatter | None = None,
+    tolerance: float = 0.05,
+    jump_tolerance: float | None = 0.02,
+    max_cycles: float = 1e9,
+    substeps: int = 16,
+) -> "xr.Dataset":
+    r"""Follow the inclusions of all elements until an element has cracked through.
+
+    Parameters
+    ----------
+    stress_of : callable
+        Solves the structure: from the cracked share :math:`c_e` of every element, shape
+        (elements,), to the corners of the stress of a cycle, shape (corners, elements, 6), Pa.
+    elements : int
+    material : FatigueMaterial
+        With the median of the fatigue limits.
+    scatter : FatigueScatter, optional
+        None means that every element has one inclusion.
+    tolerance : float
+        Bound on the relative error of the change of damage and plastic strain over a jump of
+        cycles between two solves of the structure.
+    jump_tolerance, substeps
+        As of :func:`~multiscale.micro.damage.two_scale_fatigue`, between two solves.
+    max_cycles : float
+
+    Returns
+    -------
+    Dataset
+        Follows ``FATIGUE_LIFE``, without the mesh. ``cycles_to_crack`` is infinite where every
+        inclusion stays elastic (``run_out`` 1), NaN where ``max_cycles`` or the largest number of
+        solves was reached before (``converged`` 0).
+
+    Notes
+    -----
+    The stress is constant until the share of an element changes. A jump of J cycles first has the
+    stress of its start, then the stress at its end; half the difference of both changes is bounded
+    by ``tolerance`` times the larger one, and half the difference of the lives of inclusions that
+    crack in both by ``tolerance`` times the longer one. The accepted jump has the mean of both
+    stresses. An element that has cracked through keeps the stiffness of one inclusion, as the
+    search ends there.
+    """
+    factors = (scatter or FatigueScatter()).factors()
+    inclusions = _Inclusions(material, factors, jump_tolerance, substeps)
+    whole = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved
+
+    share, stress = np.zeros(elements), stress_of(np.zeros(elements))
+    state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
+    options = {"jump_tolerance": jump_tolerance, "substeps": substeps, "scatter": scatter}
+    first = first_cracks(stress, material, max_cycles=max_cycles, **options)  # type: ignore[arg-type]
+    weakest, amplitude = float(first.min()), _amplitude(stress)
+    record = [(0.0, 0.0, 0.0)]
+    crack, life, elastic = -1, np.nan, False
+    jump = max(1, int(min(weakest, max_cycles)) - 1)
+    while solves < MOST_SOLVES and cycles < max_cycles:
+        jump = int(max(1, min(jump, max_cycles - cycles)))
+        run = inclusions.follow(state, stress, jump)
+        grown, after, error = inclusions.cracked(run), stress, 0.0
+        if np.any(grown > share) and whole > 0.0:
+            after = stress_of(np.minimum(grown, whole))
+            solves += 1
+            other = inclusions.follow(state, after, jump)
+            error = _difference(state, cycles, run, other)
+            if error > tolerance and jump > 1:
+                jump = int(jump * max(0.2, 0.8 * tolerance / error))
+                continue
+            run = inclusions.follow(state, 0.5 * (stress + after), jump)
+            again = inclusions.cracked(run)
+            if np.any(again != grown):
+                after = stress_of(np.minimum(again, whole))
+                solves += 1
+            grown = again
+        if (grown == 1.0).any():
+            last = run.cycles.reshape(elements, -1).max(axis=1)
+            crack = int(np.argmin(np.where(grown == 1.0, last, np.inf)))
+            life = cycles + float(last[crack])
+        elastic = bool(np.all(run.elastic | run.broken) and np.all(grown == share))
+        state, stress, share, cycles = run.state, after, grown, cycles + jump
+        damage = state[:, 0].reshape(elements, -1)
+        record.append((cycles if crack < 0 else life, float(share.max()), float(damage.max())))
+        if crack >= 0 or elastic:
+            break
+        jump = int(jump * min(4.0, 0.8 * tolerance / max(error, 1e-300)))
+    passed, shares, damages = np.array(record).T
+    strain = state[:, 1].reshape(elements, -1)
+    return FATIGUE_LIFE.build(
+        {
+            "cycles": passed,
+            "largest_share": shares,
+            "largest_damage": damages,
+            "cracked_share": share,
+            "damage": state[:, 0].reshape(elements, -1).mean(axis=1),
+            "plastic_strain": strain.mean(axis=1),
+            "first_crack": first,
+            "equivalent_amplitude": amplitude,
+            "crack_element": crack,
+            "cycles_to_first": min(weakest, life) if crack >= 0 else weakest,
+            "cycles_to_crack": np.inf if elastic and crack < 0 else life,
+            "run_out": int(elastic and crack < 0),
+            "solves": solves,
+            "converged": int(crack >= 0 or elastic),
+        }
+    )
+
+
+def _difference(
+    state: np.ndarray, cycles: float, one: FatigueProgress, other: FatigueProgress
+) -> float:
+    """Half the difference of two jumps from one state after some cycles.
+
+    Changes of damage and plastic strain are relative to the larger one, lives of inclusions that
+    crack in both jumps to the longer one.
+    """
+    changes = [run.state[:, :2] - state[:, :2] for run in (one, other)]
+    cracks = (one.broken & other.broken)[:, None]
+    lives = [cycles + run.cycles[:, None] for run in (one, other)]
+    pairs = [np.where(cracks, *both) for both in zip(lives, changes, strict=True)]
+    size = np.maximum(np.abs(pairs[0]), np.abs(pairs[1]))
+    half = 0.5 * np.abs(pairs[1] - pairs[0])
+    return float(np.max(half / np.where(size > 0.0, size, 1.0), initial=0.0))
+
+
+def _bends(stress: np.ndarray) -> np.ndarray:
+    """Leave out corners of closed paths where the path of no element bends."""
+    if np.array_equal(stress[0], stress[-1]) and len(stress) > 1:
+        stress = stress[1:]
+    kept, size = list(stress), float(np.abs(stress).max()) or 1.0
+    k = 0
+    while len(kept) > 2 and k < len(kept):
+        before, here, after = kept[k - 1], kept[k], kept[(k + 1) % len(kept)]
+        way = after - before
+        long = np.sum(way**2, axis=-1)
+        share = np.sum((here - before) * way, axis=-1) / np.where(long > 0.0, long, 1.0)
+        off = here - before - np.clip(share, 0.0, 1.0)[:, None] * way
+        if np.abs(off).max() <= STRAIGHT * size:
+            del kept[k]
+        else:
+            k += 1
+    return np.array(kept)
+
+
+def _amplitude(stress: np.ndarray) -> np.ndarray:
+    """Half the largest von Mises stress between two corners, shape (elements,), Pa."""
+    largest = np.zeros(stress.shape[1])
+    for k in range(len(stress)):
+        way = stress[k + 1 :] - stress[k]
+        mean = way[..., :3].mean(axis=-1, keepdims=True)
+        direct = np.sum((way[..., :3] - mean) ** 2, axis=-1)
+        mises = np.sqrt(1.5 * (direct + 2.0 * np.sum(way[..., 3:] ** 2, axis=-1)))
+        largest = np.maximum(largest, mises.max(axis=0, initial=0.0))
+    return 0.5 * largest

@@ -1,0 +1,375 @@
+"""Stage: cycles of loaded bodies until an element of one of them has cracked."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws import InterfaceLaw
+from multiscale.macro import Body
+from multiscale.macro.substructures import (
+    Method,
+    condense_assembly,
+    element_corners,
+    element_stress,
+    follow_cut_loads,
+)
+from multiscale.macro.substructures.closed_cycles import find_cycles
+from multiscale.micro.damage.fatigue_material import FatigueMaterial
+from multiscale.micro.damage.local_fatigue import first_cracks, local_fatigue
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.assembly_settings import Bodies
+from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
+from multiscale.pipeline.fatigue_settings import FatigueSettings
+from multiscale.pipeline.joint_settings import JointLaw
+from multiscale.pipeline.rows import Table
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import (
+    Datasets,
+    Job,
+    Section,
+    Stage,
+    StageAnswer,
+    Summary,
+    format_table,
+)
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, count_size
+from multiscale.pipeline.structure_stage import choose_solver
+from multiscale.plotting import plot_fatigue_field
+from multiscale.plotting.figure import on_axes
+from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, with_cautions
+from multiscale.upscaling import Dependence, changed_laws, shear_errors, structure_budget
+from multiscale.upscaling.budget import mean_law_error
+from multiscale.upscaling.structure_errors import STRETCH
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["BODY_FATIGUE"]
+
+NORMAL = 1.959963984540054
+"""Half the width of a 95 % interval over the standard deviation."""
+
+ELEMENT_MEANS = (
+    "the stress of an element is its mean, and the life depends on it by a high power: refine the "
+    "mesh where the crack starts until the life stays"
+)
+
+NO_SCATTER = (
+    "the life has no intervals of the material: give part_deviation and limit_error of the fatigue "
+    "limit in [fatigue]"
+)
+
+NO_LAW_BUDGET = (
+    "the intervals of the life do not count the error of the law of interface {number}, which is "
+    "not known: take the law of a run"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cycled:
+    """The structure under its cycles, and the body that is followed.
+
+    Attributes
+    ----------
+    bodies, case
+        Settings.
+    laws : sequence of Dataset or None, of every interface
+    method : Method
+    number : int, of the body that is followed
+    """
+
+    bodies: Bodies
+    case: Case
+    laws: "Sequence[xr.Dataset | None]"
+    method: Method
+    number: int
+
+    @property
+    def sliders(self) -> list[InterfaceLaw]:
+        """Laws of all interfaces."""
+        return self.bodies.sliders(self.case, self.laws)
+
+    def body(self) -> Body:
+        """Return the body that is followed."""
+        return self.bodies.build(self.case, self.sliders).assembly.bodies[self.number]
+
+    def solve(self, laws: Sequence[InterfaceLaw], cracked: np.ndarray | None = None) -> np.ndarray:
+        """Solve the path anew; return the stress of the last cycle as :meth:`stress`."""
+        parts = self.bodies.build(self.case, laws)
+        bodies = list(parts.assembly.bodies)
+        if cracked is not None:
+            bodies[self.number] = replace(bodies[self.number], share=1.0 - cracked)
+        whole = condense_assembly(replace(parts.assembly, bodies=tuple(bodies)), self.method)
+        follow = partial(follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate)
+        return self.stress(whole.restore(follow(whole.small, parts.path)), bodies)
+
+    def stress(self, result: "xr.Dataset", bodies: Sequence[Body]) -> np.ndarray:
+        """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
+
+        Raises
+        ------
+        ConvergenceError
+            If a step of the cycle has no answer.
+        """
+        case = self.case
+        first = case.statics.substeps * len(case.statics.steps)
+        cycle = find_cycles(first, case.cycles.steps, case.cycles.cycles)[-1]
+        nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
+        moved = result["displacement"].to_numpy()[cycle, nodes[0] : nodes[1]]
+        if not np.isfinite(moved).all():
+            raise ConvergenceError(
+                f"{case.title}: the life is unknown, as steps of the last cycle have no answer; "
+                f"{result.attrs.get('failure') or result.attrs.get('cautions', '')}"
+            )
+        return element_stress(bodies[self.number], moved)
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Follow the inclusions of a body from the cycles that the stage before has solved."""
+    bodies, table, result = case.structure, case.fatigue, found[MACRO_RESULT.name]
+    assert isinstance(bodies, Bodies)  # as the case has checked
+    laws = bodies.read_laws(case, found, job.read_law)
+    method = choose_solver(case, count_size(bodies, case), job.team).taken.method
+    names = [one.name for one in bodies.bodies]
+    number = names.index(table.body or names[0])
+    cycled = _Cycled(bodies, case, laws, method, number)
+    parts = bodies.build(case, cycled.sliders)
+    body, own = parts.assembly.bodies[number], bodies.bodies[number]
+    stress = cycled.stress(result, parts.assembly.bodies)
+    _refuse_static(stress, table, names[number])
+    material = table.material(*own.moduli)
+
+    def stress_of(cracked: np.ndarray) -> np.ndarray:
+        return cycled.solve(cycled.sliders, cracked) if cracked.any() else stress
+
+    life = local_fatigue(
+        stress_of,
+        body.mesh.t.shape[1],
+        material,
+        scatter=table.among_inclusions(),
+        tolerance=table.tolerance,
+        max_cycles=table.max_cycles,
+    )
+    corners, crack = element_corners(body), int(life["crack_element"])
+    position = body.basis.doflocs.T
+    values: dict[str, Any] = {"position": position, "corners": corners}
+    if crack >= 0:
+        values["crack_position"] = position[corners[crack]].mean(axis=0)
+    life = FATIGUE_LIFE.assign(life, values)
+    life = _with_intervals(life, stress, material, cycled, result, job)
+    life = with_cautions(life, ELEMENT_MEANS, *_of_coarser(life, cycled))
+    return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
+
+
+def _refuse_static(stress: np.ndarray, table: FatigueSettings, name: str) -> None:
+    """Refuse a stress above the static strength, which is no fatigue."""
+    direct = stress[..., :3] - stress[..., :3].mean(axis=-1, keepdims=True)
+    mises = np.sqrt(1.5 * (np.sum(direct**2, axis=-1) + 2.0 * np.sum(stress[..., 3:] ** 2, -1)))
+    if (most := float(mises.max())) > table.strength:
+        raise CaseError(
+            f"an element of {name} bears {1e-6 * most:.4g} MPa in the cycle, above the strength of "
+            f"{1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure and no fatigue; "
+            f"lower the loads, or correct the strength"
+        )
+
+
+def _with_intervals(
+    life: "xr.Dataset",
+    stress: np.ndarray,
+    material: FatigueMaterial,
+    cycled: _Cycled,
+    result: "xr.Dataset",
+    job: Job,
+) -> "xr.Dataset":
+    """Add the intervals of the life of the mean part and of the next part.
+
+    They are changes of the logarithm of the life of the weakest inclusion at the stress of the
+    sound structure: at the ends of the interval of the fatigue limit, and by the laws.
+    """
+    table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
+    if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
+        return with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
+    first = partial(
+        first_cracks, scatter=table.among_inclusions(), max_cycles=1e3 * table.max_cycles
+    )
+    law_errors, cautions = _law_errors(cycled, result, material, middle, first, job)
+    if table.part_deviation is None:
+        cautions.append(NO_SCATTER)
+    deviations = {"mean_law": table.limit_error}
+    deviations["one_part"] = float(np.hypot(table.limit_error, table.part_deviation or np.nan))
+    values = {}
+    for kind, deviation in deviations.items():
+        logs = []
+        for sign in (-1.0, 1.0):
+            shift = np.exp(sign * NORMAL * deviation) if np.isfinite(deviation) else np.nan
+            if np.isnan(shift):
+                logs.append(np.nan)
+                continue
+            changed = replace(material, fatigue_limit=float(shift) * material.fatigue_limit)
+            other = float(first(stress, changed).min())
+            logs.append(sign * np.hypot(np.log(other / middle), law_errors[kind]))
+        values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * np.exp(logs)
+    return with_cautions(FATIGUE_LIFE.assign(life, values), *cautions)
+
+
+def _law_errors(
+    cycled: _Cycled,
+    result: "xr.Dataset",
+    material: FatigueMaterial,
+    middle: float,
+    first: Callable[..., np.ndarray],
+    job: Job,
+) -> tuple[Mapping[str, float], list[str]]:
+    """Relative half-widths of the life by the budgets of all laws, and what they do not know."""
+    squares, cautions = {"mean_law": 0.0, "one_part": 0.0}, []
+    shared = cycled.case.interface or JointLaw()
+    for number, law in enumerate(cycled.laws):
+        if law is None or "error_half_width" not in law:
+            cautions.append(NO_LAW_BUDGET.format(number=number))
+            continue
+        if any(law is other for other in cycled.laws[:number]):  # counted already
+            continue
+        joints = tuple(k for k, other in enumerate(cycled.laws) if other is law)
+        traction = -result["traction"].to_numpy()[-1, :, 0]
+        own = traction[np.isin(result["point_joint"].to_numpy(), joints) & (traction > 0.0)]
+        pressure = np.array([own.mean()]) if own.size else None
+        source = cycled.bodies.interfaces[number].over(shared)
+        changes = {key: Change(joints, one) for key, one in changed_laws(law, pressure).items()}
+        friction = {} if pressure is None else shear_errors(law, pressure)
+        measured = [name for name in PARAMETERS if getattr(source, name) is None]
+        friction = {name: one for name, one in friction.items() if name in measured}
+        changes |= {name: Change(joints, factors={name: 1.0 + STRETCH}) for name in friction}
+        lives = {}
+        for done, (key, change) in enumerate(changes.items(), start=1):
+            normal = {} if change.normal is None else dict.fromkeys(joints, change.normal)
+            laws = cycled.bodies.sliders(cycled.case, cycled.laws, normal)
+            stress = cycled.solve(change_friction(laws, change))
+            lives[key] = np.array([[float(first(stress, material).min())]])
+            job.progress(done, len(changes), "solves for the intervals of the life")
+        value = np.array([[middle]])
+        budget = structure_budget(
+            ("life",),
+            law,
+            not_solved,
+            answer=value,
+            pressure=pressure,
+            samples=0,
+            others=[
+                Dependence(np.abs(lives[name] / value - 1.0) / STRETCH, errors)
+                for name, errors in friction.items()
+            ],
+            changed={key: one for key, one in lives.items() if key not in friction},
+        )
+        squares["mean_law"] += float(mean_law_error(budget)[0, 0]) ** 2
+        squares["one_part"] += float(budget["error_total"].to_numpy()[0, 0]) ** 2
+    return {kind: float(np.sqrt(square)) for kind, square in squares.items()}, cautions
+
+
+def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
+    """Say the life on coarser meshes, where these are given."""
+    table = cycled.case.fatigue
+    for ratio, bodies in cycled.bodies.coarser().items():
+        coarse = replace(cycled, bodies=bodies)
+        own = bodies.bodies[cycled.number]
+        material = table.material(*own.moduli)
+        stress = coarse.solve(coarse.sliders)
+        scatter = table.among_inclusions()
+        first = first_cracks(stress, material, scatter=scatter, max_cycles=table.max_cycles)
+        yield (
+            f"on elements {ratio:.3g} times as large the first inclusion cracks after "
+            f"{_say(float(first.min()))}, and not after {_say(float(life['cycles_to_first']))}: "
+            f"intervals do not count the error of the mesh"
+        )
+
+
+def _say(cycles: float) -> str:
+    return "no number of cycles" if np.isinf(cycles) else f"{cycles:.3g} cycles"
+
+
+def _answer(life: "xr.Dataset") -> str:
+    """Say life and place in a sentence."""
+    body = life.attrs["body"]
+    if int(life["run_out"]):
+        return f"No inclusion of {body} cracks: all stay elastic under the cycles."
+    cycles = float(life["cycles_to_crack"])
+    if np.isnan(cycles):
+        done = float(life["cycles"][-1])
+        return (
+            f"The life of {body} is unknown: after {_say(done)} and {int(life['solves'])} solves "
+            f"no element has cracked; raise max_cycles, or tolerance, in [fatigue]."
+        )
+    place = ", ".join(f"{1e3 * x:.4g}" for x in life["crack_position"].to_numpy())
+    told = f"A crack starts in {body} at ({place}) mm after {_say(cycles)}"
+    for kind, words in (("mean_law", "mean part"), ("one_part", "one part")):
+        if (name := f"cycles_to_crack_{kind}") in life and np.isfinite(life[name]).any():
+            low, high = life[name].to_numpy()
+            told += f"; {words}, 95 %: {low:.3g} ... {high:.3g}"
+    return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
+
+
+def _tabulate(life: "xr.Dataset") -> Table:
+    """Head and rows of the life at some of its jumps."""
+    last = life.sizes["record"] - 1
+    rows = np.unique(np.linspace(0, last, min(12, last + 1)).astype(int))
+    head = ("cycles", "largest damage of an inclusion", "largest cracked share of an element")
+    columns = (life[name].to_numpy()[rows] for name in ("cycles", "largest_damage"))
+    shares = life["largest_share"].to_numpy()[rows]
+    return head, [
+        (f"{n:.4g}", f"{damage:.3g}", f"{100.0 * share:.3g} %")
+        for n, damage, share in zip(*columns, shares, strict=True)
+    ]
+
+
+def _lines(found: Datasets) -> Iterator[str]:
+    life = found[FATIGUE_LIFE.name]
+    yield from format_table(life.attrs["title"], *_tabulate(life))
+    yield _answer(life)
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    life = found[FATIGUE_LIFE.name]
+
+    def draw(name: str, near: bool) -> Callable[[Path], Path]:
+        return on_axes(lambda ax: plot_fatigue_field(life, name, near=near, ax=ax))
+
+    pictures = {
+        "fatigue_amplitude": draw("equivalent_amplitude", False),
+        "fatigue_damage": draw("damage", True),
+    }
+    yield Section("Fatigue", [_answer(life)], *_tabulate(life), figures=pictures)
+
+
+def _summary(found: Datasets) -> Summary:
+    life = found[FATIGUE_LIFE.name]
+    return Summary(
+        life.attrs["title"], "After how many cycles does a crack start, and where?", [_answer(life)]
+    )
+
+
+def _needs(case: Case) -> Needs:
+    told = "the structure is solved again whenever inclusions have cracked, by an error control"
+    return Needs(choices=(Choice("fatigue", told),))
+
+
+BODY_FATIGUE = Stage(
+    schema=FATIGUE_LIFE,
+    tables=("fatigue",),
+    reads={"title", "fatigue"},
+    takes=(LOADED_BODIES,),
+    run=_run,
+    needs=_needs,
+    lines=_lines,
+    sections=_sections,
+    summary=_summary,
+    pictures=("fatigue_amplitude", "fatigue_damage"),
+    answers=(
+        StageAnswer("cycles_to_crack", "life", "cycles"),
+        StageAnswer("cycles_to_first", "first inclusion", "cycles"),
+    ),
+    failure=lambda life: "" if int(life["converged"]) else _answer(life),
+)

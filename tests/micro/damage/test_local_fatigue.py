@@ -1,0 +1,84 @@
+"""Fatigue of elements whose stiffness falls: closed form, redistribution, jumps, bounds."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.micro.damage import (
+    FatigueMaterial,
+    FatigueScatter,
+    local_fatigue,
+    two_scale_fatigue,
+)
+from multiscale.schema import FATIGUE_LIFE
+from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
+
+E, NU, LIMIT, STRENGTH = 200e9, 0.3, 200e6, 0.5e6
+PLAIN = FatigueMaterial(E, NU, LIMIT, STRENGTH, threshold=0.05, feedback=False)
+FULL = FatigueMaterial(E, NU, LIMIT, 0.2e6, 1.5, hardening=10e9, threshold=0.02, closure=0.2)
+AREA, SHAPE, AROUND = np.array([1.0, 1.1, 1.2]), np.array([1.0, 1.02, 0.97]), 6.0
+"""Areas of bars whose ends move together, how much more of the strain each bears, and the area of
+what is sound around them."""
+
+
+def reversed_pull(amplitude):
+    """Tension to and fro with an amplitude for each element, Pa."""
+    cycle = np.array([1.0, 0.0, -1.0, 0.0])
+    return cycle[:, None, None] * np.asarray(amplitude)[:, None] * np.eye(6)[0]
+
+
+def bars(mean):
+    """Bars in parallel, beside sound ones, under a given force."""
+
+    def stress_of(cracked):
+        left = AROUND + (AREA * (1.0 - cracked)).sum()
+        return reversed_pull(SHAPE * mean * (AROUND + AREA.sum()) / left)
+
+    return stress_of
+
+
+@pytest.mark.parametrize("amplitude", [210e6, 250e6])
+def test_one_element_has_the_closed_form_of_reversed_tension(amplitude):
+    found = local_fatigue(lambda share: reversed_pull([amplitude]), 1, PLAIN)
+    FATIGUE_LIFE.check(found)
+    plastic = plastic_strain_per_cycle(amplitude, E, NU, LIMIT)
+    damage = damage_per_cycle(amplitude, E, NU, LIMIT, STRENGTH)
+    life = reversed_life(plastic, damage, 0.05, 0.3)
+    assert float(found["cycles_to_crack"]) == pytest.approx(life, rel=1e-3)
+    assert int(found["solves"]) == 1
+
+
+def test_elements_are_independent_and_the_first_one_cracks():
+    amplitudes = np.array([150e6, 230e6, 260e6, 215e6])
+    found = local_fatigue(lambda share: reversed_pull(amplitudes), 4, FULL)
+    assert int(found["crack_element"]) == 2
+    alone = [
+        float(two_scale_fatigue(np.array([a, -a]), FULL)["cycles_to_rupture"]) for a in amplitudes
+    ]
+    np.testing.assert_allclose(found["first_crack"], alone, rtol=1e-3)
+    assert float(found["cycles_to_crack"]) == pytest.approx(alone[2], rel=1e-3)
+    np.testing.assert_allclose(found["equivalent_amplitude"], amplitudes)
+
+
+def test_jumps_between_solves_keep_the_life_of_every_cycle():
+    """Inclusions crack one after the other, and the rest bears more."""
+    scatter, mean = FatigueScatter(0.04), 225e6
+    every = local_fatigue(bars(mean), 3, FULL, scatter=scatter, tolerance=1e-9, jump_tolerance=None)
+    jumps = local_fatigue(bars(mean), 3, FULL, scatter=scatter)
+    life, first = (float(every[f"cycles_to_{name}"]) for name in ("crack", "first"))
+    assert life > 1.1 * first  # else no inclusion outlives the first
+    assert float(jumps["cycles_to_crack"]) == pytest.approx(life, rel=0.01)
+
+
+def test_what_stays_elastic_runs_out_and_what_is_cut_off_is_unknown():
+    out = local_fatigue(bars(0.9 * LIMIT), 3, FULL)
+    assert float(out["cycles_to_crack"]) == np.inf
+    assert int(out["run_out"]) == 1
+    cut = local_fatigue(bars(1.1 * LIMIT), 3, FULL, max_cycles=50)
+    assert np.isnan(float(cut["cycles_to_crack"]))
+    assert int(cut["converged"]) == 0
+
+
+def test_a_deviation_beyond_its_range_is_refused():
+    with pytest.raises(CaseError, match=r"from 0 to 1, got -0\.1"):
+        FatigueScatter(-0.1)

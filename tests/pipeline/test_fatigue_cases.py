@@ -1,0 +1,132 @@
+"""Cases with [fatigue]: life and place of cracks in bodies, and what they refuse."""
+
+import numpy as np
+import pytest
+from skfem import MeshHex
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.micro.damage import FatigueMaterial, two_scale_fatigue
+from multiscale.pipeline import load_case, run
+from multiscale.schema import FATIGUE_LIFE
+from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
+from tests.support import write_body, write_scene
+
+TEXT = """
+title = "Pulled to and fro"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "part"
+mesh = "part.msh"
+unit = "mm"
+youngs_modulus = "200 GPa"
+poissons_ratio = 0.3
+supports = { left = "x", front = "y", bottom = "z" }
+[[structure.loads]]
+name = "pull"
+face = "part.right"
+traction = ["210 MPa", 0, 0]
+[statics]
+steps = [{ pull = 0 }]
+[cycles]
+load = "pull"
+cycles = 1
+steps = 2
+[fatigue]
+fatigue_limit = "200 MPa"
+strength = "600 MPa"
+damage_strength = "0.5 MPa"
+threshold = 0.05
+feedback = false
+limit_error = 0.01
+part_deviation = 0.03
+"""
+CYCLES = """[cycles]
+load = "pull"
+cycles = 1
+steps = 2
+"""
+RADIUS, HALF = 1e-3, 8e-3
+"""Radius of a hole and half the edge of the plate around it, m."""
+
+
+def holed_plate(around=10, along=12):
+    """A quarter of a square plate with a hole, graded towards it."""
+    share = np.linspace(0.0, 1.0, along + 1) ** 1.8
+    angle = np.linspace(0.0, 0.5 * np.pi, around + 1)
+    way = np.stack([np.cos(angle), np.sin(angle)])
+    outer = HALF * way / np.abs(way).max(axis=0)
+    flat = RADIUS * way[:, None] + share[:, None] * (outer - RADIUS * way)[:, None]
+    mesh = MeshHex.init_tensor(share, angle, np.array([0.0, 1.0]))
+    i = np.searchsorted(share, mesh.p[0] - 1e-9)
+    j = np.searchsorted(angle, mesh.p[1] - 1e-9)
+    points = np.stack([*flat[:, i, j], 0.5e-3 * mesh.p[2]])
+    near = 1e-9
+    return MeshHex(points, mesh.t).with_boundaries(
+        {
+            "left": lambda x: np.abs(x[0]) < near,
+            "right": lambda x: np.abs(x[0] - HALF) < near,
+            "front": lambda x: np.abs(x[1]) < near,
+            "bottom": lambda x: np.abs(x[2]) < near,
+        }
+    )
+
+
+def solve(folder, *pairs):
+    return run(load_case(write_scene(folder, TEXT, *pairs)), folder / "out")[FATIGUE_LIFE.name]
+
+
+@pytest.fixture
+def cube(tmp_path):
+    write_body(tmp_path / "part.msh", box_mesh((0.01, 0.01, 0.01), (1, 1, 1)))
+    return tmp_path
+
+
+def test_one_element_has_the_closed_form_of_reversed_tension(cube):
+    found = solve(cube)
+    plastic = plastic_strain_per_cycle(210e6, 200e9, 0.3, 200e6)
+    damage = damage_per_cycle(210e6, 200e9, 0.3, 200e6, 0.5e6)
+    life = float(found["cycles_to_crack"])
+    assert life == pytest.approx(reversed_life(plastic, damage, 0.05, 0.3), rel=1e-3)
+    np.testing.assert_allclose(found["crack_position"], 0.005)
+    inner, outer = (found[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))
+    assert outer[0] < inner[0] < life < inner[1] < outer[1]
+    # the limit 1.96 standard errors away has a closed form, too
+    low = 200e6 * np.exp(-0.01 * 1.959964)
+    plastic = plastic_strain_per_cycle(210e6, 200e9, 0.3, low)
+    damage = damage_per_cycle(210e6, 200e9, 0.3, low, 0.5e6)
+    assert inner[0] == pytest.approx(reversed_life(plastic, damage, 0.05, 0.3), rel=2e-3)
+
+
+def test_a_plate_cracks_beside_its_hole(tmp_path):
+    """Kirsch's stress in the element beside the hole tells place and life."""
+    write_body(tmp_path / "part.msh", holed_plate())
+    found = solve(tmp_path, ('"210 MPa"', '"85 MPa"'))
+    x, y, _ = found["crack_position"].values
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    assert radius < 1.1 * RADIUS
+    assert angle > np.radians(80.0)
+    a, two = (RADIUS / radius) ** 2, np.cos(2.0 * angle)
+    hoop = 0.5 * ((1.0 + a) - (1.0 + 3.0 * a**2) * two)
+    radial = 0.5 * ((1.0 - a) + (1.0 - 4.0 * a + 3.0 * a**2) * two)
+    local = 85e6 * np.array([hoop, radial, 0.0, 0.0, 0.0, 0.0])
+    material = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
+    estimate = float(two_scale_fatigue(np.stack([local, -local]), material)["cycles_to_rupture"])
+    assert float(found["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "sentence"),
+    [
+        ([("[fatigue]", "[other]")], "other"),
+        ([(CYCLES, "")], "history has no cycle; give"),
+        ([('strength = "600 MPa"', 'strength = "150 MPa"')], "strength must be the larger one"),
+        ([('strength = "600 MPa"', 'strength = "205 MPa"')], "bears 210 MPa in the cycle, above"),
+        ([('damage_strength = "0.5 MPa"', 'damage_strength = "0.5 m"')], "damage_strength"),
+        ([("feedback = false", 'body = "lid"')], "body is 'lid', and there are part"),
+    ],
+)
+def test_what_is_no_fatigue_is_refused(cube, pairs, sentence):
+    with pytest.raises(CaseError, match=sentence):
+        solve(cube, *pairs)
