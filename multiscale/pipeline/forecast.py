@@ -13,7 +13,7 @@ __all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
 SIZES = range(-1, 5)
 GRIDS = range(3)
 COARSE = -1
-"""Grid of the cells of an answer, from which some of them lead to the finest one of a setting."""
+"""Grid of flat cells, from which some of them lead to the finest one of a setting."""
 
 REALISATIONS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
 CONTROLS = (16, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
@@ -82,18 +82,22 @@ class Estimate:
         From the setting :math:`(s_0, g_0, R_0, M_0)` of the estimate, half-widths change by
 
         .. math::
-            \text{sampling}\ 2^{s_0 - s} \sqrt{(1 - c)\, R_0/R + c\, M_0/M}, \quad
+            \text{sampling}\ \sqrt{(1 - c)\, R_0/R + 4^{s_0 - s} c\, M_0/M}, \quad
             \text{cell size}\ 2^{s_0 - s}, \quad \text{micro discretisation}\ 2^{g_0 - g},
 
+        with the share c of the cheap cells; without any, sampling by
+        :math:`2^{s_0 - s} \sqrt{R_0/R}`, and
         the bias of the cell size by :math:`2^{s_0 - s}`; the other terms stay.
         """
         own = self.setting
         larger = 2.0 ** (own.size - setting.size)
         factor = np.ones((len(ERROR_TERMS), 1))
         variance = (1.0 - self.cheap) * own.realisations / setting.realisations
-        if self.cheap > 0.0:
-            variance += self.cheap * own.control / setting.control
-        factor[ERROR_TERMS.index("sampling")] = larger * np.sqrt(variance)
+        if self.cheap > 0.0:  # and the pairs do not grow
+            variance += larger**2 * self.cheap * own.control / setting.control
+        else:
+            variance *= larger**2
+        factor[ERROR_TERMS.index("sampling")] = np.sqrt(variance)
         factor[ERROR_TERMS.index("cell size")] = larger
         factor[ERROR_TERMS.index("micro discretisation")] = 2.0 ** (own.grid - setting.grid)
         return replace(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import open_dataset, open_response, write_dataset
+from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.graph_mesh import graded_planes
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.case_cells import longest_wave
@@ -46,7 +46,6 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
 from multiscale.upscaling.budget_terms import Term, grid_term
 from multiscale.upscaling.cell_size import size_term
-from multiscale.upscaling.control_variates import FEWEST_PAIRS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,11 +55,11 @@ __all__ = ["Plan", "pilot_cases", "plan", "resize"]
 logger = logging.getLogger(__name__)
 
 FEWEST_WAVES = 2.0  # across the smallest cells: those with fewer tell no power of the size
-FIRST_CELLS, FIRST_CONTROL = 8, 48
-"""Cells of each first size, and flat ones beside dearer ones."""
+FIRST_CELLS, FIRST_CONTROL = (6, 4), 48
+"""Cells of the first two sizes, and flat ones beside dearer ones."""
 
-PAIRS = {0: 8, 1: 4, 2: 4}
-"""Cells of the smallest size that are solved on finer grids, too."""
+PAIRS = {-1: 6, 0: 6, 1: 4, 2: 4}
+"""Cells of the smallest size that are solved on other grids, too."""
 
 MOST_ROUNDS = 8
 
@@ -135,16 +134,18 @@ def plan(
 
     Notes
     -----
-    All cells of an answer are on a coarse grid, and every solve counts. What they lack is told by
-    differences of small scatter between cells on the same surfaces, and taken out: few cells of
-    the smallest size lead to finer grids, and few dear cells to many flat ones; see
-    :class:`~.control_variates.Control`. Cells of several sizes, or stored flat cells of a
-    spectrum alike, tell the bias by the size. Gaps are those at the height of the surface at
-    large. From the errors that are left, and from the times of cells, follows the setting of least
-    time whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its
-    cells are solved and its budget is estimated anew, which is the next forecast's base, until the
-    estimate is below the target. Sizes grow by a factor of two at a time, as each tells the bias
-    of the next one.
+    Flat cells are on a coarse grid, and dearer ones on the grid of the case. What they lack is
+    told by differences of small scatter between cells on the same surfaces, and taken out: few
+    cells of the smallest size lead to finer grids, and few dear cells of the first two sizes to
+    many flat ones of any size; see :class:`~.control_variates.Control`. Cells of several sizes, or
+    stored flat cells of a spectrum alike, tell the bias by the size. Gaps are those at the height
+    of the surface at large.
+
+    From the errors that are left, and from the times of cells, follows the setting of least time
+    whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are
+    solved and its budget is estimated anew, which is the next forecast's base, until the estimate
+    is below the target. Sizes grow by a factor of two at a time, as each tells the bias of the next
+    one.
     """
     assert case.accuracy is not None
     _check(case)
@@ -201,28 +202,29 @@ def resize(case: Case, setting: Setting, *, grid: int = COARSE) -> Case:
         }
     )
     seed = case.micro.seed + int(SIZE_SEED * (setting.size % len(SIZES)))
-    micro = case.micro.model_copy(
-        update={
-            "realisations": setting.realisations,
-            "control_realisations": setting.control or None,
-            "seed": seed,
-        }
-    )
+    micro = case.micro.model_copy(update={"realisations": setting.realisations, "seed": seed})
     return case.model_copy(update={"cell": cell, "micro": micro})
 
 
 def pilot_cases(case: Case) -> list[Case]:
     """Return the cases that a planner begins with, which stored cells may save."""
     smallest = _smallest(case)
-    first = [resize(case, Setting(smallest + k, 0, FIRST_CELLS)) for k in (0, 1)]
-    flat = [one.control(FIRST_CONTROL) for one in first] if case.beside_flat else []
-    return [*first, *flat, resize(case, Setting(smallest, 0, PAIRS[0]), grid=0)]
+    settings = [Setting(smallest + k, 0, n) for k, n in enumerate(FIRST_CELLS)]
+    first = [resize(case, one, grid=_grid(case)) for one in settings]
+    if case.beside_flat:
+        first += [resize(case, one).control(FIRST_CONTROL) for one in settings]
+    return [*first, resize(case, settings[0], grid=COARSE - _grid(case))]
+
+
+def _grid(case: Case) -> int:
+    """Return the grid of the answer: errors of dear cells on coarse ones differ between sizes."""
+    return COARSE if case.cell.geometry == "flat" else 0
 
 
 def _smallest(case: Case) -> int:
     """Return the first size: half of the cell of the case, or the cell if it has few waves."""
     waves = 0.5 * max(case.cell.size) / longest_wave(case)
-    return SIZES[0] if waves >= FEWEST_WAVES else 0
+    return SIZES[0] if case.measured or waves >= FEWEST_WAVES else 0
 
 
 def _check(case: Case) -> None:
@@ -252,11 +254,12 @@ def _check(case: Case) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Ensemble:
-    """Cells of one size on the coarse grid, and the flat ones beside them."""
+    """Cells of one size, and flat ones, of which the first are beside them."""
 
     setting: Setting
     response: "xr.Dataset"
     control: "xr.Dataset | None" = None
+    time: float = np.nan  # of a flat cell of this size, s
 
     @property
     def cheap(self) -> float:
@@ -275,6 +278,7 @@ class _Known:
     ensembles: Mapping[float, _Ensemble]
     grids: "Mapping[int, xr.Dataset]"
     costs: CostModel
+    grid: int  # of the answer
     flat_costs: CostModel | None = None
     sizes: range = SIZES  # that can be had
 
@@ -288,9 +292,13 @@ class _Known:
         there = self.ensembles.get(setting.size)
         have = Setting(setting.size, 0, 0) if there is None else there.setting
         cells, flat = setting.realisations - have.realisations, setting.control - have.control
-        time = max(0, cells) * self.costs.of_cell(setting.size, COARSE)
-        if self.flat_costs is not None:
-            time += max(0, flat) * self.flat_costs.of_cell(setting.size, COARSE)
+        if not setting.control or self.flat_costs is None:
+            time = max(0, cells) * self.costs.of_cell(setting.size, self.grid)
+        else:
+            time = max(0, flat) * self.flat_costs.of_cell(setting.size, COARSE)
+            pairs = self.ensembles[min(setting.size, min(self.ensembles) + 1)].setting
+            more = max(0, setting.realisations - pairs.realisations)
+            time += more * self.costs.of_cell(pairs.size, self.grid)
         finer = [grid for grid in PAIRS if max(self.grids, default=2) < grid <= setting.grid]
         return time + sum(
             PAIRS[one] * self.costs.of_cell(min(self.ensembles), one) for one in finer
@@ -307,31 +315,54 @@ class _Campaign:
     progress: ShowProgress
     large: Surface | None  # the surface at large
 
-    def folder(self, setting: Setting, grid: int = COARSE) -> Path:
-        """Return where the cells of a setting are."""
-        return self.out / f"size{setting.size:+g}-grid{grid:+g}"
+    def folder(self, size: float, grid: int) -> Path:
+        """Return where the cells of a size are."""
+        return self.out / f"size{size:+g}-grid{grid:+g}"
 
-    def solve(self, setting: Setting, *, grid: int = COARSE) -> _Ensemble:
-        """Solve the cells of a setting, at the height of the surface at large.
+    def solve(self, setting: Setting, grid: int) -> "xr.Dataset":
+        """Response of the cells of a setting, at the height of the surface at large.
 
-        Cells that are there are kept. Flat ones are beside them if the setting has some.
+        Cells that are there are kept.
         """
         cells = f"cells of size {setting.size:+g}, grid {grid:+g}"
-        file = self.folder(setting, grid) / "micro_response.nc"
-        chosen = resize(self.case, setting, grid=grid)
         response = run_micro(
-            chosen,
-            file,
+            resize(self.case, setting, grid=grid),
+            self.folder(setting.size, grid) / "micro_response.nc",
             executor=self.executor,
             progress=lambda finished, total, _: self.progress(finished, total, cells),
             fields=False,
         )
-        if not setting.control or grid > COARSE:
-            return _Ensemble(setting, self.at_large(response))
-        job = Job(file.parent, self.executor, self.progress)
-        control = press_control(chosen, open_response(file), job)
-        write_dataset(control, file.with_name(f"{CONTROL_RESPONSE.name}.nc"), CONTROL_RESPONSE)
-        return _Ensemble(setting, self.at_large(response), self.at_large(control))
+        return self.at_large(response)
+
+    def press(self, setting: Setting) -> "xr.Dataset":
+        """Response of the flat cells of a setting, which are on the coarse grid."""
+        folder = self.folder(setting.size, COARSE)
+        job = Job(make_folder(folder), self.executor, self.progress)
+        control = press_control(resize(self.case, setting), setting.control, job)
+        write_dataset(control, folder / f"{CONTROL_RESPONSE.name}.nc", CONTROL_RESPONSE)
+        return self.at_large(control)
+
+    def own(self, setting: Setting) -> Setting:
+        """Return the setting of the dear cells: with flat ones beside, they do not grow."""
+        return replace(setting, size=min(setting.size, _smallest(self.case) + 1.0))
+
+    def ensemble(self, setting: Setting) -> _Ensemble:
+        """Solve the cells of a setting, with the flat ones that it has."""
+        import xarray as xr
+
+        if not setting.control:
+            return _Ensemble(setting, self.solve(setting, _grid(self.case)))
+        own = self.own(setting)
+        response, control = self.solve(own, _grid(self.case)), self.press(setting)
+        time = _time(control)
+        if own.size < setting.size:
+            n = setting.realisations
+            pairs = self.press(replace(own, control=max(n, FIRST_CONTROL)))
+            numbers = n + np.arange(control.sizes["realisation"])
+            both = pairs.isel(realisation=slice(n)), control.assign_coords(realisation=numbers)
+            control = xr.concat(both, "realisation", combine_attrs="override")
+            control = control.assign_attrs(pairs_apart=1)
+        return _Ensemble(setting, response, control, time)
 
     def at_large(self, response: "xr.Dataset") -> "xr.Dataset":
         """Return a response at the height of the surface at large."""
@@ -355,67 +386,73 @@ class _Campaign:
         }
         first = _Ensemble(setting, stored.sizes[edge])
         costs = CostModel.fit(times, layered=False)
-        return self.estimated(_Known(NOTHING, stored, {}, {}, costs), first)
+        return self.estimated(_Known(NOTHING, stored, {}, {}, costs, COARSE), first)
 
     def explore(self, sizes: range) -> _Known:
         """Start from small cells of two sizes, some of the smaller ones on two grids."""
-        dear = self.case.beside_flat
-        numbers = 0, FIRST_CELLS, FIRST_CONTROL if dear else 0
-        first = float(_smallest(self.case))
-        found = {size: self.solve(Setting(size, *numbers)) for size in (first, first + 1)}
-        small, last = found.values()
-        grids = {COARSE: small.response, 0: self.on_grid(0)}
-        times: dict[tuple[float, float], float] = {
-            (size, COARSE): _time(one.response) for size, one in found.items()
+        dear, grid = self.case.beside_flat, _grid(self.case)
+        control, first = FIRST_CONTROL if dear else 0, float(_smallest(self.case))
+        found = {
+            first + k: self.ensemble(Setting(first + k, 0, n, control))
+            for k, n in enumerate(FIRST_CELLS)
         }
-        times[first, 0] = _time(grids[0])
+        small, last = found.values()
+        other = COARSE - grid
+        grids = dict(sorted({grid: small.response, other: self.on_grid(other)}.items()))
+        times: dict[tuple[float, float], float] = {
+            (size, grid): _time(one.response) for size, one in found.items()
+        }
+        times[first, other] = _time(grids[other])
         costs = CostModel.fit(times, layered=self.case.cell.geometry != "flat")
         flat: dict[tuple[float, float], float] = {
-            (size, COARSE): _time(one.control)
-            for size, one in found.items()
-            if one.control is not None
+            (size, COARSE): one.time for size, one in found.items()
         }
         flat_costs = CostModel.fit(flat, layered=False) if dear else None
-        known = _Known(NOTHING, None, found, grids, costs, flat_costs, sizes)
+        known = _Known(NOTHING, None, found, grids, costs, grid, flat_costs, sizes)
         return self.estimated(known, last)
 
     def on_grid(self, grid: int) -> "xr.Dataset":
-        """Response of first cells of the smallest size on a finer grid."""
-        return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid=grid).response
+        """Response of first cells of the smallest size on another grid."""
+        return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid)
 
     def choose(self, known: _Known) -> tuple[Setting, float, _Known]:
         """Choose the cheapest setting, and explore where stored cells do not reach so far."""
         assert self.case.accuracy is not None
         target = self.case.accuracy.target
         try:
-            return (*cheapest(known.estimate, self.settings(known), known.time_of, target), known)
+            setting, time = cheapest(known.estimate, self.settings(known), known.time_of, target)
         except CaseError:
             if known.stored is None:
                 raise
-            known = self.explore(known.sizes)
-            return self.choose(known)
+            return self.choose(self.explore(known.sizes))
+        next_size = known.estimate.setting.size + 1
+        if known.stored is None and setting.size > next_size:
+            setting = replace(setting, size=next_size)
+            time = known.time_of(setting)
+        return setting, time, known
 
     def settings(self, known: _Known) -> list[Setting]:
-        """Return the settings that can be had next."""
+        """Return the settings that can be had."""
         now = known.estimate.setting
         if known.stored is not None:
             return [Setting(*one) for one in product(known.sizes, [now.grid], REALISATIONS)]
-        sizes = [one for one in (now.size, now.size + 1) if one in known.sizes]
+        sizes = [float(one) for one in known.sizes if one >= now.size]
         grids = [one for one in GRIDS if one >= now.grid]
-        numbers = [one for one in REALISATIONS if one >= FEWEST_PAIRS]
+        numbers = [one for one in REALISATIONS if one >= now.realisations]
         controls = CONTROLS if known.estimate.cheap > 0.0 else (0,)
         found = [Setting(*one) for one in product(sizes, grids, numbers, controls)]
         return [one for one in found if one.control > one.realisations or not one.control]
 
     def advance(self, known: _Known, setting: Setting) -> _Known:
         """Solve the cells of a setting, and estimate the error that they leave."""
-        found = self.solve(setting)
+        found = self.ensemble(setting)
         grids, costs, flat = dict(known.grids), known.costs, known.flat_costs
         if known.stored is None:
             grids |= {one: self.on_grid(one) for one in PAIRS if max(grids) < one <= setting.grid}
-        costs = costs.seen(setting.size, COARSE, _time(found.response))
-        if flat is not None and found.control is not None:
-            flat = flat.seen(setting.size, COARSE, _time(found.control))
+        if flat is None or found.control is None:
+            costs = costs.seen(setting.size, known.grid, _time(found.response))
+        else:
+            flat = flat.seen(setting.size, COARSE, found.time)
         ensembles = {**known.ensembles, setting.size: found}
         known = replace(known, ensembles=ensembles, grids=grids, costs=costs, flat_costs=flat)
         return self.estimated(known, found)
@@ -432,7 +469,7 @@ class _Campaign:
         beside = {2.0 ** (size - setting.size): one for size, one in known.ensembles.items()}
         others = {ratio: one.response for ratio, one in beside.items() if ratio != 1.0}
         controls = {ratio: one.control for ratio, one in beside.items()}
-        grids = {2.0 ** (COARSE - grid): one for grid, one in known.grids.items()}
+        grids = {2.0 ** (known.grid - grid): one for grid, one in known.grids.items()}
         return (
             size_term(response, others, controls=controls),
             grid_term(response, grids, apart=True),
@@ -502,8 +539,10 @@ class _Campaign:
             f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent"
             f"{expected}"
         )
-        folder, response = self.folder(found.setting), found.response
-        return Plan(chosen, response, law, result, folder, total, spent, forecast, (*lines, last))
+        own = self.own(found.setting) if found.control is not None else found.setting
+        folder, solved = self.folder(own.size, known.grid), resize(self.case, own, grid=known.grid)
+        lines = (*lines, last)
+        return Plan(solved, found.response, law, result, folder, total, spent, forecast, lines)
 
     def spent(self) -> float:
         """Time of all cells that are there, s."""

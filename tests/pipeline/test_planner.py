@@ -90,8 +90,8 @@ def estimate(**terms):
 
 
 @pytest.mark.slow
-def test_dear_cells_have_flat_ones_as_control_and_lead_to_finer_grids(write, tmp_path, caplog):
-    """Unless they are turned off, which takes more of the dear cells."""
+def test_dear_cells_have_flat_ones_as_control_and_lead_to_finer_grids(write, tmp_path):
+    """Unless they are turned off."""
     dear = CASE.replace('geometry = "flat"\n', "").replace("[64, 64]", "[32, 32]")
     dear = dear.replace('"0.25 mm"', '"0.5 mm"').replace("layers = 8", "layers = 4")
     dear = dear[: dear.index("[structure]")] + dear[dear.index("[accuracy]") :]
@@ -105,7 +105,9 @@ def test_dear_cells_have_flat_ones_as_control_and_lead_to_finer_grids(write, tmp
     alone = run(write(plain), tmp_path / "alone")["interface_law"]
     assert "control" not in alone.attrs
     cells = int(alone.attrs["n_realisations"])
-    assert cells > law.attrs["n_realisations"] or law["time_spent"] < alone["time_spent"]
+    assert (
+        cells > law.attrs["n_realisations"] or law.attrs["time_spent"] < alone.attrs["time_spent"]
+    )
 
 
 def test_terms_are_forecast_as_they_scale():
@@ -126,7 +128,7 @@ def test_dear_and_cheap_cells_share_the_sampling_error():
     for setting, variance in (
         (Setting(0, 0, 8, 160), 0.25 + 0.75 / 4.0),
         (Setting(0, 0, 32, 40), 0.25 / 4.0 + 0.75),
-        (Setting(1, 0, 8, 40), 0.25),
+        (Setting(1, 0, 8, 40), 0.25 + 0.75 / 4.0),
     ):
         found = known.at(setting).half_width[ERROR_TERMS.index("sampling")]
         np.testing.assert_allclose(found, 0.1 * np.sqrt(variance))
