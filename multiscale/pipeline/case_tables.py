@@ -237,7 +237,7 @@ class MicroSettings(Settings):
         description="Whether flat cells on the same surfaces and on further ones are control "
         "variates of the cells, which takes most of the sampling error out of the law. If not "
         "given, dearer cells have them, on surfaces made from a spectrum and from 4 realisations "
-        "on; `false` turns them off. A planner has them only where they are asked for.",
+        "on, and so does a planner; `false` turns them off.",
     )
     control_realisations: Positive | None = Field(
         None,

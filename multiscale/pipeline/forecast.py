@@ -1,8 +1,7 @@
 """Cost and error of a choice of cells, forecast from the cells that have been computed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import product
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,9 +11,12 @@ from multiscale.upscaling.budget import ERROR_TERMS, add_up, total_error
 __all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
 
 SIZES = range(-1, 5)
-GRIDS = range(-1, 3)
+GRIDS = range(3)
+COARSE = -1
+"""Grid of flat cells, from which some of them lead to the finest one of a setting."""
+
 REALISATIONS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128)
-STUDIES = (1, 2, 4, 8)
+CONTROLS = (16, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 GROWTH = 1.25
 """Power of the unknowns in the time of a cell: iterations grow with the grid, and caches fill."""
 
@@ -28,22 +30,24 @@ class Setting:
     size : float
         The cell is :math:`2^s` times as large as that of the case, and so is its depth if the
         case gives none; a whole number, but for stored cells.
-    grid : float, the spacing is :math:`2^{-g}` times that of the case; likewise
+    grid : float
+        The finest spacing on which some cells are solved is :math:`2^{-g}` times that of the case;
+        likewise.
     realisations : int
-    study : int
-        How many times the cells of the pilot runs tell the scatter and the bias by the size.
+    control : int, cheap cells beside them, of which the first have their surfaces; may be 0
     """
 
     size: float
     grid: float
     realisations: int
-    study: int = 1
+    control: int = 0
 
     def __str__(self) -> str:
         """Return the setting in words."""
+        beside = f", {self.control} control cells" if self.control else ""
         return (
-            f"cells {2.0**self.size:g} times as large, spacing {2.0**-self.grid:g} times, "
-            f"{self.realisations} realisations"
+            f"cells {2.0**self.size:g} times as large, spacing down to {2.0**-self.grid:g} times, "
+            f"{self.realisations} realisations{beside}"
         )
 
 
@@ -56,11 +60,13 @@ class Estimate:
     setting : Setting
     half_width, bias : ndarray, shape (terms, steps)
         See ``ERROR_BUDGET``; relative, NaN where not known.
+    cheap : float, share of the cheap cells in the square of the sampling error
     """
 
     setting: Setting
     half_width: np.ndarray
     bias: np.ndarray
+    cheap: float = 0.0
 
     @property
     def total(self) -> float:
@@ -73,24 +79,30 @@ class Estimate:
 
         Notes
         -----
-        From the setting :math:`(s_0, g_0, N_0, k_0)` of the estimate, half-widths change by
+        From the setting :math:`(s_0, g_0, R_0, M_0)` of the estimate, half-widths change by
 
         .. math::
-            \text{sampling}\ 2^{s_0 - s} \sqrt{N_0/N}, \quad
-            \text{cell size}\ 2^{s_0 - s} \sqrt{k_0/k}, \quad
-            \text{micro discretisation}\ 2^{g_0 - g},
+            \text{sampling}\ \sqrt{(1 - c)\, R_0/R + 4^{s_0 - s} c\, M_0/M}, \quad
+            \text{cell size}\ 2^{s_0 - s}, \quad \text{micro discretisation}\ 2^{g_0 - g},
 
+        with the share c of the cheap cells; without any, sampling by
+        :math:`2^{s_0 - s} \sqrt{R_0/R}`, and
         the bias of the cell size by :math:`2^{s_0 - s}`; the other terms stay.
         """
         own = self.setting
         larger = 2.0 ** (own.size - setting.size)
         factor = np.ones((len(ERROR_TERMS), 1))
-        factor[ERROR_TERMS.index("sampling")] = larger * np.sqrt(
-            own.realisations / setting.realisations
-        )
-        factor[ERROR_TERMS.index("cell size")] = larger * np.sqrt(own.study / setting.study)
+        variance = (1.0 - self.cheap) * own.realisations / setting.realisations
+        if self.cheap > 0.0:  # and the pairs do not grow
+            variance += larger**2 * self.cheap * own.control / setting.control
+        else:
+            variance *= larger**2
+        factor[ERROR_TERMS.index("sampling")] = np.sqrt(variance)
+        factor[ERROR_TERMS.index("cell size")] = larger
         factor[ERROR_TERMS.index("micro discretisation")] = 2.0 ** (own.grid - setting.grid)
-        return Estimate(setting, factor * self.half_width, larger * self.bias)
+        return replace(
+            self, setting=setting, half_width=factor * self.half_width, bias=larger * self.bias
+        )
 
 
 @dataclass(frozen=True)
@@ -119,9 +131,9 @@ class CostModel:
         *fixed, slope = nnls(np.transpose(columns) / time[:, None], np.ones(time.size))[0]
         return cls(float(sum(fixed)), float(slope), layered)
 
-    def seen(self, setting: Setting, time: float) -> "CostModel":
-        """Scale all times by the time of a cell of a setting, s."""
-        ratio = time / self.of_cell(setting.size, setting.grid)
+    def seen(self, size: float, grid: float, time: float) -> "CostModel":
+        """Scale all times by the time of a cell, s."""
+        ratio = time / self.of_cell(size, grid)
         return CostModel(ratio * self.fixed, ratio * self.time, self.layered)
 
     def of_cell(self, size: float, grid: float) -> float:
@@ -132,64 +144,42 @@ class CostModel:
 
 def cheapest(
     estimate: Estimate,
-    costs: CostModel,
-    done: Mapping[tuple[float, float], int],
-    study: Mapping[tuple[float, float], int],
+    settings: Iterable[Setting],
+    time_of: Callable[[Setting], float],
     target: float,
-    limits: tuple[range, range],
-    fewest: int = 1,
 ) -> tuple[Setting, float]:
     """Choose the setting of least time among those that are expected to reach a target.
 
     Parameters
     ----------
-    estimate, costs : Estimate, CostModel
+    estimate : Estimate
         What is known.
-    done : dict
-        Realisations that are there by (size, grid); they cost nothing.
-    study : dict
-        Cells of the pilot runs by (size, grid), of which a study takes a multiple; empty if they
-        are stored and cannot become more.
+    settings : iterable of Setting
+        Those that can be had.
+    time_of : callable, time of what a setting has and is not there yet, s
     target : float
         Relative.
-    limits : tuple of range
-        Sizes and grids that can be had.
-    fewest : int
-        Realisations at least.
 
     Returns
     -------
     tuple of Setting and float
-        And its expected time, s, of what is not there yet.
+        And its time, s.
 
     Raises
     ------
     CaseError
         If no setting is expected to reach the target; the message says how near one comes.
     """
-    found: list[tuple[float, Setting]] = []
-    best = (np.inf, estimate.setting)
-    studies = STUDIES if study else (estimate.setting.study,)
-    for size, grid, n, many in product(*limits, REALISATIONS, studies):
-        if many < estimate.setting.study or n < fewest:
-            continue
-        setting = Setting(size, grid, n, many)
-        total = estimate.at(setting).total
-        best = min(best, (total, setting))
-        if total <= target:
-            more = setting.realisations - done.get((setting.size, setting.grid), 0)
-            time = max(0, more) * costs.of_cell(setting.size, setting.grid)
-            extra = setting.study / estimate.setting.study - 1.0
-            time += extra * sum(one * costs.of_cell(*key) for key, one in study.items())
-            found.append((time, setting))
-    if not found:
-        near = estimate.at(best[1])
-        sizes = np.nan_to_num(total_error(near.bias, near.half_width)).max(axis=1)
-        largest = ERROR_TERMS[int(np.argmax(sizes))]
-        raise CaseError(
-            f"an error of {100.0 * target:.3g} % is out of reach: {best[1]} are expected to leave "
-            f"{100.0 * best[0]:.3g} %, most of it by the {largest}; ask for "
-            f"a larger target, or change what that comes from"
-        )
-    time, setting = min(found)
-    return setting, time
+    totals = {setting: estimate.at(setting).total for setting in settings}
+    if found := [(time_of(one), one) for one, total in totals.items() if total <= target]:
+        time, setting = min(found)
+        return setting, time
+    best = min(totals, key=lambda one: (totals[one], one))
+    near = estimate.at(best)
+    sizes = np.nan_to_num(total_error(near.bias, near.half_width)).max(axis=1)
+    largest = ERROR_TERMS[int(np.argmax(sizes))]
+    raise CaseError(
+        f"an error of {100.0 * target:.3g} % is out of reach: {best} are expected to leave "
+        f"{100.0 * totals[best]:.3g} %, most of it by the {largest}; ask for "
+        f"a larger target, or change what that comes from"
+    )

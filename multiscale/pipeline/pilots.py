@@ -1,4 +1,4 @@
-"""The cells that a planner starts from: stored ones of a spectrum alike, or pilot runs."""
+"""Stored cells of a spectrum alike, from which a planner starts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Pilots", "stored_pilots", "surface_at_large"]
 
-PILOT_RUNS = "pilot runs"
 STORED = Path(__file__).with_name("stored_cells.nc")
 HURST_RANGE, BAND_RANGE = (0.4, 0.9), (3.0, 12.0)  # what stored cells stand for
 MANY_WAVES = 32  # across a surface at large
@@ -31,7 +30,7 @@ MOST_POINTS = 2048  # across it
 
 @dataclass(frozen=True, eq=False)
 class Pilots:
-    """Responses that tell the scatter and the errors by size and grid, independent of the answer.
+    """Stored responses that tell the scatter and the errors by size and grid.
 
     Attributes
     ----------
@@ -42,21 +41,15 @@ class Pilots:
 
     sizes: Mapping[float, "xr.Dataset"]
     grids: Mapping[float, "xr.Dataset"]
-    source: str = PILOT_RUNS
+    source: str
 
-    @property
-    def stored(self) -> bool:
-        """Whether they come with the package, and cannot become more."""
-        return self.source != PILOT_RUNS
+    def sizes_beside(self, case: Case) -> "dict[float, xr.Dataset]":
+        """Return the responses by the ratio of their size to the size of a case."""
+        return {one / max(case.cell.size): response for one, response in self.sizes.items()}
 
-    def beside(self, case: Case) -> tuple[dict[float, "xr.Dataset"], dict[float, "xr.Dataset"]]:
-        """Sizes and grids by their ratios to those of a case."""
-        edge = max(case.cell.size)
-        spacing = edge / max(case.cell.points)
-        return (
-            {one / edge: response for one, response in self.sizes.items()},
-            {one / spacing: response for one, response in self.grids.items()},
-        )
+    def grids_beside(self, case: Case) -> "dict[float, xr.Dataset]":
+        """Return the responses by the ratio of their spacing to the spacing of a case."""
+        return {one / case.cell.spacing: response for one, response in self.grids.items()}
 
 
 def surface_at_large(case: Case) -> "Surface | None":

@@ -1,17 +1,31 @@
 """From a target for the error to cells, grid and realisations: pilot runs, forecast, more runs."""
 
 import logging
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io import open_dataset, open_response, write_dataset
+from multiscale.io import make_folder, open_dataset, write_dataset
+from multiscale.micro.graph_mesh import graded_planes
 from multiscale.pipeline.case_budget import joint_scales
-from multiscale.pipeline.forecast import GRIDS, SIZES, CostModel, Estimate, Setting, cheapest
+from multiscale.pipeline.case_cells import longest_wave
+from multiscale.pipeline.forecast import (
+    COARSE,
+    CONTROLS,
+    GRIDS,
+    REALISATIONS,
+    SIZES,
+    CostModel,
+    Estimate,
+    Setting,
+    cheapest,
+)
 from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
@@ -25,11 +39,13 @@ from multiscale.upscaling import (
     at_rms_height,
     error_budget,
     fit_law,
+    normal_observations,
     with_budget,
-    without_size_bias,
+    without_bias,
 )
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
-from multiscale.upscaling.control_variates import FEWEST_PAIRS
+from multiscale.upscaling.budget_terms import Term, grid_term
+from multiscale.upscaling.cell_size import size_term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,19 +54,20 @@ __all__ = ["Plan", "pilot_cases", "plan", "resize"]
 
 logger = logging.getLogger(__name__)
 
-STUDY: dict[tuple[float, float], int] = {(-1, -1): 8, (0, -1): 4}
-"""Cells of the pilot runs by (size, grid): scatter, and bias by the size, on a coarse grid."""
+FEWEST_WAVES = 2.0  # across the smallest cells: those with fewer tell no power of the size
+FIRST_CELLS, FIRST_CONTROL = (6, 4), 48
+"""Cells of the first two sizes, and flat ones beside dearer ones."""
 
-PAIRS = 4
-"""Cells of the smaller pilot runs that are solved on the grid of the case, too."""
+PAIRS = {-1: 6, 0: 6, 1: 4, 2: 4}
+"""Cells of the smallest size that are solved on other grids, too."""
 
 MOST_ROUNDS = 8
 
 FEWEST_POINTS = 8
 """Of a cell, each way."""
 
-PILOT_SEED = 1_000_003
-"""Between the first realisations of pilot runs of different sizes, and of the answer."""
+SIZE_SEED = 1_000_003
+"""Between the first realisations of different sizes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +82,7 @@ class Plan:
         Answer of the blocks, with its error budget, if the case has blocks.
     folder : Path, of the cells
     total : float, estimated error, relative
-    spent, forecast : float, time of all cells, s, and what was expected after the pilot runs
+    spent, forecast : float, time of all cells, s, and what was expected after the first ones
     lines : tuple of str, what was decided and found, a sentence for each round
     """
 
@@ -117,25 +134,33 @@ def plan(
 
     Notes
     -----
-    Stored cells of a spectrum alike, or pilot runs of small cells on coarse grids, tell the
-    scatter, the bias by the size of the cell, which is taken out of the law, the error of the grid
-    and the time of a cell. Gaps are those at the height of the surface at large. From them follows
-    the setting of least time whose total is expected to be below the target; see
-    :class:`~.forecast.Estimate`. Its cells are solved and its budget is estimated anew, which is
-    the next forecast's base, until the estimate is below the target.
+    Flat cells are on a coarse grid, and dearer ones on the grid of the case. What they lack is
+    told by differences of small scatter between cells on the same surfaces, and taken out: few
+    cells of the smallest size lead to finer grids, and few dear cells of the first two sizes to
+    many flat ones of any size; see :class:`~.control_variates.Control`. Cells of several sizes, or
+    stored flat cells of a spectrum alike, tell the bias by the size. Gaps are those at the height
+    of the surface at large.
+
+    From the errors that are left, and from the times of cells, follows the setting of least time
+    whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are
+    solved and its budget is estimated anew, which is the next forecast's base, until the estimate
+    is below the target. Sizes grow by a factor of two at a time, as each tells the bias of the next
+    one.
     """
     assert case.accuracy is not None
     _check(case)
     campaign = _Campaign(case, out / "plan", executor, progress, surface_at_large(case))
     known, forecast = campaign.begin(), np.nan
-    lines: list[str] = []
+    target, lines = case.accuracy.target, list[str]()
     for _ in range(MOST_ROUNDS):
+        if known.answered and known.estimate.total <= target:
+            return campaign.finish(known, tuple(lines), forecast)
         setting, time, known = campaign.choose(known)
         spent, expected = campaign.spent(), known.estimate.at(setting).total
         logger.info("%s: about %.3g s and %.3g %%", setting, time, 100.0 * expected)
         forecast = forecast if lines else spent + time
         try:
-            known, response = campaign.advance(known, setting)
+            known = campaign.advance(known, setting)
         except CaseError as error:  # a measured map holds no more or no larger windows
             if setting.size <= 0:
                 raise
@@ -148,37 +173,58 @@ def plan(
             f"estimated error {100.0 * known.estimate.total:.3g} %"
         )
         logger.info(lines[-1])
-        if known.estimate.total <= case.accuracy.target:
-            return campaign.finish(known, response, tuple(lines), forecast)
+    if known.answered and known.estimate.total <= target:
+        return campaign.finish(known, tuple(lines), forecast)
     raise ConvergenceError(
         f"the estimated error is {100.0 * known.estimate.total:.3g} % after {MOST_ROUNDS} rounds, "
-        f"above the target of {100.0 * case.accuracy.target:.3g} %; run again to go on, or ask for "
+        f"above the target of {100.0 * target:.3g} %; run again to go on, or ask for "
         f"a larger target"
     )
 
 
-def resize(case: Case, setting: Setting, *, pilot: bool = False) -> Case:
-    """Return a case with the cells, the grid and the realisations of a setting.
+def resize(case: Case, setting: Setting, *, grid: int = COARSE) -> Case:
+    """Return a case with the cells and the realisations of a setting, on a grid.
 
-    The surfaces of pilot runs are independent of those of the answer.
+    Surfaces of different sizes are independent. Layers of larger cells are thicker by the same
+    factor from one to the next.
     """
-    larger, finer = 2.0**setting.size, 2.0 ** (setting.size + setting.grid)
+    larger, finer = 2.0**setting.size, 2.0 ** (setting.size + grid)
+    most, layers = float(max(case.cell.points)), case.cell.layers
+    thickness = np.diff(graded_planes(most, layers, 1.0))  # over the spacing, from base to top
+    ratio = max(float(thickness[0] / thickness[-1]), 1.0 + 1e-6)
+    growth = ratio ** (2.0**-grid / (layers - 1))
+    graded = np.log1p((growth - 1.0) * finer * most) / np.log(growth)
     cell = case.cell.model_copy(
         update={
             "size": tuple(larger * edge for edge in case.cell.size),
             "points": tuple(2 * max(2, round(0.5 * finer * n)) for n in case.cell.points),
-            "layers": max(4, round(2.0**setting.grid * case.cell.layers)),
+            "layers": max(4, round(graded)),
         }
     )
-    seed = case.micro.seed + (PILOT_SEED * (1 + setting.size - SIZES.start) if pilot else 0)
+    seed = case.micro.seed + int(SIZE_SEED * (setting.size % len(SIZES)))
     micro = case.micro.model_copy(update={"realisations": setting.realisations, "seed": seed})
     return case.model_copy(update={"cell": cell, "micro": micro})
 
 
 def pilot_cases(case: Case) -> list[Case]:
-    """Return the cases of the first pilot runs, which stored cells may save."""
-    runs = (*STUDY.items(), ((-1.0, 0.0), PAIRS))
-    return [resize(case, Setting(*kind, count), pilot=True) for kind, count in runs]
+    """Return the cases that a planner begins with, which stored cells may save."""
+    smallest = _smallest(case)
+    settings = [Setting(smallest + k, 0, n) for k, n in enumerate(FIRST_CELLS)]
+    first = [resize(case, one, grid=_grid(case)) for one in settings]
+    if case.beside_flat:
+        first += [resize(case, one).control(FIRST_CONTROL) for one in settings]
+    return [*first, resize(case, settings[0], grid=COARSE - _grid(case))]
+
+
+def _grid(case: Case) -> int:
+    """Return the grid of the answer: errors of dear cells on coarse ones differ between sizes."""
+    return COARSE if case.cell.geometry == "flat" else 0
+
+
+def _smallest(case: Case) -> int:
+    """Return the first size: half of the cell of the case, or the cell if it has few waves."""
+    waves = 0.5 * max(case.cell.size) / longest_wave(case)
+    return SIZES[0] if case.measured or waves >= FEWEST_WAVES else 0
 
 
 def _check(case: Case) -> None:
@@ -189,7 +235,7 @@ def _check(case: Case) -> None:
                 f"[accuracy] compares grids, on which the surface has to be the same: give "
                 f"short_cutoff in [body_{number}.surface]"
             )
-    fewest = min(resize(case, Setting(-1, -1, 1)).cell.points)
+    fewest = min(resize(case, Setting(-1, 0, 1)).cell.points)
     if fewest < FEWEST_POINTS:
         raise CaseError(
             f"[accuracy] begins with a quarter of the points, which would be {fewest}; "
@@ -207,13 +253,56 @@ def _check(case: Case) -> None:
 
 
 @dataclass(frozen=True, eq=False)
+class _Ensemble:
+    """Cells of one size, and flat ones, of which the first are beside them."""
+
+    setting: Setting
+    response: "xr.Dataset"
+    control: "xr.Dataset | None" = None
+    time: float = np.nan  # of a flat cell of this size, s
+
+    @property
+    def cheap(self) -> float:
+        """Share of the flat cells in the variance of the mean gap, median over the steps."""
+        parts = normal_observations(self.response, self.control).parts
+        each = [np.nanvar(one.masked, axis=0) / freedom for one, freedom in parts]
+        return float(np.median(each[-1] / sum(each))) if len(parts) == 2 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class _Known:
-    """What a planner knows after a round."""
+    """What a planner knows after a round: first cells of the smallest size are on all grids."""
 
     estimate: Estimate
-    pilots: Pilots
+    stored: Pilots | None
+    ensembles: Mapping[float, _Ensemble]
+    grids: "Mapping[int, xr.Dataset]"
     costs: CostModel
+    grid: int  # of the answer
+    flat_costs: CostModel | None = None
     sizes: range = SIZES  # that can be had
+
+    @property
+    def answered(self) -> bool:
+        """Whether the estimate is of cells of the case."""
+        return self.estimate.setting.size in self.ensembles
+
+    def time_of(self, setting: Setting) -> float:
+        """Time of what a setting has and is not there, s."""
+        there = self.ensembles.get(setting.size)
+        have = Setting(setting.size, 0, 0) if there is None else there.setting
+        cells, flat = setting.realisations - have.realisations, setting.control - have.control
+        if not setting.control or self.flat_costs is None:
+            time = max(0, cells) * self.costs.of_cell(setting.size, self.grid)
+        else:
+            time = max(0, flat) * self.flat_costs.of_cell(setting.size, COARSE)
+            pairs = self.ensembles[min(setting.size, min(self.ensembles) + 1)].setting
+            more = max(0, setting.realisations - pairs.realisations)
+            time += more * self.costs.of_cell(pairs.size, self.grid)
+        finer = [grid for grid in PAIRS if max(self.grids, default=2) < grid <= setting.grid]
+        return time + sum(
+            PAIRS[one] * self.costs.of_cell(min(self.ensembles), one) for one in finer
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,191 +315,234 @@ class _Campaign:
     progress: ShowProgress
     large: Surface | None  # the surface at large
 
-    def folder(self, setting: Setting, *, pilot: bool = False) -> Path:
-        """Return where the cells of a setting are."""
-        name = f"size{setting.size:+g}-grid{setting.grid:+g}"
-        return self.out / (f"pilot-{name}" if pilot else name)
+    def folder(self, size: float, grid: int) -> Path:
+        """Return where the cells of a size are."""
+        return self.out / f"size{size:+g}-grid{grid:+g}"
 
-    def solve(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset":
+    def solve(self, setting: Setting, grid: int) -> "xr.Dataset":
         """Response of the cells of a setting, at the height of the surface at large.
 
         Cells that are there are kept.
         """
-        cells = (
-            f"{'pilot ' if pilot else ''}cells of size {setting.size:+g}, grid {setting.grid:+g}"
-        )
+        cells = f"cells of size {setting.size:+g}, grid {grid:+g}"
         response = run_micro(
-            resize(self.case, setting, pilot=pilot),
-            self.folder(setting, pilot=pilot) / "micro_response.nc",
+            resize(self.case, setting, grid=grid),
+            self.folder(setting.size, grid) / "micro_response.nc",
             executor=self.executor,
             progress=lambda finished, total, _: self.progress(finished, total, cells),
             fields=False,
         )
         return self.at_large(response)
 
+    def press(self, setting: Setting) -> "xr.Dataset":
+        """Response of the flat cells of a setting, which are on the coarse grid."""
+        folder = self.folder(setting.size, COARSE)
+        job = Job(make_folder(folder), self.executor, self.progress)
+        control = press_control(resize(self.case, setting), setting.control, job)
+        write_dataset(control, folder / f"{CONTROL_RESPONSE.name}.nc", CONTROL_RESPONSE)
+        return self.at_large(control)
+
+    def own(self, setting: Setting) -> Setting:
+        """Return the setting of the dear cells: with flat ones beside, they do not grow."""
+        return replace(setting, size=min(setting.size, _smallest(self.case) + 1.0))
+
+    def ensemble(self, setting: Setting) -> _Ensemble:
+        """Solve the cells of a setting, with the flat ones that it has."""
+        import xarray as xr
+
+        if not setting.control:
+            return _Ensemble(setting, self.solve(setting, _grid(self.case)))
+        own = self.own(setting)
+        response, control = self.solve(own, _grid(self.case)), self.press(setting)
+        time = _time(control)
+        if own.size < setting.size:
+            n = setting.realisations
+            pairs = self.press(replace(own, control=max(n, FIRST_CONTROL)))
+            numbers = n + np.arange(control.sizes["realisation"])
+            both = pairs.isel(realisation=slice(n)), control.assign_coords(realisation=numbers)
+            control = xr.concat(both, "realisation", combine_attrs="override")
+            control = control.assign_attrs(pairs_apart=1)
+        return _Ensemble(setting, response, control, time)
+
     def at_large(self, response: "xr.Dataset") -> "xr.Dataset":
         """Return a response at the height of the surface at large."""
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
-    def control(self, setting: Setting, *, pilot: bool = False) -> "xr.Dataset | None":
-        """Flat cells beside those of a setting; none if these are few, or are stored ones."""
-        file = self.folder(setting, pilot=pilot) / "micro_response.nc"
-        few = setting.realisations < FEWEST_PAIRS
-        if few or not self.case.micro.control or not file.exists():
-            return None
-        cells = resize(self.case, setting, pilot=pilot)
-        found = press_control(cells, open_response(file), Job(file.parent, self.executor))
-        write_dataset(found, file.with_name(f"{CONTROL_RESPONSE.name}.nc"), CONTROL_RESPONSE)
-        return self.at_large(found)
-
     def begin(self) -> _Known:
-        """Start from stored cells, or from pilot runs where none stand for the case."""
-        pilots = stored_pilots(self.case, self.large)
-        if pilots is None:
-            return self.begin_with_pilots()
-        edge, spacing = sorted(pilots.sizes)[1], max(pilots.grids)
-        size = float(np.log2(edge / max(self.case.cell.size)))
-        grid = float(np.log2(self.case.cell.spacing / spacing))
-        response = pilots.sizes[edge]
-        setting = Setting(size, grid, response.sizes["realisation"])
-        kinds: dict[tuple[float, float], float] = {}
-        for one_edge, one in pilots.sizes.items():
-            kinds[size + float(np.log2(one_edge / edge)), grid] = _time(one)
-        costs = CostModel.fit(kinds, layered=False)
-        return _Known(self.estimate(setting, response, pilots), pilots, costs)
+        """Start from stored cells, or from small cells where none stand for the case."""
+        stored = stored_pilots(self.case, self.large)
+        if stored is None:
+            return self.explore(SIZES)
+        edge, own = sorted(stored.sizes)[1], max(self.case.cell.size)
+        setting = Setting(
+            float(np.log2(edge / own)),
+            float(np.log2(self.case.cell.spacing / min(stored.grids))),
+            stored.sizes[edge].sizes["realisation"],
+        )
+        grid = float(np.log2(self.case.cell.spacing / max(stored.grids)))
+        times = {
+            (float(np.log2(one_edge / own)), grid): _time(one)
+            for one_edge, one in stored.sizes.items()
+        }
+        first = _Ensemble(setting, stored.sizes[edge])
+        costs = CostModel.fit(times, layered=False)
+        return self.estimated(_Known(NOTHING, stored, {}, {}, costs, COARSE), first)
 
-    def begin_with_pilots(self) -> _Known:
-        """Start from pilot runs."""
-        pilots = self.pilots(1)
-        small, large = sorted(pilots.sizes)
+    def explore(self, sizes: range) -> _Known:
+        """Start from small cells of two sizes, some of the smaller ones on two grids."""
+        dear, grid = self.case.beside_flat, _grid(self.case)
+        control, first = FIRST_CONTROL if dear else 0, float(_smallest(self.case))
+        found = {
+            first + k: self.ensemble(Setting(first + k, 0, n, control))
+            for k, n in enumerate(FIRST_CELLS)
+        }
+        small, last = found.values()
+        other = COARSE - grid
+        grids = dict(sorted({grid: small.response, other: self.on_grid(other)}.items()))
         times: dict[tuple[float, float], float] = {
-            (-1, -1): _time(pilots.sizes[small]),
-            (0, -1): _time(pilots.sizes[large]),
-            (-1, 0): _time(pilots.grids[min(pilots.grids)]),
+            (size, grid): _time(one.response) for size, one in found.items()
         }
+        times[first, other] = _time(grids[other])
         costs = CostModel.fit(times, layered=self.case.cell.geometry != "flat")
-        setting = Setting(0, -1, STUDY[0, -1])
-        estimate = self.estimate(setting, pilots.sizes[large], pilots, pilot=True)
-        return _Known(estimate, pilots, costs)
-
-    def pilots(self, multiple: int) -> Pilots:
-        """Solve the pilot runs: cells of two sizes, and some of them on two grids."""
-        edge, spacing = max(self.case.cell.size), self.case.cell.spacing
-        study = {
-            2.0**size * edge: self.solve(Setting(size, grid, multiple * n), pilot=True)
-            for (size, grid), n in STUDY.items()
+        flat: dict[tuple[float, float], float] = {
+            (size, COARSE): one.time for size, one in found.items()
         }
-        fine = self.solve(Setting(-1, 0, multiple * PAIRS), pilot=True)
-        coarse = study[0.5 * edge].isel(realisation=slice(multiple * PAIRS))
-        return Pilots(study, {spacing: fine, 2.0 * spacing: coarse})
+        flat_costs = CostModel.fit(flat, layered=False) if dear else None
+        known = _Known(NOTHING, None, found, grids, costs, grid, flat_costs, sizes)
+        return self.estimated(known, last)
+
+    def on_grid(self, grid: int) -> "xr.Dataset":
+        """Response of first cells of the smallest size on another grid."""
+        return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid)
 
     def choose(self, known: _Known) -> tuple[Setting, float, _Known]:
-        """Choose the cheapest setting, and pilot runs where stored cells do not reach so far."""
+        """Choose the cheapest setting, and explore where stored cells do not reach so far."""
         assert self.case.accuracy is not None
-        study = {} if known.pilots.stored else STUDY
-        limits, target = (known.sizes, GRIDS), self.case.accuracy.target
-        fewest = FEWEST_PAIRS if self.case.micro.control else 1
-        costs, done = known.costs, self.done()
+        target = self.case.accuracy.target
         try:
-            return (*cheapest(known.estimate, costs, done, study, target, limits, fewest), known)
+            setting, time = cheapest(known.estimate, self.settings(known), known.time_of, target)
         except CaseError:
-            if not known.pilots.stored:
+            if known.stored is None:
                 raise
-            return self.choose(replace(self.begin_with_pilots(), sizes=known.sizes))
+            return self.choose(self.explore(known.sizes))
+        next_size = known.estimate.setting.size + 1
+        if known.stored is None and setting.size > next_size:
+            setting = replace(setting, size=next_size)
+            time = known.time_of(setting)
+        return setting, time, known
 
-    def advance(self, known: _Known, setting: Setting) -> tuple[_Known, "xr.Dataset"]:
+    def settings(self, known: _Known) -> list[Setting]:
+        """Return the settings that can be had."""
+        now = known.estimate.setting
+        if known.stored is not None:
+            return [Setting(*one) for one in product(known.sizes, [now.grid], REALISATIONS)]
+        sizes = [float(one) for one in known.sizes if one >= now.size]
+        grids = [one for one in GRIDS if one >= now.grid]
+        numbers = [one for one in REALISATIONS if one >= now.realisations]
+        controls = CONTROLS if known.estimate.cheap > 0.0 else (0,)
+        found = [Setting(*one) for one in product(sizes, grids, numbers, controls)]
+        return [one for one in found if one.control > one.realisations or not one.control]
+
+    def advance(self, known: _Known, setting: Setting) -> _Known:
         """Solve the cells of a setting, and estimate the error that they leave."""
-        more = setting.study > known.estimate.setting.study
-        pilots = self.pilots(setting.study) if more else known.pilots
-        response = self.solve(setting)
-        estimate = self.estimate(setting, response, pilots)
-        more_time = self.time_of_control(setting) / setting.realisations
-        costs = known.costs.seen(setting, _time(response) + more_time)
-        return replace(known, estimate=estimate, pilots=pilots, costs=costs), response
+        found = self.ensemble(setting)
+        grids, costs, flat = dict(known.grids), known.costs, known.flat_costs
+        if known.stored is None:
+            grids |= {one: self.on_grid(one) for one in PAIRS if max(grids) < one <= setting.grid}
+        if flat is None or found.control is None:
+            costs = costs.seen(setting.size, known.grid, _time(found.response))
+        else:
+            flat = flat.seen(setting.size, COARSE, found.time)
+        ensembles = {**known.ensembles, setting.size: found}
+        known = replace(known, ensembles=ensembles, grids=grids, costs=costs, flat_costs=flat)
+        return self.estimated(known, found)
 
-    def time_of_control(self, setting: Setting) -> float:
-        """Time of the flat cells beside those of a setting, s."""
-        file = self.folder(setting) / f"{CONTROL_RESPONSE.name}.nc"
+    def terms(self, known: _Known, found: _Ensemble) -> tuple[Term, Term]:
+        """Return what cells lack by their size and by their grid, with the biases."""
+        response, setting = found.response, found.setting
+        if known.stored is not None:
+            chosen = resize(self.case, setting)
+            return (
+                size_term(response, known.stored.sizes_beside(chosen), apart=True),
+                grid_term(response, known.stored.grids_beside(chosen), apart=True),
+            )
+        beside = {2.0 ** (size - setting.size): one for size, one in known.ensembles.items()}
+        others = {ratio: one.response for ratio, one in beside.items() if ratio != 1.0}
+        controls = {ratio: one.control for ratio, one in beside.items()}
+        grids = {2.0 ** (known.grid - grid): one for grid, one in known.grids.items()}
         return (
-            float(open_dataset(file, CONTROL_RESPONSE)["wall_time"].sum()) if file.exists() else 0.0
+            size_term(response, others, controls=controls),
+            grid_term(response, grids, apart=True),
         )
 
-    def law(
-        self, setting: Setting, response: "xr.Dataset", pilots: Pilots, *, pilot: bool = False
-    ) -> tuple[Case, "xr.Dataset"]:
-        """Fit the law of a response, with its budget; with flat cells as control of dearer ones.
+    def law(self, known: _Known, found: _Ensemble) -> tuple[Case, "xr.Dataset"]:
+        """Fit the law of cells less their biases, with its budget.
 
-        It has no bootstrap samples: their bands would hold the scatter of few cells, and neither
-        that of the pilot runs nor the errors by size and grid, which the budget has.
+        It has no bootstrap samples: their bands would hold the scatter of few cells, and not the
+        errors by size and grid, which the budget has.
         """
-        chosen = resize(self.case, setting)
-        sizes, grids = pilots.beside(chosen)
-        response = without_size_bias(response, sizes)
-        control = self.control(setting, pilot=pilot)
-        law = fit_law(response, control=control, n_terms=chosen.law.terms, n_samples=0)
-        scales = joint_scales(chosen)
+        chosen, stored = resize(self.case, found.setting), known.stored
+        pressure = normal_observations(found.response).pressure
+        size, grid = (one.smooth(pressure) for one in self.terms(known, found))
+        terms = {"cell size": size, "micro discretisation": grid}
+        response = without_bias(found.response, *terms.values())
+        law = fit_law(response, control=found.control, n_terms=chosen.law.terms, n_samples=0)
+        source = "cells of the planner" if stored is None else stored.source
         budget = error_budget(
             response,
             law,
-            resolutions=grids,
-            sizes=sizes,
-            scales=scales,
+            sizes=None if stored is None else stored.sizes_beside(chosen),
+            scales=joint_scales(chosen),
             apart=True,
-            control=control,
+            control=found.control,
+            known={name: term.taken_out(source) for name, term in terms.items()},
         )
-        told = [how_attribute(one) for one in ("sampling", "cell size", "micro discretisation")]
-        sources = {one: f"{budget.attrs[one]} ({pilots.source})" for one in told}
-        return chosen, with_budget(law, budget.assign_attrs(sources))
+        if stored is not None:
+            told = how_attribute("sampling")
+            budget = budget.assign_attrs({told: f"{budget.attrs[told]} ({source})"})
+        return chosen, with_budget(law, budget)
 
-    def estimate(
-        self, setting: Setting, response: "xr.Dataset", pilots: Pilots, *, pilot: bool = False
-    ) -> Estimate:
-        """Say how wrong the answer of a response is."""
+    def estimated(self, known: _Known, found: _Ensemble) -> _Known:
+        """Say how wrong the answer of cells is."""
         assert self.case.accuracy is not None
-        chosen, carrier = self.law(setting, response, pilots, pilot=pilot)
+        chosen, carrier = self.law(known, found)
         quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
             carrier = solve_joint(chosen, carrier)
         one = carrier.sel(quantity=quantity)
-        half = one["error_half_width"].to_numpy()
-        estimate = Estimate(setting, half, one["error_bias"].to_numpy())
+        half, bias = one["error_half_width"].to_numpy(), one["error_bias"].to_numpy()
+        finest = found.setting.grid if known.stored is not None else max(known.grids)
+        estimate = Estimate(replace(found.setting, grid=finest), half, bias, found.cheap)
         if not np.isfinite(estimate.total):
             missing = [
                 term
-                for term, known in zip(ERROR_TERMS, np.isfinite(half), strict=True)
-                if not known.all() and (known.any() or term in ALWAYS)
+                for term, known_steps in zip(ERROR_TERMS, np.isfinite(half), strict=True)
+                if not known_steps.all() and (known_steps.any() or term in ALWAYS)
             ]
             raise CaseError(
                 f"{self.case.title}: the error of {quantity} cannot be estimated: "
                 f"{', '.join(missing)} is not known at all pressures; change the keys that the "
                 f"cautions name, or leave out [accuracy]"
             )
-        return estimate
+        return replace(known, estimate=estimate)
 
-    def finish(
-        self, known: _Known, response: "xr.Dataset", lines: tuple[str, ...], forecast: float
-    ) -> Plan:
+    def finish(self, known: _Known, lines: tuple[str, ...], forecast: float) -> Plan:
         """Fit the law that is the answer, and solve the joint with it, if there is one."""
         assert self.case.accuracy is not None
-        accuracy, setting, total = self.case.accuracy, known.estimate.setting, known.estimate.total
-        spent = self.spent()
-        chosen, law = self.law(setting, response, known.pilots)
+        accuracy, total = self.case.accuracy, known.estimate.total
+        found, spent = known.ensembles[known.estimate.setting.size], self.spent()
+        chosen, law = self.law(known, found)
         result = None if chosen.interface_width is None else solve_joint(chosen, law)
+        expected = f", {forecast:.3g} s forecast at the start" if lines else ""
         last = (
             f"the estimated error of {accuracy.quantity} is {100.0 * total:.3g} %, below the "
-            f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent, "
-            f"{forecast:.3g} s forecast at the start"
+            f"target of {100.0 * accuracy.target:.3g} %; {spent:.3g} s of solver time were spent"
+            f"{expected}"
         )
-        folder = self.folder(setting)
-        return Plan(chosen, response, law, result, folder, total, spent, forecast, (*lines, last))
-
-    def done(self) -> dict[tuple[float, float], int]:
-        """Count the cells of each setting that are there, pilot runs apart."""
-        keys = [(size, grid) for size in SIZES for grid in GRIDS]
-        return {
-            key: len(list((self.folder(Setting(*key, 1)) / "micro").glob("realisation-*.nc")))
-            for key in keys
-        }
+        own = self.own(found.setting) if found.control is not None else found.setting
+        folder, solved = self.folder(own.size, known.grid), resize(self.case, own, grid=known.grid)
+        lines = (*lines, last)
+        return Plan(solved, found.response, law, result, folder, total, spent, forecast, lines)
 
     def spent(self) -> float:
         """Time of all cells that are there, s."""
@@ -425,3 +557,6 @@ class _Campaign:
 def _time(response: "xr.Dataset") -> float:
     """Median time of a cell, s: the first one may have compiled kernels."""
     return float(np.median(response["wall_time"].sum("step")))
+
+
+NOTHING = Estimate(Setting(np.nan, 0, 1), np.empty(0), np.empty(0))

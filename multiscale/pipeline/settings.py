@@ -314,6 +314,11 @@ class Case(Settings):
                 "control_realisations in [micro] and a target in [accuracy] exclude each other: a "
                 "planner chooses their number itself"
             )
+        if self.accuracy is not None and self.measured:
+            raise ValueError(
+                "control in [micro] and a target in [accuracy] exclude each other on measured "
+                "maps, which hold too few cells; leave control out"
+            )
 
     def _check_leakage(self) -> None:
         """Refuse a gap that nothing flows through, or that no cell keeps."""
@@ -478,16 +483,17 @@ class Case(Settings):
     @property
     def controlled(self) -> bool:
         """Whether flat cells are control variates of the cells."""
-        if not self.has_cells or self.micro.control is False or self.accuracy is not None:
+        if self.accuracy is not None:
             return False
-        if self.micro.control or self.micro.control_realisations:
+        if self.has_cells and (self.micro.control or self.micro.control_realisations):
             return True
-        return (
-            self.cell.geometry != "flat"
-            and self.cell.mesh is None
-            and self.micro.realisations >= FEWEST_PAIRS
-            and not self.measured
-        )
+        return self.beside_flat and self.micro.realisations >= FEWEST_PAIRS
+
+    @property
+    def beside_flat(self) -> bool:
+        """Whether the cells are dearer than flat ones, which may stand beside them."""
+        dear = self.has_cells and self.cell.geometry != "flat" and self.cell.mesh is None
+        return dear and self.micro.control is not False and not self.measured
 
     @property
     def measured(self) -> bool:

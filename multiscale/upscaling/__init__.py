@@ -8,7 +8,7 @@ from multiscale.upscaling.branches import (
     with_unloading,
 )
 from multiscale.upscaling.budget import error_budget, with_budget
-from multiscale.upscaling.cell_size import at_rms_height, without_size_bias
+from multiscale.upscaling.cell_size import at_rms_height, without_bias
 from multiscale.upscaling.comparison import compare_laws
 from multiscale.upscaling.conductance import (
     CONDUCTANCES,
@@ -141,7 +141,7 @@ __all__ = [
     "with_shear",
     "with_sliding",
     "with_unloading",
-    "without_size_bias",
+    "without_bias",
     "write_law_table",
     "write_pressure_overclosure",
 ]

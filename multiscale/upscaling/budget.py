@@ -1,7 +1,6 @@
 """How wrong a law is: every term estimated and none assumed."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,6 +75,7 @@ def error_budget(
     apart: bool = False,
     tangential: Mapping[float, "xr.Dataset"] | None = None,
     control: "xr.Dataset | None" = None,
+    known: Mapping[str, Term] = {},
 ) -> "xr.Dataset":
     r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
@@ -100,6 +100,8 @@ def error_budget(
         same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
         the law under 1; may be empty.
     control : Dataset, optional, as of :func:`fit_law`
+    known : mapping of str to Term, optional
+        Terms that are known otherwise, such as those whose bias is taken out of the response.
 
     Returns
     -------
@@ -144,6 +146,8 @@ def error_budget(
     how = f"Student's interval of {gap.n_realisations} realisations"
     if gap.control is not None:
         how += f" with {gap.control}"
+    elif control is not None:
+        how += " alone, since they and the control cells follow each other by chance alone"
     elif pooled:
         how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
     if not np.any(np.isfinite(sampling.half_width)):
@@ -163,13 +167,11 @@ def error_budget(
         FEW_CELLS: NO_PART,
         "macro discretisation": Term("not in a law: see structure_budget"),
     }
-    if sizes:
+    if sizes and "cell size" not in known:
         terms["cell size"] = size_term(response, sizes, apart=apart)
-        if "size_bias" in response.attrs:
-            told = str(response.attrs["size_bias"])
-            terms["cell size"] = replace(terms["cell size"], how=told, bias=0.0)
     if resolutions:
         terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
+    terms |= known
     if scales is not None:
         terms["scale separation"] = Term(str(scales), separation_term(law, p, scales))
         few = scatter_term(sampling.scatter, scales)

@@ -4,7 +4,8 @@ Half-widths have the shape (3, steps): gap, contact fraction and stiffness.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,10 +25,11 @@ __all__ = [
     "NORMAL",
     "Sampling",
     "Term",
-    "compared_values",
+    "compared",
     "fit_term",
     "grid_term",
     "increment_term",
+    "parts_of_cells",
     "sampling_term",
     "scatter_term",
     "separation_term",
@@ -68,6 +70,24 @@ class Term:
     half_width: np.ndarray | None = None
     bias: np.ndarray | float = 0.0
 
+    def smooth(self, pressure: np.ndarray) -> "Term":
+        """Return the term with a parabola over the logarithm of the pressure (Pa) as bias.
+
+        The half-width holds the distance from it. A bias of few cells, which differs by chance
+        from step to step, would make a law uneven that is corrected by it.
+        """
+        x, bias = np.log(pressure), np.asarray(self.bias)
+        known = np.isfinite(bias).all(axis=0)
+        degree = max(0, min(2, int(known.sum()) - 2))
+        powers = np.vander(x - x.mean(), degree + 1)
+        even = (powers @ np.linalg.lstsq(powers[known], bias[:, known].T, rcond=None)[0]).T
+        half = np.hypot(np.asarray(self.half_width), bias - even)
+        return replace(self, bias=even, half_width=half)
+
+    def taken_out(self, source: str) -> "Term":
+        """Return what is left where the bias is taken out of an answer."""
+        return replace(self, how=f"taken out: {self.how} ({source})", bias=0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
@@ -106,14 +126,12 @@ def sampling_term(
     from scipy.special import stdtrit
 
     gap = normal_observations(response, control)
-    parts = [
-        [(one.masked, freedom) for one, freedom in gap.parts],
-        [(one.masked, freedom) for one, freedom in area_observations(response, control).parts],
-        [(1.0 / stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
-    ]
+    parts = parts_of_cells(response, control, law)
+    parts[2] = [(1.0 / stiffness, freedom) for stiffness, freedom in parts[2]]
     others: dict[float, tuple[np.ndarray, ...]] = {}
     if sizes and gap.control is None:
-        for ratio, (g, a, k) in compared_values(response, sizes, apart=True).items():
+        for ratio, one in compared(response, sizes, apart=True).items():
+            g, a, k = values_of_cells(one)
             others[ratio] = g, a, 1.0 / k
     half, scatter = np.full((2, 3, gap.pressure.size), np.nan)
     for k, ensembles in enumerate(parts):
@@ -128,6 +146,12 @@ def sampling_term(
         half[k] = np.where(known, np.linalg.norm(factor * np.sqrt(variance), axis=0), np.nan)
         scatter[k] = np.where(known, np.sqrt(variance.sum(axis=0)), np.nan)
     return Sampling(half, scatter)
+
+
+def _student(freedom: np.ndarray) -> np.ndarray:
+    from scipy.stats import t
+
+    return np.asarray(t.ppf(0.975, freedom))
 
 
 def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,14 +222,28 @@ def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
 
 def values_of_cells(response: "xr.Dataset") -> np.ndarray:
     """Gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
-    gap, area = normal_observations(response), area_observations(response)
-    return np.array([gap.masked, area.masked, stiffness_of_each(gap)])
+    return np.array([values for ((values, _),) in parts_of_cells(response)])
 
 
-def compared_values(
+def parts_of_cells(
+    response: "xr.Dataset", control: "xr.Dataset | None" = None, law: "xr.Dataset | None" = None
+) -> list[list[tuple[np.ndarray, int]]]:
+    """Ensembles whose means add up to gap, contact fraction and stiffness, with their freedoms.
+
+    One each, (realisations, steps), or two with a control; NaN where a value is missing.
+    """
+    gap, area = normal_observations(response, control), area_observations(response, control)
+    return [
+        [(one.masked, freedom) for one, freedom in gap.parts],
+        [(one.masked, freedom) for one, freedom in area.parts],
+        [(stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
+    ]
+
+
+def compared(
     response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
-) -> dict[float, np.ndarray]:
-    """Values of all responses that are compared, by their ratios: they were pressed alike.
+) -> "dict[float, xr.Dataset]":
+    """Responses that are compared, by their ratios: they were pressed alike.
 
     The response itself, of the ratio 1, is one of them unless the others are apart from it.
     """
@@ -221,50 +259,54 @@ def compared_values(
             raise CaseError(
                 f"the response at the ratio {ratio:g} has other pressures; press it as the first"
             )
-    both = others if apart else {1.0: response, **others}
-    return {ratio: values_of_cells(one) for ratio, one in both.items()}
+    return dict(others) if apart else {1.0: response, **others}
 
 
 def grid_term(
     response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"], *, apart: bool = False
 ) -> Term:
-    """Half-widths from the same realisations on several grids, at the spacing of the response.
+    """Bias and half-widths from the same realisations on several grids.
 
-    The error at the spacing of the response, or at the spacing compared that is nearest to it, is
-    its difference to the finest grid, which was solved, and what the finest grid leaves by the
-    order observed, or the lowest. The mean difference of few realisations may pass through zero:
-    the interval of the differences is added, and its variance taken out of the square of the mean,
-    which holds it.
+    The bias is the difference from the grid of the response, or the grid compared that is nearest
+    to it, to the finest grid, both of which were solved: the sum of the mean differences between
+    neighbouring grids, each of the realisations of the finer one. The half-width is the error that
+    the finest grid leaves by the order observed, or the lowest. The mean difference of few
+    realisations may pass through zero: the intervals of the differences are added, and their
+    variance is taken out of the square of the mean, which holds it.
     """
-    found = compared_values(response, resolutions, apart=apart)
-    finest, next_finest = sorted(found)[:2]
-    n = {ratio: one.shape[1] for ratio, one in found.items()}
-    for ratio in found:
-        if n[ratio] != n[finest]:
+    found = {
+        ratio: values_of_cells(one)
+        for ratio, one in sorted(compared(response, resolutions, apart=apart).items())
+    }
+    ratios = np.array([*found])
+    for (_, fine), (ratio, coarse) in pairwise(found.items()):
+        if coarse.shape[1] < fine.shape[1]:
             raise CaseError(
-                f"the response at the ratio {ratio:g} has {n[ratio]} realisations, not "
-                f"{n[finest]}; solve the same ones on every grid"
+                f"the response at the ratio {ratio:g} has {coarse.shape[1]} realisations, not "
+                f"{fine.shape[1]}; solve the same ones on every grid"
             )
-    near = min(found, key=lambda ratio: abs(np.log(ratio)))
-    rows, how = [], ""
-    for quantity in range(3):
-        values = {ratio: one[quantity] for ratio, one in found.items()}
-        mean = {ratio / finest: np.nanmean(one, axis=0) for ratio, one in values.items()}
-        size = np.abs(mean[1.0])
-        estimate = estimate_grid_error(mean.pop(1.0), mean)
+    near = ratios[np.argmin(np.abs(np.log(ratios)))]
+    rows, biases, how = [], [], ""
+    for values in zip(*found.values(), strict=True):
+        steps = [coarse[: len(fine)] - fine for fine, coarse in pairwise(values)]
+        change = np.array([np.nanmean(one, axis=0) for one in steps])
+        finest = np.nanmean(values[0], axis=0)
+        means = zip(ratios[1:] / ratios[0], finest + np.cumsum(change, axis=0), strict=True)
+        estimate = estimate_grid_error(finest, dict(means))
         order = estimate.order if np.isfinite(estimate.order) else LOWEST_ORDER
-        solved = values[near] - values[finest]
-        error = solved + (values[next_finest] - values[finest]) / (
-            (next_finest / finest) ** order - 1.0
-        )
-        variance = np.nanvar(error, axis=0) / max(n[finest] - 1, 1)
-        spread = students(variance[None], np.array([[n[finest] - 1]]))
-        square = np.nanmean(error, axis=0) ** 2
+        solved = 1.0 * (ratios[1:] <= near)
+        weight = solved + np.eye(len(steps))[0] / ((ratios[1] / ratios[0]) ** order - 1.0)
+        freedom = np.array([max(len(one) - 1, 1) for one in steps])
+        deviation = [np.nanstd(one, axis=0) for one in steps] / np.sqrt(freedom)[:, None]
+        variance = np.sum(weight[:, None] * deviation, axis=0) ** 2  # as if all were correlated
+        spread = (weight * _student(freedom)) @ deviation
+        square = (weight @ change) ** 2
         sure = np.sqrt(np.maximum(square - variance, 0.0) / np.maximum(square, 1e-300))
-        half = SAFETY * np.abs(np.nanmean(solved, axis=0)) + estimate.half_width
-        rows.append(near**-order * np.hypot(sure * half, spread) / size)
+        scale = near**-order / np.abs(finest)
+        rows.append(scale * np.hypot(sure * estimate.half_width, spread))
+        biases.append(scale * (solved @ change))
         how = how or estimate.how
-    return Term(how, np.array(rows))
+    return Term(how, np.array(rows), np.array(biases))
 
 
 def increment_term(response: "xr.Dataset") -> Term:

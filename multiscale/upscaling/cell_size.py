@@ -9,9 +9,9 @@ from multiscale.errors import CaseError
 from multiscale.upscaling.budget_terms import (
     NORMAL,
     Term,
-    compared_values,
+    compared,
+    parts_of_cells,
     students,
-    values_of_cells,
 )
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 from multiscale.upscaling.response_observations import normal_observations
@@ -19,7 +19,7 @@ from multiscale.upscaling.response_observations import normal_observations
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["at_rms_height", "size_term", "surface_term", "without_size_bias"]
+__all__ = ["at_rms_height", "size_term", "surface_term", "without_bias"]
 
 SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # of what a finite cell leaves out
 FEWEST_HELD = 0.5
@@ -62,7 +62,11 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
 
 
 def size_term(
-    response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"], *, apart: bool = False
+    response: "xr.Dataset",
+    sizes: Mapping[float, "xr.Dataset"],
+    *,
+    apart: bool = False,
+    controls: Mapping[float, "xr.Dataset | None"] = {},
 ) -> Term:
     r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
@@ -74,24 +78,28 @@ def size_term(
     likelihood; with two sizes, which fit any power, alike. How the powers differ adds to the
     half-width. Where the response is one of the sizes, its error :math:`\epsilon_0` enters twice,
     as :math:`(1 - w_0)\, \epsilon_0`, of which the sampling term holds one part; ensembles apart
-    from it are free of that.
+    from it are free of that. ``controls`` have cheap cells beside the cells of a ratio.
     """
-    found = compared_values(response, sizes, apart=apart)
+    found = compared(response, sizes, apart=apart)
     ratios = np.array(sorted(found))
-    shared = np.reshape(0.0 if apart else 1.0 * (ratios == 1.0), (-1, 1))
+    parts = [parts_of_cells(found[ratio], controls.get(ratio)) for ratio in ratios]
+    answers = parts_of_cells(response, controls.get(1.0))
+    shared = 0.0 if apart else 1.0 * (ratios == 1.0)
     biases, rows, powers = [], [], []
-    for quantity, answer in enumerate(values_of_cells(response) if apart else found[1.0]):
-        values = {ratio: one[quantity] for ratio, one in found.items()}
-        mean = np.array([np.nanmean(values[ratio], axis=0) for ratio in ratios])
-        n = np.array([len(values[ratio]) for ratio in ratios])[:, None]
-        error = np.array([np.nanstd(values[ratio], axis=0) for ratio in ratios])
-        error = np.maximum(error / np.sqrt(np.maximum(n - 1, 1)), 1e-9 * np.abs(mean))
+    for quantity, ((answer, _), *_) in enumerate(answers):
+        ensembles = [one[quantity] for one in parts]
+        mean = np.array([np.nanmean(one[0][0], axis=0) for one in ensembles])
+        owner = np.repeat(np.arange(ratios.size), [len(one) for one in ensembles])
+        variance = np.array([_of_mean(values) for one in ensembles for values, _ in one])
+        freedom = np.array([[max(free, 1)] for one in ensembles for _, free in one])
+        variance = np.maximum(variance, (1e-9 * mean[owner]) ** 2)
+        error = np.sqrt([variance[owner == k].sum(axis=0) for k in range(ratios.size)])
         bias, noise, misfit = [], [], []
         for order in SIZE_ORDERS:
             weight, miss = _slope(ratios**-order, mean, error)
             bias.append(np.sum(weight * mean, axis=0))
-            parts = (weight**2 - 2.0 * shared * weight) * error**2
-            noise.append(students(parts, n - 1))
+            counted = weight**2 - 2.0 * np.reshape(shared, (-1, 1)) * weight
+            noise.append(students(counted[owner] * variance, freedom))
             misfit.append(miss)
         likelihood = np.exp(-0.5 * (np.array(misfit) - min(misfit)))
         likelihood /= likelihood.sum()
@@ -106,13 +114,12 @@ def size_term(
     return Term(how, np.array(rows), np.array(biases))
 
 
-def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
-    """Return a response less the bias by the size of its cells.
+def without_bias(response: "xr.Dataset", *terms: Term) -> "xr.Dataset":
+    """Return a response less the biases of gap and contact fraction that terms tell.
 
-    ``sizes`` are ensembles apart from it; :func:`~.budget.error_budget` then counts no bias.
+    Its budget has these terms :meth:`~.budget_terms.Term.taken_out`.
     """
-    term = size_term(response, sizes, apart=True)
-    gap, area, _ = 1.0 - np.asarray(term.bias)
+    gap, area, _ = 1.0 - np.sum([np.asarray(one.bias) for one in terms], axis=0)
     steps, place = response.sizes["step"], normal_observations(response).order
     factors = np.ones((2, steps))
     factors[:, place] = gap, area
@@ -121,7 +128,7 @@ def without_size_bias(response: "xr.Dataset", sizes: Mapping[float, "xr.Dataset"
         for name, factor in zip(("mean_gap", "contact_fraction"), factors, strict=True)
     }
     corrected["contact_fraction"] = corrected["contact_fraction"].clip(0.0, 1.0, keep_attrs=True)
-    return response.assign(corrected).assign_attrs(size_bias=f"taken out: {term.how}")
+    return response.assign(corrected)
 
 
 def surface_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> Term:
@@ -177,3 +184,9 @@ def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
     slope = (share * mean).sum(axis=0)
     misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
     return share, float(misfit.mean())  # the steps of a cell are not independent
+
+
+def _of_mean(values: np.ndarray) -> np.ndarray:
+    """Variance of the mean of the rows, with as many values as each column has."""
+    n = np.maximum(np.isfinite(values).sum(axis=0) - 1, 1)
+    return np.asarray(np.nanvar(values, axis=0) / n)

@@ -47,7 +47,7 @@ class Control:
         :math:`r_i`, scaled so that their variance as that of R values gives the first part of (2);
         NaN where a pair has no value.
     cheap : ndarray, shape (M, points)
-        :math:`\alpha\, (f_j - \bar f_M)`; NaN where there is no value.
+        :math:`\alpha\, (f_j - \bar f_M)`; NaN where there is no value, or none counts.
 
     References
     ----------
@@ -64,7 +64,7 @@ class Control:
     cheap: np.ndarray
 
     @classmethod
-    def of(cls, dear: np.ndarray, cheap: np.ndarray) -> Self | None:
+    def of(cls, dear: np.ndarray, cheap: np.ndarray, *, apart: bool = False) -> Self | None:
         """Combine the values of both ensembles; nothing if they follow each other by chance alone.
 
         Control is of use where the correlation, in the median over the points, is larger than none
@@ -75,19 +75,24 @@ class Control:
         ----------
         dear, cheap : ndarray, shape (R, points) and (M, points)
             The first R rows of the second belong to the first; NaN where there is no value.
+        apart : bool
+            Whether the pairs are of another kind than the further cheap cells, such as smaller
+            ones, so that the mean of the cheap cells is the mean of the further ones alone.
         """
         paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
         n = paired.sum(axis=0)
         if n.min() < FEWEST_PAIRS:
             return None
         y, f = (np.where(paired, one, np.nan) for one in (dear, cheap[: len(dear)]))
+        if apart:
+            cheap = np.concatenate([np.full_like(f, np.nan), cheap[len(dear) :]])
         own, mean = np.nanmean(f, axis=0), np.nanmean(cheap, axis=0)
         dy, df = y - np.nanmean(y, axis=0), f - own
         square = np.nansum(df**2, axis=0)
         steady = square <= SMALLEST * np.nansum(f**2, axis=0)  # and tells nothing
         weight = np.where(steady, 0.0, np.nansum(df * dy, axis=0) / np.where(steady, 1.0, square))
-        apart = np.where(steady, 0.0, (mean - own) ** 2 / np.where(steady, 1.0, square))
-        scale = np.sqrt((1.0 + n * apart) * (n - 1) / np.maximum(n - 2, 1))
+        far = np.where(steady, 0.0, (mean - own) ** 2 / np.where(steady, 1.0, square))
+        scale = np.sqrt((1.0 + n * far) * (n - 1) / np.maximum(n - 2, 1))
         total = np.nansum(dy**2, axis=0)
         correlation = np.abs(weight) * np.sqrt(square / np.where(total > 0.0, total, 1.0))
         if np.median(np.arctanh(np.minimum(correlation, HIGHEST)) * np.sqrt(n - 3)) < CERTAIN:
@@ -103,7 +108,8 @@ class Control:
     def __str__(self) -> str:
         """Say how many cheap cells there are, and how they follow the dear ones."""
         low, high = self.correlation.min(), self.correlation.max()
-        return f"{len(self.cheap)} control cells, whose correlation is {low:.5g} to {high:.5g}"
+        counted = int(np.isfinite(self.cheap).any(axis=1).sum())
+        return f"{counted} control cells, whose correlation is {low:.5g} to {high:.5g}"
 
     @property
     def parts(self) -> tuple[tuple[np.ndarray, int], ...]:

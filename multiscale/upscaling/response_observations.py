@@ -112,7 +112,8 @@ def _observe_response(
     if control is not None:
         numbers = response["realisation"].to_numpy()[kept]
         cheap = paired_first(control, numbers, variable, pressure)
-        both = Control.of(np.where(mask, y, np.nan), cheap)
+        apart = bool(control.attrs.get("pairs_apart", 0))
+        both = Control.of(np.where(mask, y, np.nan), cheap, apart=apart)
     mean = np.where(mask, y, 0.0).sum(axis=0) / mask.sum(axis=0)
     scale = error_scale(quantity, (pressure,), mean if both is None else both.mean)
     told = inherited(response)

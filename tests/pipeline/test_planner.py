@@ -1,5 +1,6 @@
 """The planner reaches its target, at the least expected cost, and loses nothing."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -8,12 +9,13 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_run
 from multiscale.micro import Path, run_ensemble
+from multiscale.micro.graph_mesh import graded_planes
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.forecast import (
+    COARSE,
     GROWTH,
     REALISATIONS,
-    STUDIES,
     CostModel,
     Estimate,
     Setting,
@@ -88,26 +90,31 @@ def estimate(**terms):
 
 
 @pytest.mark.slow
-def test_dear_cells_have_flat_ones_as_control(write, tmp_path):
-    """Where they are asked for; at least four cells have them."""
+def test_dear_cells_have_flat_ones_as_control_and_lead_to_finer_grids(write, tmp_path):
+    """Unless they are turned off."""
     dear = CASE.replace('geometry = "flat"\n', "").replace("[64, 64]", "[32, 32]")
     dear = dear.replace('"0.25 mm"', '"0.5 mm"').replace("layers = 8", "layers = 4")
     dear = dear[: dear.index("[structure]")] + dear[dear.index("[accuracy]") :]
-    plain = dear
-    dear = dear.replace("realisations = 4", "realisations = 4\ncontrol = 'flat'")
+    plain = dear.replace("realisations = 4", "realisations = 4\ncontrol = false")
     law = run(write(dear), tmp_path / "out")["interface_law"]
     assert "control cells" in law.attrs["how_sampling"]
+    for term in ("cell_size", "micro_discretisation"):
+        assert law.attrs[f"how_{term}"].startswith("taken out: ")
     assert law.attrs["n_realisations"] >= 4
     assert float(law["error_total"].sel(quantity="mean_gap").max()) < 0.12
     alone = run(write(plain), tmp_path / "alone")["interface_law"]
     assert "control" not in alone.attrs
+    cells = int(alone.attrs["n_realisations"])
+    assert (
+        cells > law.attrs["n_realisations"] or law.attrs["time_spent"] < alone.attrs["time_spent"]
+    )
 
 
 def test_terms_are_forecast_as_they_scale():
     known = estimate(sampling=0.1, cell_size=0.04, micro_discretisation=0.02, fit=0.01)
     known.bias[ERROR_TERMS.index("cell size")] = 0.03
-    found = known.at(Setting(1, 2, 32, 4))
-    expected = {"sampling": 0.025, "cell size": 0.01, "micro discretisation": 0.005, "fit": 0.01}
+    found = known.at(Setting(1, 2, 32))
+    expected = {"sampling": 0.025, "cell size": 0.02, "micro discretisation": 0.005, "fit": 0.01}
     for name, value in expected.items():
         np.testing.assert_allclose(found.half_width[ERROR_TERMS.index(name)], value)
     assert found.bias.sum(axis=0)[0] == pytest.approx(0.015)
@@ -115,19 +122,32 @@ def test_terms_are_forecast_as_they_scale():
     assert found.total == pytest.approx(float(total_error(np.array(0.015), np.array(spread))))
 
 
+def test_dear_and_cheap_cells_share_the_sampling_error():
+    """Three quarters of the variance are of 40 cheap cells, and a quarter is of 8 dear ones."""
+    known = replace(estimate(sampling=0.1), setting=Setting(0, 0, 8, 40), cheap=0.75)
+    for setting, variance in (
+        (Setting(0, 0, 8, 160), 0.25 + 0.75 / 4.0),
+        (Setting(0, 0, 32, 40), 0.25 / 4.0 + 0.75),
+        (Setting(1, 0, 8, 40), 0.25 + 0.75 / 4.0),
+    ):
+        found = known.at(setting).half_width[ERROR_TERMS.index("sampling")]
+        np.testing.assert_allclose(found, 0.1 * np.sqrt(variance))
+
+
 def test_the_cheapest_setting_is_that_of_a_search():
     known, costs = estimate(sampling=0.2, cell_size=0.1, fit=0.01), CostModel(0.5, 2.0, False)
-    ranges, study = (range(-1, 4), range(-1, 2)), {(-1, -1): 8}
-    setting, time = cheapest(known, costs, {(1, 0): 5}, study, 0.05, ranges)
+    settings = [Setting(*one) for one in product(range(-1, 4), range(2), REALISATIONS)]
+
+    def time_of(one):
+        return one.realisations * costs.of_cell(one.size, COARSE) + 3.0 * one.grid
+
+    setting, time = cheapest(known, settings, time_of, 0.05)
     assert known.at(setting).total <= 0.05
-    times = []
-    for size, grid, n, k in product(*ranges, REALISATIONS, STUDIES):
-        if known.at(Setting(size, grid, n, k)).total <= 0.05:
-            new = max(0, n - (5 if (size, grid) == (1, 0) else 0))
-            times.append(new * costs.of_cell(size, grid) + 8 * (k - 1) * costs.of_cell(-1, -1))
+    times = [time_of(one) for one in settings if known.at(one).total <= 0.05]
     assert time == pytest.approx(min(times))
-    with pytest.raises(CaseError, match=r"an error of 0.5 % is out of reach: .* by the fit; ask"):
-        cheapest(known, costs, {}, study, 0.005, ranges)
+    said = r"an error of 0.5 % is out of reach: .* by the cell size; ask"
+    with pytest.raises(CaseError, match=said):
+        cheapest(known, settings, time_of, 0.005)
 
 
 def test_the_cost_of_a_cell_grows_with_its_unknowns():
@@ -142,7 +162,7 @@ def test_the_cost_is_fitted_to_times_and_scaled_by_what_is_seen():
     kinds = [(-2, 0), (-1, 0), (-1, -1)]
     found = CostModel.fit({kind: true.of_cell(*kind) for kind in kinds}, layered=False)
     assert found.of_cell(2, 0) == pytest.approx(true.of_cell(2, 0), rel=1e-6)
-    slower = found.seen(Setting(1, 0, 3), 2.0 * true.of_cell(1, 0))
+    slower = found.seen(1, 0, 2.0 * true.of_cell(1, 0))
     assert slower.of_cell(2, 0) == pytest.approx(2.0 * true.of_cell(2, 0), rel=1e-6)
     one = CostModel.fit({(0, 0): 3.0}, layered=True)
     assert one.of_cell(0, 0) == pytest.approx(3.0)
@@ -152,9 +172,8 @@ def test_stored_cells_stand_for_a_case_of_their_kind(write):
     case = write(CASE)
     large = surface_at_large(case)
     pilots = stored_pilots(case, large)
-    assert pilots.stored
     assert "Hurst exponent 0.8 and 4 times" in pilots.source
-    sizes, grids = pilots.beside(case)
+    sizes, grids = pilots.sizes_beside(case), pilots.grids_beside(case)
     assert sorted(sizes) == [0.5, 1.0, 2.0]  # one, two and four waves; the case has two
     assert sorted(grids) == [0.5, 1.0, 2.0]  # 16, 8 and 4 points; the case has eight
     spread = [sizes[one]["mean_gap"].values.std(axis=0, ddof=1) for one in sorted(sizes)]
@@ -169,7 +188,7 @@ def test_stored_cells_are_those_that_are_solved(write):
     case = write(CASE)
     large = surface_at_large(case)
     stored = stored_pilots(case, large).sizes[2e-3]
-    cells = make_cells(resize(case, Setting(0, -1, 8)))
+    cells = make_cells(resize(case, Setting(0, 0, 8)))
     solved = run_ensemble(cells, Path(pressure=case.micro.pressures))
     solved = at_rms_height(solved, rms_height(large))
     for name, within in (("mean_gap", 0.1), ("contact_fraction", 0.15)):
@@ -197,13 +216,28 @@ def test_other_cases_have_no_stored_cells(write, old, new):
 
 def test_a_resized_case_keeps_its_spacing_and_surface(write):
     case = write(CASE)
-    larger = resize(case, Setting(2, -1, 5))
+    larger = resize(case, Setting(2, 0, 5))
     assert larger.cell.size == (8e-3, 8e-3)
     assert larger.cell.points == (128, 128)
     assert larger.micro.realisations == 5
     assert larger.body_1 == case.body_1
-    seeds = {resize(case, Setting(size, 0, 1), pilot=True).micro.seed for size in (-1, 0, 1)}
-    assert len({*seeds, larger.micro.seed}) == 4
+    assert len({resize(case, Setting(size, 0, 1)).micro.seed for size in range(-1, 5)}) == 6
+    fine = resize(case, Setting(0, 0, 1), grid=0)
+    assert (fine.cell, fine.micro.seed) == (case.cell, case.micro.seed)
+
+
+def test_layers_of_larger_and_finer_cells_are_graded_alike(write):
+    """Thickness grows from layer to layer by one factor, which a finer grid takes in two steps."""
+
+    def growth(size, grid):
+        cell = resize(case, Setting(size, 0, 1), grid=grid).cell
+        planes = graded_planes(cell.size[0], cell.layers, cell.spacing)
+        return (planes[1] / np.diff(planes)[-1]) ** (1.0 / (cell.layers - 1))
+
+    case = write(CASE.replace("layers = 8", "layers = 24"))
+    own = growth(0, 0)
+    np.testing.assert_allclose([growth(size, 0) for size in (-1, 1, 2)], own, rtol=0.03)
+    np.testing.assert_allclose([growth(size, 1) ** 2 for size in (0, 1)], own, rtol=0.03)
 
 
 @pytest.mark.slow

@@ -28,8 +28,10 @@ from multiscale.upscaling import (
     structure_budget,
     with_budget,
     with_scales,
-    without_size_bias,
+    without_bias,
 )
+from multiscale.upscaling.budget_terms import grid_term
+from multiscale.upscaling.cell_size import size_term
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -188,9 +190,15 @@ def judge(scene, truth):
     """Signed errors and stated half-widths of one scene, by what they are of."""
     sizes = {ratio: at_rms_height(one, truth.height) for ratio, one in scene.sizes.items()}
     grids = {ratio: at_rms_height(one, truth.height) for ratio, one in scene.grids.items()}
-    response = without_size_bias(at_rms_height(scene.response, truth.height), sizes)
+    response = at_rms_height(scene.response, truth.height)
+    terms = {
+        "cell size": size_term(response, sizes, apart=True),
+        "micro discretisation": grid_term(response, grids, apart=True),
+    }
+    response = without_bias(response, *terms.values())
     law = fit_law(response, n_samples=0)
-    budget = error_budget(response, law, resolutions=grids, sizes=sizes, apart=True)
+    known = {name: one.taken_out("other cells") for name, one in terms.items()}
+    budget = error_budget(response, law, sizes=sizes, apart=True, known=known)
     error = values_of(law) / truth.cells - 1.0
     found = {
         name: (error[k], budget["error_total"].values[k])

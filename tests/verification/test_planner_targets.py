@@ -60,16 +60,16 @@ def make_case(folder, seed, target):
     return load_case(file)
 
 
-def gaps(case, setting):
-    cells = make_cells(resize(case, setting))
+def gaps(case, setting, grid=-1):
+    cells = make_cells(resize(case, setting, grid=grid))
     return run_ensemble(cells, Path(pressure=case.micro.pressures))
 
 
 def true_gap(case, height):
     """Large cells, with the factor of a finer grid."""
-    large = at_rms_height(gaps(case, Setting(3, -1, 16)), height)["mean_gap"].values.mean(axis=0)
+    large = at_rms_height(gaps(case, Setting(3, 0, 16)), height)["mean_gap"].values.mean(axis=0)
     coarse, fine = (
-        gaps(case, Setting(0, grid, 8))["mean_gap"].values.sum(axis=0) for grid in (-1, 1)
+        gaps(case, Setting(0, 0, 8), grid)["mean_gap"].values.sum(axis=0) for grid in (-1, 1)
     )
     return large * fine / coarse
 
@@ -78,7 +78,7 @@ def cheapest_fixed(case, truth, costs):
     """Least cost of plain means whose error is below each target in nine of ten draws."""
     random, found = np.random.default_rng(seed=0), dict.fromkeys(TARGETS, np.inf)
     for size, count in POOL.items():
-        pool = gaps(case, Setting(size, -1, count))["mean_gap"].values
+        pool = gaps(case, Setting(size, 0, count))["mean_gap"].values
         for n in range(1, count // 5 + 1):
             drawn = np.array([random.permutation(count)[:n] for _ in range(MANY)])
             error = np.max(np.abs(pool[drawn].mean(axis=1) / truth - 1.0), axis=1)

@@ -46,23 +46,16 @@ OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return press_control(case, found[CELLS.name], job)
-
-
-def press_control(case: Case, response: "xr.Dataset", job: Job) -> "xr.Dataset":
-    """Press the flat cells that are control variates of the cells of a response.
-
-    Their number is the one stated, or the best one; see :func:`_best_count`.
-    """
-    pairs, count = response.sizes["realisation"], case.micro.control_realisations
-    told = f"{count} as stated"
+    """Press as many as stated, or the best number; see :func:`_best_count`."""
+    response, count = found[CELLS.name], case.micro.control_realisations
+    pairs, told = response.sizes["realisation"], f"{count} as stated"
     if count is None:
-        count, told = _best_count(response, _press(case, pairs, job))
+        count, told = _best_count(response, press_control(case, pairs, job))
         count = max(count, pairs)
-    return _press(case, count, job).assign_attrs(title=case.title, number=told)
+    return press_control(case, count, job).assign_attrs(title=case.title, number=told)
 
 
-def _press(case: Case, count: int, job: Job) -> "xr.Dataset":
+def press_control(case: Case, count: int, job: Job) -> "xr.Dataset":
     """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
     step = 1 if case.measured else BATCH
     whole = -(-count // step)
