@@ -329,7 +329,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
             raise ConvergenceError(f"the path ends: {state.status.value}")
         # the flowed body has its stress without flowing again
         balance = scene.body.begin(state.material, 0.0).respond(state.displacement).force
-        balance[:, -1] -= state.force
+        scene.surface(balance)[:] -= state.force
         meeting = scene.meet(state.displacement, state.approach, state.slide)
         pressure = -np.sum(state.force * meeting.normal, axis=1)
         shear = np.linalg.norm(state.force + pressure[:, None] * meeting.normal, axis=1)

@@ -263,12 +263,14 @@ def _(cell: FiniteCell, kept: dict[str, Any]) -> Needs:
                 CellPart.SECOND_BODY: pair,
                 CellPart.LAYER_FACTORS: True,
                 CellPart.MEAN_DILATATION: averages,
-                CellPart.TILT: cell.nearly_incompressible,
+                CellPart.TILT: cell.nearly_incompressible and linear,
                 CellPart.OBSTACLE_NORMALS: cell.obstacle is not None or pair,
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
                 CellPart.COATING: any(body.coating for body in cell.bodies),
             },
-            {CellPart.MEAN_DILATATION: _MEAN.format("F-bar")} if averages and large else {},
+            {CellPart.MEAN_DILATATION: _MEAN.format("pressures are unknowns")}
+            if averages and large
+            else {},
         ),
         state_variables=tuple(name for law in laws for name in law.history),
         libraries=("numba",),
@@ -285,7 +287,8 @@ def _unknowns(layer: PeriodicLayer) -> int:
 def _layer_memory(layer: PeriodicLayer, friction_coefficient: float) -> int:
     """Estimated peak of a meshed layer, byte."""
     nx, ny = layer.surface.heights.shape
-    vector = nx * layer.layers * 3 * ny
+    mixed = layer.law.finite_strain and layer.mean_dilatation
+    vector = nx * layer.layers * (4 if mixed else 3) * ny
     factors = nx * layer.layers * 15 * (ny // 2 + 1)
     if not layer.law.finite_strain and friction_coefficient == 0.0:
         if layer.nearly_incompressible:  # tilted, in double precision

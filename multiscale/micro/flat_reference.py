@@ -120,7 +120,7 @@ def flat_inverse(
         grid.spacing,
         mesh.planes,
         *layer.layer_moduli,
-        mean_dilatation=layer.nearly_incompressible,
+        mean_dilatation=layer.mean_dilatation,
         dtype=dtype,
     )
 

@@ -35,9 +35,9 @@ print(pressed["traction"], pressed["slip_fraction"], pressed["flowing_fraction"]
 # (1 to 3 %). Friction is integrated backward in each increment, so that the work of friction is too
 # large in proportion to the length of the increments.
 #
-# Nearly incompressible bodies (Poisson's ratio of .499 and more) need short steps: an approach of a
-# quarter of the rms height converges in about 8 Newton iterations, an approach of half of it may be
-# cut several times. With .4999 each iteration takes hundreds of linear iterations.
+# In bodies that flow or whose Poisson's ratio is .4 and more, the pressure of each element is an
+# unknown of its own. So a cell with a slope of .5 and a Poisson's ratio of .4999 takes as many
+# iterations as one with .49: 8 Newton iterations per increment, and 9 linear iterations in each.
 
 # With SecondBody the obstacle is a second deformable body behind its underside, with a law of its
 # own, and both bodies meet in the current configuration. slide_cell presses a cell and slides it at

@@ -43,6 +43,7 @@ __all__ = [
     "MEAN",
     "METRIC",
     "NODES",
+    "PRESSURE",
     "PULLED",
     "SCRATCH",
     "VOLUME",
@@ -75,7 +76,8 @@ COFACTOR = CHANGE + BATCH  # 9: F^-T
 PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
 METRIC = PULLED + 9 * BATCH  # rows of a law
 DILATED = METRIC + 60 * BATCH  # 36: flux of the change of volume
-SCRATCH = DILATED + 36 * BATCH
+PRESSURE = DILATED + 36 * BATCH  # tensile
+SCRATCH = PRESSURE + BATCH
 
 NEAR_ONE = 0.03  # squared argument of the series of the logarithm: numbers from 1/4 to 4
 

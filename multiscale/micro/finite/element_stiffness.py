@@ -4,12 +4,12 @@ A translation causes no force. So the stiffness is stored for the motions of the
 relative to corner 0: per pair of components :math:`k \le l` the 7 x 7 block
 
 .. math::
-    K_{kl} = \sum_q B_q^t A^q_{kl} B_q + c_k c_l^t,    \tag{1}
+    K_{kl} = \sum_q B_q^t A^q_{kl} B_q,    \tag{1}
 
-with the tangents :math:`A^q` between the parent derivatives at the Gauss points, the derivatives
-:math:`B_q` of the shape functions, and the vector :math:`c` that couples the points through the
-mean dilatation. Only the upper triangle of a block with :math:`k = l` is stored: 231 numbers in
-all. With relative motions, the rounding of single precision does not affect rigid translations.
+with the tangents :math:`A^q` between the parent derivatives at the Gauss points and the derivatives
+:math:`B_q` of the shape functions. Only the upper triangle of a block with :math:`k = l` is stored:
+231 numbers in all. With relative motions, the rounding of single precision does not affect rigid
+translations.
 """
 
 import numpy as np
@@ -23,7 +23,6 @@ __all__ = [
     "MOTIONS",
     "POINT_ROWS",
     "SECOND",
-    "add_coupling",
     "add_points",
     "corner_gradients",
     "multiply",
@@ -106,20 +105,6 @@ def _add_block(b, half, matrix, triangle):  # type: ignore[no-untyped-def]
                 + b[3, 2, m] * j[14 * BATCH + v]
             )
         entry += size
-
-
-@kernel
-def add_coupling(c, matrix):  # type: ignore[no-untyped-def]
-    """Add the product of a vector with itself to (1)."""
-    entry = 0
-    for block in range(6):
-        for m in range(7):
-            x = (7 * FIRST[block] + m) * BATCH
-            for n in range(m if block < 3 else 0, 7):
-                y = (7 * SECOND[block] + n) * BATCH
-                for v in range(BATCH):
-                    matrix[entry + v] += c[x + v] * c[y + v]
-                entry += BATCH
 
 
 @kernel

@@ -9,6 +9,7 @@ from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.finite.finite_body import FiniteBody, linear_body
 from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.large_strain import large_strain_body
+from multiscale.micro.finite.mixed_reference import mixed_reference
 from multiscale.micro.finite.pair_reference import PairReference, add_compliances
 from multiscale.micro.finite.pair_scene import PairScene
 from multiscale.micro.finite.scene import CellScene, GraphScene
@@ -25,16 +26,14 @@ TANGENTIAL_WEIGHT = 0.3  # relative to the tangential stiffness of a single node
 
 def make_scene(cell: FiniteCell) -> CellScene:
     """Set up the scene of a cell with friction, at large strain or with two bodies."""
-    mesh = _mesh(cell)
-    body, reference = _body(cell, mesh), flat_reference(cell, mesh)
+    body, reference = _half(cell)
     mu = cell.friction_coefficient
     if cell.second is None:
         obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.law.finite_strain)
         return GraphScene(body, obstacle, mu, _weights(reference.inverse), reference)
     other = cell.second_layer
-    mesh = _mesh(other)
-    second = _body(other, mesh)
-    compliance = flat_inverse(other, mesh, cell.surface).surface_compliance
+    second, opposite = _half(other)
+    compliance = flat_inverse(other, _mesh(other), cell.surface).surface_compliance
     both = Reference(add_compliances(reference.inverse, compliance), np.ones(1))
     halves = Halves((body.shape, second.shape))
     return PairScene(
@@ -42,7 +41,7 @@ def make_scene(cell: FiniteCell) -> CellScene:
         Underside(cell.surface, Surface(-other.surface.heights, other.surface.size)),
         mu,
         _weights(both.inverse),
-        PairReference(reference, flat_reference(other, mesh), both),
+        PairReference(reference, opposite, both),
         halves,
     )
 
@@ -59,10 +58,13 @@ def _weights(inverse: LateralInverse) -> tuple[float, float]:
     return float(np.median(1.0 / symbols[5])), TANGENTIAL_WEIGHT / own
 
 
-def _body(cell: PeriodicLayer, mesh: GraphMesh) -> FiniteBody:
-    law = cell.law
+def _half(cell: PeriodicLayer) -> tuple[FiniteBody, Reference]:
+    """Body, and its flat cell; at large strain both have pressures where volumes are mean."""
+    mesh, law = _mesh(cell), cell.law
     if isinstance(law, Elastic | GradedElastic):
         nx, ny, layers = mesh.shape
         stiffness = stiffness_operator(mesh, *cell.moduli, mean_dilatation=cell.mean_dilatation)
-        return linear_body(stiffness, (nx, layers, 3, ny))
-    return large_strain_body(mesh, law, mean_dilatation=cell.mean_dilatation)
+        return linear_body(stiffness, (nx, layers, 3, ny)), flat_reference(cell, mesh)
+    body = large_strain_body(mesh, law, mixed=cell.mean_dilatation)
+    make = mixed_reference if cell.mean_dilatation else flat_reference
+    return body, make(cell, mesh)

@@ -29,7 +29,7 @@ class RigidMeeting:
 
     def relative(self, vector: np.ndarray) -> np.ndarray:
         """Motion of the nodes relative to the fixed obstacle, shape (nx, 3, ny), m."""
-        return np.asarray(vector[:, -1])
+        return np.asarray(vector[:, -1, :3])
 
     def react(self, vector: np.ndarray, force: np.ndarray) -> None:
         """Leave the internal forces unchanged: a rigid obstacle has none."""
@@ -51,7 +51,7 @@ class RigidMeeting:
         if self.curvature is None:
             return 0.0
         xx, xy, yy = self.curvature
-        step, factor = x[:, -1], pressure * self.normal[:, 2]
+        step, factor = self.relative(x), pressure * self.normal[:, 2]
         change = np.zeros_like(step)
         change[:, 0] = factor * (xx * step[:, 0] + xy * step[:, 1])
         change[:, 1] = factor * (xy * step[:, 0] + yy * step[:, 1])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
-from multiscale.micro.finite.element_stiffness import ENTRIES, corner_gradients
+from multiscale.micro.finite.element_stiffness import ENTRIES, MOTIONS, corner_gradients
 from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.tangent_operator import (
     NEO_HOOKEAN,
@@ -20,40 +20,49 @@ from multiscale.micro.finite.tangent_operator import (
 from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.hexahedron import BATCH
 
-__all__ = ["large_strain_body"]
+__all__ = ["large_strain_body", "pressure_scale"]
 
 NO_STATE = np.zeros((1, 1, 1, 8, 7, 1))
 NO_HARDENING = (0.0, 0.0, 0.0, 0.0)
 State = np.ndarray | None
 
 
-def large_strain_body(
-    mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mean_dilatation: bool
-) -> FiniteBody:
+def large_strain_body(mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mixed: bool) -> FiniteBody:
     """Return the layered cell at large strain as a body.
 
     Parameters
     ----------
     mesh : GraphMesh
     law : NeoHookean, J2 or Prony, bulk law, moduli in Pa
-    mean_dilatation : bool
-        Whether an element takes its volume change from the mean over its points (F-bar).
+    mixed : bool
+        Whether the pressure of each element is an unknown, which meets the mean of the volume
+        change over its points. Over :func:`pressure_scale`, it is the fourth component of the
+        displacement, at the node at the upper corner of the element with its indices.
     """
-    cell = _LargeStrainCell(mesh, law, mean_dilatation)
+    cell = _LargeStrainCell(mesh, law, mixed)
     begin = {NeoHookean: cell.begin_elastic, J2: cell.begin_plastic, Prony: cell.begin_viscous}
     return FiniteBody(cell.shape, begin[type(law)], cell.rest)
+
+
+def pressure_scale(mesh: GraphMesh, shear_modulus: float) -> float:
+    """Return the pressure over its unknown, Pa/m, for equations of one size."""
+    return shear_modulus / min(mesh.surface.spacing)
 
 
 @dataclass(frozen=True, eq=False)
 class _LargeStrainCell:
     mesh: GraphMesh
     law: NeoHookean | J2 | Prony
-    mean_dilatation: bool
+    mixed: bool
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
         nx, ny, layers = self.mesh.shape
-        return nx, layers, 3, ny
+        return nx, layers, 4 if self.mixed else 3, ny
+
+    @property
+    def scale(self) -> float:
+        return pressure_scale(self.mesh, self.law.shear_modulus) if self.mixed else 0.0
 
     @property
     def points(self) -> tuple[int, ...]:
@@ -68,7 +77,8 @@ class _LargeStrainCell:
     @cached_property
     def tangent(self) -> np.ndarray:
         """One buffer for the tangents of all iterations."""
-        return np.empty((*self.points[:3], ENTRIES * BATCH), dtype=np.float32)
+        rows = ENTRIES + MOTIONS + 1 if self.mixed else ENTRIES
+        return np.empty((*self.points[:3], rows * BATCH), dtype=np.float32)
 
     def rest(self) -> State:
         """State before any load, for each batch of elements."""
@@ -93,7 +103,7 @@ class _LargeStrainCell:
                 *self.geometry,
                 kind,
                 moduli,
-                self.mean_dilatation,
+                self.scale,
                 u,
                 kept,
                 gradients,

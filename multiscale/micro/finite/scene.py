@@ -142,7 +142,7 @@ class GraphScene(RigidScene):
 
     def surface(self, vector: np.ndarray) -> np.ndarray:
         """Part of a displacement or force at the surface, a view of shape (nx, 3, ny)."""
-        return np.asarray(vector[:, -1])
+        return np.asarray(vector[:, -1, :3])
 
     def reference_at(self, meeting: Any) -> Reference:
         """Return the reference; it is the same everywhere."""

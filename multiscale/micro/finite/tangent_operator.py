@@ -4,8 +4,6 @@ Displacements, m, and forces, N, are arrays of shape ``(nx, layers, 3, ny)``. Th
 as the stiffness matrix of each element; one kernel applies it for all laws.
 """
 
-import math
-
 import numpy as np
 
 from multiscale.micro.finite.batch import (
@@ -17,6 +15,7 @@ from multiscale.micro.finite.batch import (
     LOG,
     MEAN,
     NODES,
+    PRESSURE,
     PULLED,
     SCRATCH,
     VOLUME,
@@ -29,9 +28,9 @@ from multiscale.micro.finite.batch import (
     strain_batch,
 )
 from multiscale.micro.finite.element_stiffness import (
+    ENTRIES,
     MOTIONS,
     POINT_ROWS,
-    add_coupling,
     add_points,
     multiply,
 )
@@ -50,17 +49,21 @@ __all__ = [
 
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
+LEAST_SLOPE = 0.1  # of ln J / J times J^2, which falls to 0 at J = e
 
 parallel_kernel = compiled(parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @kernel
-def _volume(s, q, modulus, mean_dilatation):  # type: ignore[no-untyped-def]
-    """Volumetric Kirchhoff stress of U = modulus / 2 ln^2 J, and its derivative by ln J."""
+def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
+    """Volumetric Kirchhoff stress, and its derivative by ln J.
+
+    It is J p with the pressure of the element, or follows from U = modulus / 2 ln^2 J.
+    """
     det = s[DET + q * BATCH :]
-    if mean_dilatation:
+    if mixed:
         for v in range(BATCH):
-            s[LOG + v] = modulus * s[CHANGE + v] / s[MEAN + v] * det[v]
+            s[LOG + v] = s[PRESSURE + v] * det[v]
             s[LOG + BATCH + v] = s[LOG + v]
     else:
         logarithm(det, s[CHANGE:])
@@ -84,24 +87,22 @@ def _dilate(s, q):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _couple(s, modulus, dx, dy, c, matrix):  # type: ignore[no-untyped-def]
-    """Add the vector whose square is the stiffness against a change of the mean dilatation.
-
-    If the volume has grown by more than a factor e, this stiffness would be negative and is left
-    out.
-    """
+def _couple(s, modulus, scale, dx, dy, rows):  # type: ignore[no-untyped-def]
+    """Residual of the volume into PRESSURE; its derivatives by motions and pressure into rows."""
     for k in range(36 * BATCH):
         s[FLUX + k] = s[DILATED + k]
     edge_forces(s, dx, dy)
-    for v in range(BATCH):
-        curvature = max(modulus * (1.0 - s[CHANGE + v]), 0.0) / s[VOLUME + v]
-        s[LOG + v] = math.sqrt(curvature) / s[MEAN + v]
     for k in range(3):
         for corner in range(7):
             row, out = (8 * k + corner + 1) * BATCH, (7 * k + corner) * BATCH
             for v in range(BATCH):
-                c[out + v] = s[LOG + v] * s[NODES + row + v]
-    add_coupling(c, matrix)
+                rows[out + v] = scale * s[NODES + row + v]
+    for v in range(BATCH):
+        mean = s[MEAN + v]
+        weight = scale * s[VOLUME + v] * mean / max(1.0 - s[CHANGE + v], LEAST_SLOPE)
+        give = weight * mean / modulus
+        s[PRESSURE + v] = weight * s[CHANGE + v] - give * s[PRESSURE + v]
+        rows[MOTIONS * BATCH + v] = scale * give
 
 
 @parallel_kernel
@@ -113,7 +114,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
     dy,
     law,
     moduli,
-    mean_dilatation,
+    scale,
     u,
     state,
     gradients,
@@ -133,15 +134,19 @@ def respond_cell(  # type: ignore[no-untyped-def]
         ``NEO_HOOKEAN`` or ``PLASTIC``.
     moduli : ndarray, shape (6,)
         Shear modulus and volume modulus, Pa, and four parameters of the hardening.
-    mean_dilatation : bool, whether an element takes its volume change from the mean over its points
-    u : ndarray, shape (nx, layers, 3, ny), displacement, m
+    scale : float
+        Pressure over its unknown, Pa/m; 0 if the pressure at each point follows from its volume.
+    u : ndarray, shape (nx, layers, 3 or 4, ny)
+        Displacement, m, and the pressure of the elements over ``scale``, m.
     state : ndarray, shape (nx, layers, batches, 8, rows, BATCH)
         Internal variables of J2, or frozen stress of viscous branches, Pa; a single lane if none.
     gradients : ndarray, shape (8, 3, 7)
         See :func:`~.element_stiffness.corner_gradients`.
-    out : ndarray, shape (nx, layers, 3, ny), gets the forces added, N
-    tangent : ndarray, shape (nx, layers, batches, ENTRIES * BATCH)
-        Gets the stiffness of the elements, N/m.
+    out : ndarray, shape of ``u``
+        Gets the forces added, N, and with ``scale`` the residual of the volume, N.
+    tangent : ndarray, shape (nx, layers, batches, rows * BATCH)
+        Gets the stiffness of the elements, ENTRIES rows, and with ``scale`` MOTIONS + 1 rows that
+        couple with the pressure, N/m.
     least : ndarray, shape (nx, 2)
         Gets the smallest det F of each strip of elements, and the number of flowing points. A
         nearly inverted element has no forces and sets det F to -1.
@@ -149,7 +154,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     shear, volume = moduli[0], moduli[1]
-    has = state.shape[5] > 1
+    has, mixed = state.shape[5] > 1, scale > 0.0
     for colour in range(2):
         for pair in prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
@@ -175,13 +180,15 @@ def respond_cell(  # type: ignore[no-untyped-def]
                     kept = state[i, layer, batch] if has else state[0, 0, 0]
                     for k in range(36 * BATCH):
                         s[FLUX + k], s[DILATED + k] = 0.0, 0.0
-                    if mean_dilatation:
+                    if mixed:
                         logarithm(s[MEAN:], s[CHANGE:])
+                        for v in range(lanes):
+                            s[PRESSURE + v] = scale * u[i, layer, 3, start + v]
                     for q in range(8):
                         point = points[q % 4 * POINT_ROWS * BATCH :]
                         pull_back(s, q)
-                        _volume(s, q, volume, mean_dilatation)
-                        if mean_dilatation:
+                        _volume(s, q, volume, mixed)
+                        if mixed:
                             _dilate(s, q)
                         if law == NEO_HOOKEAN:
                             neo_hookean(s, q, shear, kept[q], has, point)
@@ -193,8 +200,10 @@ def respond_cell(  # type: ignore[no-untyped-def]
                             add_points(points, gradients[q - 3 :], half, rows)
                     edge_forces(s, dx, dy)
                     scatter(s[NODES:], sides, layer, start, lanes, out)
-                    if mean_dilatation:
-                        _couple(s, volume, dx, dy, half, rows)
+                    if mixed:
+                        _couple(s, volume, scale, dx, dy, rows[ENTRIES * BATCH :])
+                        for v in range(lanes):
+                            out[i, layer, 3, start + v] = s[PRESSURE + v]
             least[i, 0], least[i, 1] = smallest, flowing
 
 
@@ -248,7 +257,7 @@ def _inverse_strain(s, out):  # type: ignore[no-untyped-def]
 @parallel_kernel
 def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
     """Multiply a displacement, m, by the tangent and write forces, N; see :func:`respond_cell`."""
-    nx, layers, _, ny = u.shape
+    nx, layers, components, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     out[:] = 0.0
     for colour in range(2):
@@ -264,8 +273,23 @@ def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
                     gather(u, sides, layer, start, lanes, s)
                     _subtract_corner(s, x)
                     multiply(tangent[i, layer, batch], x, y)
+                    if components == 4:
+                        rows = tangent[i, layer, batch, ENTRIES * BATCH :]
+                        _press(rows, u[i, layer, 3, start:], x, y, out[i, layer, 3, start:], lanes)
                     _complete_corner(y, s)
                     scatter(s, sides, layer, start, lanes, out)
+
+
+@kernel
+def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
+    """Add the forces of the pressure to ``y``, and write the change of the volume."""
+    for v in range(lanes):
+        out[v] = -rows[MOTIONS * BATCH + v] * pressure[v]
+    for k in range(MOTIONS):
+        row = k * BATCH
+        for v in range(lanes):
+            y[row + v] += rows[row + v] * pressure[v]
+            out[v] += rows[row + v] * x[row + v]
 
 
 @kernel

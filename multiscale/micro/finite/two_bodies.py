@@ -41,7 +41,7 @@ class Halves:
 
     Attributes
     ----------
-    shapes : tuple of tuple of int, shapes (nx, layers, 3, ny) of both displacements
+    shapes : tuple of tuple of int, shapes (nx, layers, 3 or 4, ny) of both displacements
     """
 
     shapes: tuple[tuple[int, ...], tuple[int, ...]]
@@ -58,7 +58,7 @@ class Halves:
     def surfaces(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the fields at both surfaces, views (nx, 3, ny), each in its own frame."""
         first, second = self.split(vector)
-        return first[:, -1], second[:, -1]
+        return first[:, -1, :3], second[:, -1, :3]
 
 
 def join_bodies(first: FiniteBody, second: FiniteBody) -> FiniteBody:
