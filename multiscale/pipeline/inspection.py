@@ -13,7 +13,7 @@ from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
 from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import HELD
-from multiscale.plotting.figure import on_axes
+from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.inspection_figures import (
     plot_bearing_curve,
     plot_measured_heights,
@@ -154,8 +154,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         rows=tabulate_statistics(told, measured=True),
         figures={
             "measured_heights": draw(plot_measured_heights),
-            "spectral_density": draw(plot_spectral_density),
             "bearing_curve": draw(plot_bearing_curve),
+            "spectral_density": on_axes(lambda ax: plot_spectral_density(told, ax=ax), *WIDE),
         },
     )
     yield Section(

@@ -12,6 +12,7 @@ from multiscale.pipeline.measured_sides import measured_side
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.windows import Measured
 from multiscale.surfaces import Spectrum, Surface
+from multiscale.units import readable, to_si
 
 __all__ = ["Proposal", "propose_case"]
 
@@ -163,7 +164,7 @@ def _table(settings: InstrumentSurface) -> str:
     if settings.size is not None:
         lines.append(f"size = [{', '.join(_length(one) for one in settings.size)}]")
     if settings.unit is not None:
-        lines.append(f'unit = "{settings.unit!r} m"')
+        lines.append(f"unit = {_length(settings.unit)}")
     if settings.detrend_order != InstrumentSurface.model_fields["detrend_order"].default:
         lines.append(f"detrend_order = {settings.detrend_order}")
     if settings.fill_undefined:
@@ -183,4 +184,6 @@ def _text(value: str) -> str:
 
 
 def _length(value: float) -> str:
-    return f'"{1e6 * value:.10g} um"'
+    """Write a length with the prefix that suits it, or in m where digits would be lost."""
+    said = readable(f"{value!r} m").replace("µ", "u")
+    return f'"{said}"' if to_si(said, "m") == value else f'"{value!r} m"'

@@ -129,7 +129,9 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     def draw(plot: Callable[..., object], answer: str) -> Callable[[Path], Path]:
         return on_axes(lambda ax: plot(result, answer, ax=ax))
 
-    figures = {f"sweep_{one}": draw(plot_sweep, one) for one in drawn}
+    ends = {one: sweep_ends(result, one)["value"].to_numpy() for one in drawn}
+    differ = [one for one, value in ends.items() if np.unique(value[np.isfinite(value)]).size > 1]
+    figures = {f"sweep_{one}": draw(plot_sweep, one) for one in differ or drawn[:1]}
     figures |= {f"sweep_{one}_steps": draw(plot_sweep_steps, one) for one in over_steps}
     told = [
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "

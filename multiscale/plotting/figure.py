@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "DOTS_PER_INCH",
     "WIDE",
     "add_colour_bar",
     "axes_or_current",
@@ -31,6 +32,8 @@ DOTS_PER_INCH = 150
 
 WIDE = (8.6, 4.2)
 """Width and height of a figure that stands alone in the width of a page, inches."""
+
+MARGIN = 8  # rows of pixels above and below what is drawn
 
 LAYOUT_PASSES, SETTLED = 5, 1e-3
 """Most layout passes, as axes of fixed aspect change in size with the room for their labels, and
@@ -159,6 +162,7 @@ def _dress(ax: "Axes") -> None:
 def save_figure(figure: "Figure", file: Path) -> Path:
     """Write a figure in the style of all figures as a complete PNG file, or no file."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.image import imsave
 
     for ax in figure.axes:
         _dress(ax)
@@ -177,9 +181,15 @@ def save_figure(figure: "Figure", file: Path) -> Path:
                 break
             before = places
         figure.set_layout_engine("none")  # or it would be drawn twice
-    buffer = BytesIO()
     figure.set_dpi(DOTS_PER_INCH)
-    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]  # draws once
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    image = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+    if layout is not None and fixed:  # axes of fixed aspect leave room above and below them
+        drawn = np.flatnonzero(image.min(axis=(1, 2)) < image.max())
+        image = image[max(drawn[0] - MARGIN, 0) : drawn[-1] + MARGIN]
+    buffer = BytesIO()
+    imsave(buffer, image, format="png", dpi=DOTS_PER_INCH)
     write_bytes(file, buffer.getvalue())
     return file
 

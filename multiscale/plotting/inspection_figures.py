@@ -46,19 +46,24 @@ def plot_measured_heights(statistics: "xr.Dataset", *, ax: "Axes | None" = None)
     return ax
 
 
-def plot_spectral_density(statistics: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the spectral density over the wavelength, the reliable waves, and the fit."""
+def plot_spectral_density(
+    statistics: "xr.Dataset", *, measured: bool = True, ax: "Axes | None" = None
+) -> "Axes":
+    """Plot the spectral density over the wavelength; of a measured surface reliable waves and fit.
+
+    The waves of a cell are all those that it was given.
+    """
     ax = axes_or_current(ax)
     map_or_line = int(statistics["dimensions"])
     name = "power_spectral_density" if map_or_line == 2 else "profile_density"
     wave = 2e6 * np.pi / statistics["wavenumber"].values
     ends = [1e6 * float(statistics[f"{end}_reliable"]) for end in ("shortest", "longest")]
-    if ends[0] < ends[1]:
+    if measured and ends[0] < ends[1]:
         ax.axvspan(*ends, color="0.9", label="reliable waves")
     scale = 1e6 ** (2 + map_or_line)
     density = scale * statistics[name].values
     ax.loglog(wave, density, color="C0", linewidth=1.0, label="measured")
-    if (fit := fit_of_statistics(statistics)) is not None:
+    if measured and (fit := fit_of_statistics(statistics)) is not None:
         q = 2.0 * np.pi / np.geomspace(statistics["longest_reliable"], statistics["fitted_to"], 99)
         q = q[q >= 2.0 * np.pi / float(statistics["longest_wave"])]
         told = f"fit, Hurst exponent {fit.hurst_exponent:.2g}"
@@ -67,7 +72,8 @@ def plot_spectral_density(statistics: "xr.Dataset", *, ax: "Axes | None" = None)
     ax.set_ylim(bottom=max(lowest, float(density.max()) / SHOWN_DENSITY))
     ax.invert_xaxis()
     ax.set(xlabel="wavelength (µm)", ylabel=f"power spectral density (µm$^{2 + map_or_line}$)")
-    ax.legend()
+    if measured:
+        ax.legend()
     return ax
 
 

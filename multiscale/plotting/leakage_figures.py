@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.figure import add_colour_bar, axes_or_current
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -65,7 +65,7 @@ def plot_flow_channels(
     speed = np.where(flow.speed > FAINT, flow.speed, np.nan).T
     norm = LogNorm(vmin=FAINT, vmax=max(1.0, float(flow.speed.max())))
     image = ax.imshow(speed, cmap="Blues", norm=norm, interpolation="none", **drawn)
-    ax.figure.colorbar(image, ax=ax, label="flow over its mean")
+    add_colour_bar(image, ax, "flow over its mean")
     ax.set(xlabel="x (µm)", ylabel="y (µm)")
     ax.set_title(f"flow along {direction} at {1e-6 * nominal[step]:.3g} MPa; grey: contact")
     return ax

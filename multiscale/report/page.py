@@ -8,6 +8,7 @@ from concurrent.futures import Executor
 from importlib import resources
 from io import StringIO
 from pathlib import Path
+from struct import unpack
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import CaseError
@@ -22,6 +23,7 @@ from multiscale.io import (
 )
 from multiscale.pipeline.inspection import INSPECTION
 from multiscale.pipeline.stage import Section
+from multiscale.plotting.figure import DOTS_PER_INCH, WIDE
 from multiscale.plotting.sweep_figures import say_key
 from multiscale.report.finished_run import FinishedRun, draw_run, draw_sections, open_finished
 from multiscale.schema import SURFACE_STATISTICS
@@ -116,7 +118,11 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
             vars(section)
             | {
                 "pictures": [
-                    (name.replace("_", " "), _encoded(read_bytes(drawn[name])))
+                    (
+                        name.replace("_", " "),
+                        _encoded(image := read_bytes(drawn[name])),
+                        _wide(image),
+                    )
                     for name in section.figures
                     if name in drawn
                 ],
@@ -127,6 +133,12 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
             for section in sections
         ],
     }
+
+
+def _wide(image: bytes) -> bool:
+    """Whether a PNG is made for the full width of a page."""
+    (pixels,) = unpack(">I", image[16:20])
+    return bool(pixels >= WIDE[0] * DOTS_PER_INCH)
 
 
 def _downloads(run: FinishedRun, section: Section) -> Iterator[tuple[str, str]]:

@@ -388,13 +388,14 @@ def _roughness(fields: "xr.Dataset") -> Iterator[Section]:
     told = describe_surface(surface, waves=spectrum([surface])).assign_attrs(
         points=" x ".join(map(str, surface.heights.shape)), trend="mean"
     )
-    of_cell = told.assign(fit_level=np.nan)  # whose few waves tell no Hurst exponent
     yield Section(
         "Surface",
         ["Statistics of the heights of both bodies together, in the first realisation."],
         rows=tabulate_statistics(told, measured=False),
         figures={
-            "spectral_density": on_axes(lambda ax: plot_spectral_density(of_cell, ax=ax)),
+            "spectral_density": on_axes(
+                lambda ax: plot_spectral_density(told, measured=False, ax=ax)
+            ),
             "bearing_curve": on_axes(lambda ax: plot_bearing_curve(told, ax=ax)),
         },
     )
