@@ -16,6 +16,7 @@ from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
 from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
 from multiscale.pipeline.toml_model import (
+    Density,
     Factor,
     Length,
     Number,
@@ -109,6 +110,7 @@ class MeshedBody(Settings):
     )
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     stiffness: Path | None = Field(
         None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."

@@ -102,6 +102,8 @@ class Bodies(StructureKind):
         ("interface", "statics"),
         ("statics", "cycles"),
         ("interface", "statics", "cycles"),
+        ("statics", "vibration"),
+        ("interface", "statics", "vibration"),
     )
     models: ClassVar[Mapping[str, type[Settings]]] = {
         "interface": JointLaw,
@@ -184,6 +186,13 @@ class Bodies(StructureKind):
             )
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
+        if case.vibration is not None and (
+            without := [body.name for body in self.bodies if body.density is None]
+        ):
+            raise ValueError(
+                f"[vibration] needs the mass of all bodies, and {without[0]} has no density; give "
+                f'it, such as "7850 kg/m^3"'
+            )
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -363,7 +372,9 @@ class Bodies(StructureKind):
             )
         return body, boundary
 
-    def try_to_build(self, case: "Case") -> None:
+    def try_to_build(
+        self, case: "Case", require: Callable[[Assembly], object] = require_held
+    ) -> None:
         """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
         shared = case.interface or JointLaw()
         frictions = [one.over(shared).friction for one in self.interfaces]
@@ -372,7 +383,7 @@ class Bodies(StructureKind):
             Sliders(any_law, 1.0 if mu is None else mu, 1.0, pressures=(1e6, 1e8))
             for mu in frictions
         ]
-        require_held(self.build(case, laws).assembly)
+        require(self.build(case, laws).assembly)
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on their coarser meshes, by the ratio of the element sizes.

@@ -12,7 +12,7 @@ from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, 
 from multiscale.macro.substructures.cut_motion import simulate_latin
 from multiscale.macro.substructures.followed_path import condense_assembly
 from multiscale.macro.substructures.homogenised import homogenise
-from multiscale.macro.substructures.joint_fields import add_body_fields
+from multiscale.macro.substructures.joint_fields import add_body_fields, list_elements
 from multiscale.macro.substructures.joint_loading import (
     FEW_STEPS,
     FollowedJoint,
@@ -59,6 +59,7 @@ __all__ = [
     "follow_cut_loads",
     "follow_joint",
     "homogenise",
+    "list_elements",
     "load_joint",
     "measure_joint",
     "require_held",

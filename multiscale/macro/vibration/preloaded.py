@@ -24,7 +24,7 @@ from multiscale.macro.vibration.tangent_modes import find_free_motions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Preloaded", "press_structure"]
+__all__ = ["Preloaded", "press_structure", "require_joined"]
 
 MOST = 6000
 """Kept unknowns up to which bodies are condensed: their full matrix is factorised once, and one
@@ -97,12 +97,7 @@ def press_structure(
     """
     free = cut_assembly(assembly)
     held = _hold(free)
-    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
-    if loose := say_free_motions(held, names):
-        raise CaseError(
-            f"{loose}: hold each body by supports, by an interface with friction or by bolts; the "
-            f"structure as a whole may be free"
-        )
+    _require_joined(assembly, held)
     condensed = condense_problem(held, largest=MOST)
     laws = [interface.law for interface in assembly.interfaces]
     pressed = condensed.small.with_laws(laws if preload_laws is None else preload_laws)
@@ -114,6 +109,26 @@ def press_structure(
     states = states_after(pressed, path)
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
     return Preloaded(free, condensed, path, after, jump, after.join(states))
+
+
+def require_joined(assembly: Assembly) -> None:
+    """Refuse bodies that may move against each other; the structure as a whole may be free.
+
+    Raises
+    ------
+    CaseError
+        With the bodies and their motions, or as ``cut_assembly``.
+    """
+    _require_joined(assembly, _hold(cut_assembly(assembly)))
+
+
+def _require_joined(assembly: Assembly, held: CutProblem) -> None:
+    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
+    if loose := say_free_motions(held, names):
+        raise CaseError(
+            f"{loose}: hold each body by supports, by an interface with friction or by bolts; the "
+            f"structure as a whole may be free"
+        )
 
 
 def _hold(problem: CutProblem) -> CutProblem:
