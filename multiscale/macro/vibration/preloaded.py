@@ -10,12 +10,13 @@ from scipy.sparse import block_array, csr_array, diags_array
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import AssembledNewton
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.joint_state import states_after
+from multiscale.macro.substructures.joint_state import joint_shares, states_after
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_solver import SideBySide
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
@@ -76,6 +77,7 @@ def press_structure(
     factors: np.ndarray,
     *,
     preload_laws: Sequence[InterfaceLaw] | None = None,
+    extrapolate: bool = False,
 ) -> Preloaded:
     """Bring a structure to rest under its preload.
 
@@ -88,12 +90,16 @@ def press_structure(
     preload_laws : sequence of InterfaceLaw, optional
         Laws of the interfaces during the preload, such as frictionless ones, with the same states.
 
+    extrapolate : bool
+        Whether pressures may lie far outside the data of the laws; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+
     Raises
     ------
     CaseError
         If a body is free to move by itself, or the structure is refused as by ``cut_assembly``.
     ConvergenceError
-        If the preload has no equilibrium.
+        If the preload has no equilibrium, or one far outside the data of a law.
     """
     free = cut_assembly(assembly)
     held = _hold(free)
@@ -105,6 +111,12 @@ def press_structure(
     if not path["converged"].values.all():
         raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
     joints = pressed.joints
+    if joints:
+        shares, data = joint_shares(pressed, path)
+        loads = ["its preload"] * path.sizes["step"]
+        path = with_load_shares(path, shares, data, extrapolate=extrapolate, loads=loads)
+        if not (extrapolate or path["known"].values[-1]):
+            raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
     after = SideBySide([laws[joint.joint].shaken_down() for joint in joints], pressed.points)
     states = states_after(pressed, path)
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))

@@ -98,7 +98,7 @@ def vibrate(
             "rule does not hold: frequency and loss are those of full cycles; a preload without "
             "friction leaves none"
         )
-    result = with_cautions(result, *told)
+    result = with_cautions(result, str(rest.path.attrs.get("cautions", "")), *told)
     failures = [one.failure for one in curves if one.failure]
     return result.assign_attrs(failure="\n".join(failures)) if failures else result
 

@@ -88,6 +88,7 @@ def _press(bodies: Bodies, case: Case, laws: Sequence[Sliders]) -> tuple[_Vibrat
         parts.assembly,
         parts.path.factors(),
         preload_laws=None if asked.preload_friction else smooth,
+        extrapolate=case.extrapolate,
     )
     densities = [float(body.density or 0.0) for body in bodies.bodies]
     mass = structure_mass(rest.free, parts.assembly.bodies, densities)
@@ -197,7 +198,7 @@ def _with_budget(
         COARSE,
     )
     asked = JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
-    rest = still.rest.path.isel(step=[-1]).assign(known=("step", [1]))
+    rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
     solve = partial(_solve_changed, bodies, case, laws, still)
