@@ -14,6 +14,7 @@ from multiscale.io.fields import (
     write_body_fields,
     write_grain_fields,
     write_link_fields,
+    write_mode_fields,
     write_surface_fields,
 )
 from multiscale.io.files import (
@@ -55,6 +56,7 @@ __all__ = [
     "write_dataset",
     "write_grain_fields",
     "write_link_fields",
+    "write_mode_fields",
     "write_surface_fields",
 ]
 

@@ -9,12 +9,18 @@ import numpy as np
 
 from multiscale.errors import SchemaError
 from multiscale.io.files import replacing, write_bytes
-from multiscale.schema import GRANULATE, MACRO_RESULT
+from multiscale.schema import GRANULATE, MACRO_RESULT, VIBRATION
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["write_body_fields", "write_grain_fields", "write_link_fields", "write_surface_fields"]
+__all__ = [
+    "write_body_fields",
+    "write_grain_fields",
+    "write_link_fields",
+    "write_mode_fields",
+    "write_surface_fields",
+]
 
 LINK_VARIABLES = ("tension", "slack", "impulse")  # of links at every step
 NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every step
@@ -139,6 +145,30 @@ def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies
 
     steps = range(result.sizes["step"])
     return _write_series(folder, name, _timesteps(result), map(parts, steps))
+
+
+def write_mode_fields(result: "xr.Dataset", folder: Path, *, name: str = "modes") -> Path:
+    """Write the shape of every mode on the elements, as a series over their numbers.
+
+    The filter *Warp By Vector* with ``shape``, kg^-1/2, times a modal amplitude moves the bodies.
+
+    Parameters
+    ----------
+    result : Dataset, follows ``VIBRATION``, with the elements of the bodies
+    folder, name
+        As of :func:`write_link_fields`.
+    """
+    import meshio
+
+    VIBRATION.check(result)
+    corners = result["corners"].values
+    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
+    body = {"element_body": [result["element_body"].values]}
+    meshes = (
+        {"": meshio.Mesh(result["position"].values, elements, {"shape": shape}, body)}
+        for shape in result["shape"].values
+    )
+    return _write_series(folder, name, result["mode"].values, meshes)
 
 
 def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grains") -> Path:

@@ -20,6 +20,7 @@ from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
 from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.toml_model import (
+    Density,
     Factor,
     Length,
     Number,
@@ -127,6 +128,7 @@ class MeshedBody(Settings):
     poissons_ratio: Ratio | None = Field(
         None, description="Poisson's ratio; together with the modulus."
     )
+    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     stiffness: Path | None = Field(
         None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."

@@ -109,6 +109,8 @@ class Bodies(StructureKind):
         ("interface", "statics"),
         ("statics", "cycles"),
         ("interface", "statics", "cycles"),
+        ("statics", "vibration"),
+        ("interface", "statics", "vibration"),
     )
     models: ClassVar[Mapping[str, type[Settings]]] = {
         "interface": JointLaw,
@@ -213,6 +215,13 @@ class Bodies(StructureKind):
                 )
         if case.fatigue is not None:
             self._check_fatigue(case)
+        if case.vibration is not None and (
+            without := [body.name for body in self.bodies if body.density is None]
+        ):
+            raise ValueError(
+                f"[vibration] needs the mass of all bodies, and {without[0]} has no density; give "
+                f'it, such as "7850 kg/m^3"'
+            )
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -361,6 +370,7 @@ class Bodies(StructureKind):
         case: "Case",
         laws: "Sequence[xr.Dataset | None]",
         normal: "Mapping[int, NormalLaw] | None" = None,
+        slabs: int = SLABS,
     ) -> list[InterfaceLaw]:
         """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`.
 
@@ -370,19 +380,20 @@ class Bodies(StructureKind):
         laws : sequence of Dataset or None
         normal : mapping of int to NormalLaw, optional
             In place of the normal laws of some interfaces, by their numbers.
+        slabs : int, slabs of every bed
         """
         made: list[InterfaceLaw] = []
         changed = normal or {}
         for number, (one, law) in enumerate(zip(self.interfaces, laws, strict=True)):
             if law is None:
-                made.append(self._stated(case, number))
+                made.append(self._stated(case, number, slabs))
                 continue
             sound = changed.get(number) or law_from_dataset(law)
             worn = Damaged(sound, one.damage) if one.damage else sound
-            made.append(sliders_from_dataset(law, normal=worn, slabs=SLABS))
+            made.append(sliders_from_dataset(law, normal=worn, slabs=slabs))
         return made
 
-    def _stated(self, case: "Case", number: int) -> InterfaceLaw:
+    def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
         """Law of an interface that is stated, with a friction that is given."""
         one = self.interfaces[number]
         source = one.over(case.interface or JointLaw())
@@ -400,7 +411,7 @@ class Bodies(StructureKind):
             source.friction,
             source.stiffness_ratio or theory,
             pressures=stated.pressures,
-            slabs=SLABS,
+            slabs=slabs,
         )
 
     def assumed(self, case: "Case") -> list[str]:
@@ -478,7 +489,9 @@ class Bodies(StructureKind):
             )
         return body, boundary
 
-    def try_to_build(self, case: "Case") -> None:
+    def try_to_build(
+        self, case: "Case", require: Callable[[Assembly], object] = require_held
+    ) -> None:
         """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
         shared = case.interface or JointLaw()
         frictions = [one.over(shared).friction for one in self.interfaces]
@@ -487,7 +500,7 @@ class Bodies(StructureKind):
             Sliders(any_law, 1.0 if mu is None else mu, 1.0, pressures=(1e6, 1e8))
             for mu in frictions
         ]
-        require_held(self.build(case, laws).assembly)
+        require(self.build(case, laws).assembly)
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, by the ratio of the element sizes.

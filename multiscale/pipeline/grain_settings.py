@@ -11,6 +11,7 @@ from multiscale.macro.granulate import ContactLaw, Model, Solver
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Count,
+    Density,
     Duration,
     Factor,
     Length,
@@ -41,7 +42,6 @@ __all__ = [
 
 QUICK_GRAINS, QUICK_STEPS = 60, 40
 
-Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
 Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
 StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")]
 

@@ -51,6 +51,7 @@ from multiscale.pipeline.link_settings import (
 from multiscale.pipeline.rough_bodies import CoatingSettings, InstrumentSurface, RoughBody
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
+from multiscale.pipeline.vibration_settings import VibrationSettings
 from multiscale.schema import INTERFACE_LAW
 from multiscale.units import readable
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
@@ -100,7 +101,28 @@ CELLS = ("body_1", "body_2", "cell", "micro")
 OF_CELLS = ("cell", "micro", "law", "slide", "seal", "accuracy")
 """Tables that only a case with cells has."""
 
-WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "grains", "motion")
+WITH_QUICK = (
+    "rve",
+    "cell",
+    "micro",
+    "law",
+    "cycles",
+    "vibration",
+    "substructures",
+    "grains",
+    "motion",
+)
+"""Tables that a quick answer has coarser or with fewer parts."""
+
+WITH_STRUCTURE = (
+    "interface",
+    "statics",
+    "cycles",
+    "dynamics",
+    "vibration",
+    "grains",
+    "motion",
+)
 """Tables that a kind of structure may ask for."""
 
 
@@ -133,6 +155,7 @@ class Case(Settings):
     statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
     cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
     dynamics: Dynamics | None = None
+    vibration: VibrationSettings | None = None
     substructures: Substructures | None = None
     fatigue: FatigueSettings = ABSENT
     grains: GrainSettings = ABSENT
@@ -473,7 +496,8 @@ class Case(Settings):
     @property
     def tables(self) -> frozenset[str]:
         """Tables that are given, and what the structure, its cut and the cells ask for."""
-        asked = {self.structure.stage} if self.structure is not None else set()
+        solved = self.structure is not None and self.vibration is None
+        asked = {self.structure.stage} if self.structure is not None and solved else set()
         condensed = {"homogenise"} if self.cut.homogenise else set()
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
         again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
@@ -640,8 +664,7 @@ class Case(Settings):
 
         There is no target. A structure from files stays as it is.
         """
-        names = ("rve", "cell", "micro", "law", "cycles", "substructures", "grains", "motion")
-        changes = {name: getattr(self, name).quick() for name in names if self._has(name)}
+        changes = {name: getattr(self, name).quick() for name in WITH_QUICK if self._has(name)}
         changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)
         if self.has_cells and (shear := changes["micro"].shear) is not None and shear.points:
             grid = zip(shear.points, changes["cell"].points, strict=True)

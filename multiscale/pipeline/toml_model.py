@@ -29,6 +29,7 @@ from multiscale.units import to_si
 
 __all__ = [
     "Count",
+    "Density",
     "Duration",
     "Factor",
     "Length",
@@ -87,6 +88,7 @@ def _write(value: float, unit: str) -> str:
 Length = Annotated[float, quantity("m"), Field(gt=0.0), with_unit("m")]
 Pressure = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
 Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
+Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
 Number = Annotated[float, quantity("1")]
 Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 Tolerance = Annotated[Number, Field(gt=0.0, lt=1.0)]

@@ -68,6 +68,12 @@ from multiscale.plotting.tyre_figures import (
     plot_friction_bell,
     plot_road,
 )
+from multiscale.plotting.vibration_figures import (
+    plot_backbone,
+    plot_mode_shape,
+    plot_vibrating_joint,
+    vibration_pictures,
+)
 from multiscale.plotting.work_precision_figures import (
     draw_work_precision,
     plot_history,
@@ -86,6 +92,7 @@ __all__ = [
     "load_pictures",
     "plot_amplitudes",
     "plot_area_law",
+    "plot_backbone",
     "plot_bearing_curve",
     "plot_biaxial_curve",
     "plot_bolt_forces",
@@ -111,6 +118,7 @@ __all__ = [
     "plot_leakage",
     "plot_load_paths",
     "plot_measured_heights",
+    "plot_mode_shape",
     "plot_road",
     "plot_shear_law",
     "plot_sliding_friction",
@@ -122,10 +130,12 @@ __all__ = [
     "plot_sweep",
     "plot_sweep_steps",
     "plot_unloading",
+    "plot_vibrating_joint",
     "plot_woehler",
     "plot_work_precision",
     "plot_worst_section",
     "sweep_ends",
+    "vibration_pictures",
 ]
 
 __dir__ = __all__.copy

@@ -21,8 +21,18 @@ from multiscale.units import Unit, stiffness_unit
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.colors import Colormap
 
-__all__ = ["draw_joint", "joint_pictures", "plot_amplitudes", "plot_hysteresis", "plot_joint_plan"]
+__all__ = [
+    "FACES",
+    "draw_joint",
+    "draw_points",
+    "joint_pictures",
+    "plot_amplitudes",
+    "plot_hysteresis",
+    "plot_joint_plan",
+]
 
 ZONES = ("open", "stick", "slip")
 """Names of the values 0, 1 and 2 of ``contact_state``."""
@@ -76,37 +86,22 @@ def plot_joint_plan(
     joint : int, number of the joint
     title : str, its preload and shear if not given
     """
-    from matplotlib.collections import EllipseCollection
     from matplotlib.patches import Patch
     from matplotlib.transforms import ScaledTranslation
 
     ax = axes_or_current(ax)
     mine = np.flatnonzero(result["point_joint"].values == joint)
-    axes, names = _seen(result, mine)
-    place = 1e3 * result["point_position"].values[mine] @ axes[1:].T
     area = result["point_area"].values[mine]
-    across = 1e3 * np.sqrt(4.0 / np.pi * area)
-
-    def discs(where: np.ndarray, **style: Any) -> EllipseCollection:
-        return EllipseCollection(
-            across[where],
-            across[where],
-            0.0,
-            units="xy",
-            offsets=place[where],
-            offset_transform=ax.transData,
-            **style,
-        )
-
-    for line in _outlines(result, axes):
-        ax.plot(*(1e3 * line), color="black", linewidth=0.8, zorder=3)
     if quantity == "contact_state":
+        state = result["contact_state"].values[step, mine]
+        draw_points(result, mine, state, ax).set(cmap=_zones(), clim=(-0.5, 2.5))
         middle = ScaledTranslation(0.5, 0.0, ax.transAxes)  # type: ignore[arg-type]
-        state, handles = result["contact_state"].values[step, mine], []
-        for value, (name, colour) in enumerate(zip(ZONES, ZONE_COLOURS, strict=True)):
-            ax.add_collection(discs(state == value, facecolors=colour))
-            label = f"{name}, {100.0 * area[state == value].sum() / area.sum():.0f} %"
-            handles.append(Patch(color=colour, label=label))
+        handles = [
+            Patch(
+                color=colour, label=f"{name}, {100.0 * area[state == k].sum() / area.sum():.0f} %"
+            )
+            for k, (name, colour) in enumerate(zip(ZONES, ZONE_COLOURS, strict=True))
+        ]
         ax.legend(
             handles=handles,
             frameon=False,
@@ -119,13 +114,8 @@ def plot_joint_plan(
         value = -1e-6 * result["traction"].values[step, mine, 0]
         if quantity == "dissipation":
             value = result["dissipation"].values[_last_cycle(result)][:, mine].sum(axis=0)
-        dots = discs(np.ones(mine.size, dtype=bool), array=value)
+        dots = draw_points(result, mine, value, ax)
         dots.set_clim(0.0, float(np.nanmax(value)))
-        ax.add_collection(dots)
-    ax.set_aspect("equal")
-    ax.autoscale_view()
-    ax.set(xlabel=f"{names[0]} (mm)", ylabel=f"{names[1]} (mm)")
-    if quantity != "contact_state":
         add_colour_bar(dots, ax, QUANTITIES[quantity])
     if not title:
         preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
@@ -133,6 +123,47 @@ def plot_joint_plan(
         title = f"preload {preload:.3g} MPa, {at}"
     ax.set_title(title)
     return ax
+
+
+def _zones() -> "Colormap":
+    """Colours of open, sticking and slipping points."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(list(ZONE_COLOURS))
+
+
+def draw_points(
+    result: "xr.Dataset", points: np.ndarray, value: np.ndarray, ax: "Axes"
+) -> "EllipseCollection":
+    """Draw some points of a joint as discs of their area, seen along its normal, and return them.
+
+    Parameters
+    ----------
+    result : Dataset
+        With the points of joints; the outlines of its parts are drawn if it has their elements.
+    points : ndarray of int
+    value : ndarray, shape (points,), what the colours show
+    """
+    from matplotlib.collections import EllipseCollection
+
+    axes, names = _seen(result, points)
+    across = 1e3 * np.sqrt(4.0 / np.pi * result["point_area"].values[points])
+    dots = EllipseCollection(
+        across,
+        across,
+        0.0,
+        units="xy",
+        offsets=1e3 * result["point_position"].values[points] @ axes[1:].T,
+        offset_transform=ax.transData,
+        array=value,
+    )
+    for line in _outlines(result, axes):
+        ax.plot(*(1e3 * line), color="black", linewidth=0.8, zorder=3)
+    ax.add_collection(dots)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.set(xlabel=f"{names[0]} (mm)", ylabel=f"{names[1]} (mm)")
+    return dots
 
 
 def _seen(result: "xr.Dataset", points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:

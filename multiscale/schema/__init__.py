@@ -25,7 +25,13 @@ from multiscale.schema.damage_schema import (
 )
 from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
-from multiscale.schema.structure_schema import GRANULATE, HOMOGENISED, MACRO_RESULT, SEAL
+from multiscale.schema.structure_schema import (
+    GRANULATE,
+    HOMOGENISED,
+    MACRO_RESULT,
+    SEAL,
+    VIBRATION,
+)
 from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
 from multiscale.schema.sweep_schema import SWEEP
 
@@ -60,6 +66,7 @@ __all__ = [
     "SURFACE_STATISTICS",
     "SWEEP",
     "UNLOADING",
+    "VIBRATION",
     "WOEHLER",
     "WORK_PRECISION",
     "Schema",
@@ -89,6 +96,7 @@ SCHEMAS = {
         LAW_COMPARISON,
         HOMOGENISED,
         SEAL,
+        VIBRATION,
         GRANULATE,
         END_TO_END,
         STORED_CELLS,

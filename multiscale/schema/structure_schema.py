@@ -4,7 +4,7 @@ from functools import partial
 
 from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
 
-__all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT", "SEAL"]
+__all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT", "SEAL", "VIBRATION"]
 
 _step = partial(Variable, ("step",))
 _face = partial(Variable, ("step", "interface"))
@@ -161,6 +161,53 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "cycle_slip",
     "secant_stiffness",
 )
+
+_side = partial(Variable, ("side", "step"))
+
+VIBRATION = Schema(
+    name="vibration",
+    version=1,
+    variables={
+        "mode_frequency": Variable(("mode",), "Hz", "frequency of small vibration of a mode"),
+        "shape": Variable(
+            ("mode", "node", "component"), "kg-1/2", "shape of a mode of unit modal mass"
+        ),
+        "position": Variable(("node", "component"), "m", "position of the nodes"),
+        "step_mode": _step("1", "number of the mode, from 1"),
+        "modal_amplitude": _step("kg1/2 m", "modal amplitude"),
+        "largest_displacement": _step("m", "largest displacement of a node at the amplitude"),
+        "converged": _step("1", "whether the amplitude has an answer"),
+        "opens": _step("1", "whether contact opens at the amplitude"),
+    },
+    optional={
+        "frequency": _step("Hz", "frequency at the amplitude"),
+        "damping": _step("1", "share of critical damping at the amplitude"),
+        "joint_damping": _step("1", "share of critical damping that the joints give"),
+        "frequency_drop": _side(
+            "1", "fall of the square of the frequency in either direction, relative to small ones"
+        ),
+        "slipping_load": _step("1", "largest share of the load whose contacts slip"),
+        "rest_traction": Variable(("point", "direction"), "Pa", "traction of the joints at rest"),
+        "pressure": Variable(
+            ("side", "step", "point"), "Pa", "pressure at the amplitude in either direction"
+        ),
+        "slipping": Variable(
+            ("side", "step", "point"), "1", "share of the pressure that slips at the amplitude"
+        ),
+        "bolt_force": Variable(("bolt",), "N", "tension of the bolts at rest"),
+        **{
+            name: MACRO_RESULT.optional[name]
+            for name in (
+                "corners",
+                "element_body",
+                "point_position",
+                "point_area",
+                "point_joint",
+            )
+        },
+        **BUDGET,
+    },
+).with_intervals("frequency", "damping")
 
 SEAL = Schema(
     name="seal",

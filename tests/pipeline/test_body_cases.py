@@ -458,12 +458,12 @@ def test_the_run_refuses_meshes_before_it_solves_cells(meshes):
     assert not list((meshes / "early").rglob("*.nc"))
 
 
-def write_scattered_law(file):
+def write_scattered_law(file, samples=0):
     """Write a law with a budget, and return its pressures, Pa."""
     p = np.geomspace(1e6, 200e6, 9)
     spread = 1.0 + 0.04 * np.random.default_rng(3).standard_normal((6, 1))
     response = response_of(0.3e-6 * np.log(1e9 / p) * spread, p, area=p[None] / 5e9 * spread)
-    law = fit_law(response, n_samples=0)
+    law = fit_law(response, n_samples=samples)
     save_law(with_budget(law, error_budget(response, law)), file)
     return p
 

@@ -16,6 +16,7 @@ from multiscale.macro.substructures.joint_fields import (
     add_body_fields,
     element_corners,
     element_stress,
+    list_elements,
 )
 from multiscale.macro.substructures.joint_loading import (
     FEW_STEPS,
@@ -65,6 +66,7 @@ __all__ = [
     "follow_cut_loads",
     "follow_joint",
     "homogenise",
+    "list_elements",
     "load_joint",
     "measure_joint",
     "require_held",

@@ -15,7 +15,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["add_body_fields", "element_corners", "element_stress"]
+__all__ = ["add_body_fields", "element_corners", "element_stress", "list_elements"]
 
 
 def add_body_fields(
@@ -58,18 +58,33 @@ def add_body_fields(
     fields = [
         _fields(body, u[:, a:b]) for body, (a, b) in zip(bodies, pairwise(first), strict=True)
     ]
-    count = [body.mesh.t.shape[1] for body in bodies]
     values: dict[str, Any] = {
-        "corners": np.concatenate(
-            [element_corners(body) + start for body, start in zip(bodies, first, strict=False)]
-        ),
-        "element_body": np.repeat(np.arange(len(bodies)), count),
+        **list_elements(bodies),
         "equivalent_stress": np.concatenate([stress for stress, _ in fields], axis=1),
         "energy_density": np.concatenate([energy for _, energy in fields], axis=1),
     }
     if damage:
-        values["element_damage"] = np.repeat(damage, count)
+        values["element_damage"] = np.asarray(damage)[values["element_body"]]
     return MACRO_RESULT.assign(result, values)
+
+
+def list_elements(bodies: Sequence[Body]) -> dict[str, np.ndarray]:
+    """Return ``corners`` and ``element_body`` of ``MACRO_RESULT``, of bodies one after the other.
+
+    Raises
+    ------
+    CaseError
+        If their elements are of two kinds.
+    """
+    if len({body.mesh.t.shape[0] for body in bodies}) > 1:
+        raise CaseError("the bodies have elements of two kinds; mesh all by one kind")
+    first = np.cumsum([0, *(body.basis.N for body in bodies)])
+    count = [body.mesh.t.shape[1] for body in bodies]
+    corners = [element_corners(body) + start for body, start in zip(bodies, first, strict=False)]
+    return {
+        "corners": np.concatenate(corners),
+        "element_body": np.repeat(np.arange(len(bodies)), count),
+    }
 
 
 def element_stress(body: Body, displacement: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.interface_law import InterfaceLaw, Response
+from multiscale.laws.interface_law import InterfaceLaw, Response, Sliding
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_results import assemble_result, load_factors
@@ -119,7 +119,7 @@ def solve_whole(
         if not solution.converged:
             break
         u, before = solution.value, -response.traction[0]
-        state = law.advance(solution.jump, state)
+        state = law.sliding(solution.jump, state).state
     return assemble_result(problem, factors, columns, after)
 
 
@@ -194,19 +194,21 @@ class SideBySide(InterfaceLaw):
             new[: law.n_state, at] = law.unsheared(state[: law.n_state, at])
         return new
 
-    def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Let every law say what slips at its points."""
-        share = np.zeros(jump.shape[1:])
+    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
+        """Let every law bound the shear at its points."""
+        limit = np.zeros_like(pressure)
         for law, at in self._places():
-            share[at] = law.slipping_load(jump[:, at], state[: law.n_state, at])
-        return share
+            limit[at] = law.friction_limit(pressure[at])
+        return limit
 
-    def advance(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Return the state after a step, which may not win energy."""
-        new = np.zeros_like(state)
+    def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
+        """Let every law say what a step does at its points, which may not win energy."""
+        shares, new = np.zeros((3, self.n_points)), np.zeros_like(state)
         for law, at in self._places():
-            new[: law.n_state, at], _ = advance_state(law, jump[:, at], state[: law.n_state, at])
-        return new
+            own = state[: law.n_state, at]
+            new[: law.n_state, at], done = advance_state(law, jump[:, at], own)
+            shares[:, at] = done.slipping, done.dissipated, done.stored
+        return Sliding(shares[0], shares[1], shares[2], new)
 
     @property
     def n_points(self) -> int:

@@ -1,8 +1,9 @@
 """Vibration of preloaded structures with joints: frequency and damping against amplitude."""
 
 from multiscale.macro.vibration.backbone import Amplitudes, Backbone, follow_backbone
-from multiscale.macro.vibration.preloaded import Preloaded, press_structure
+from multiscale.macro.vibration.preloaded import Preloaded, press_structure, require_joined
 from multiscale.macro.vibration.tangent_modes import TangentModes, structure_mass, tangent_modes
+from multiscale.macro.vibration.vibrate import vibrate
 
 __all__ = [
     "Amplitudes",
@@ -11,8 +12,10 @@ __all__ = [
     "TangentModes",
     "follow_backbone",
     "press_structure",
+    "require_joined",
     "structure_mass",
     "tangent_modes",
+    "vibrate",
 ]
 
 __dir__ = __all__.copy

@@ -44,6 +44,9 @@ SLID = 0.99
 OPENS = 0.01
 """Share of the pressure at rest up to which a point opens, and of the area that then counts."""
 
+SHEARED = 0.02
+"""Shear at rest, relative to what friction bears, above which loading curves depend on it."""
+
 MIDDLE = 1e-3
 """Middle of a cycle, relative to its amplitude."""
 
@@ -94,6 +97,8 @@ class Backbone:
     pressure, slipping : ndarray, shape (2, amplitudes, points)
         Pressure, Pa, and share of it that slips, at the amplitude in both directions.
     opens : ndarray of bool, shape (amplitudes,), whether contact opens in one of them
+    sheared : bool
+        Whether the preload leaves shear in the joints, so that loading curves depend on it.
     failure : str, why the last amplitudes have no answer; empty if all have one
     """
 
@@ -103,6 +108,7 @@ class Backbone:
     pressure: np.ndarray
     slipping: np.ndarray
     opens: np.ndarray
+    sheared: bool
     failure: str
 
 
@@ -139,7 +145,7 @@ class _Point:
     value : ndarray, shape (n,), change of the displacement since rest, m
     amplitude, force : float, q, kg^1/2 m, and alpha, kg^1/2 m/s2
     jump, state : ndarray, of the joints
-    slipping : ndarray, shape (points,), share of the pressure that slips
+    slipping : ndarray, shape (points,), share of the pressure that slips in the step to it
     failure : str
     """
 
@@ -214,9 +220,9 @@ class _Mode:
         failure = "" if solution.converged else solution.status.value
         if failure:
             return replace(point, failure=failure)
-        slipping = law.slipping_load(solution.jump, state)
-        new = law.advance(solution.jump, state)
-        return _Point(solution.value, q, spring * (reach - q), jump, new, slipping)
+        done = law.sliding(solution.jump, state)
+        force = spring * (reach - q)
+        return _Point(solution.value, q, force, jump, done.state, done.slipping)
 
     def pressure(self, point: _Point) -> np.ndarray:
         """Pressure at a point of the path, shape (points,), Pa."""
@@ -261,7 +267,7 @@ def follow_backbone(
         none = np.zeros((2, asked, 0))
         constant = np.full(asked, modes.frequency[mode])
         nothing = np.zeros((2, asked))
-        return Backbone(constant, nothing[0], nothing, none, none, np.zeros(asked, dtype=bool), "")
+        return Backbone(constant, nothing[0], nothing, none, none, nothing[0] > 0.0, False, "")
     driven = _drive(rest, load[:, mode], square)
     grid, places = amplitudes.curve()
     force, drop = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
@@ -290,9 +296,9 @@ def follow_backbone(
         loss[side, :found] = masing_loss(*curve, square)[known]
     sizes, stiffness = reached.sum(axis=0), force.sum(axis=0) / reached.sum(axis=0)
     lost, q = loss.mean(axis=0), 0.5 * sizes
-    opens = _opens(driven, pressure)
+    opens, sheared = _opens(driven, pressure), _sheared(driven)
     for k in np.flatnonzero(np.isfinite(lost)):
-        if amplitudes.full_cycle or opens[k]:
+        if amplitudes.full_cycle or opens[k] or sheared:
             lost[k], q[k], stiffness[k] = _cycle(driven, ends[0][k], q[k], amplitudes.steps)
     frequency = np.sqrt(stiffness) / (2.0 * np.pi)
     unknown = np.flatnonzero(np.isnan(lost))
@@ -304,7 +310,7 @@ def follow_backbone(
             f"{amplitudes.values[unknown[0]]:.4g} kg^1/2 m on: {why}; ask for smaller amplitudes"
         )
     damping = lost / (2.0 * np.pi * stiffness * q**2)  # (1)
-    return Backbone(frequency, damping, drop, pressure, slipping, opens, failure)
+    return Backbone(frequency, damping, drop, pressure, slipping, opens, sheared, failure)
 
 
 def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
@@ -328,6 +334,14 @@ def _opens(driven: _Mode, pressure: np.ndarray) -> np.ndarray:
     left = (rest > 0.0) & (pressure < OPENS * rest)  # NaN is not
     pressed = area[rest > 0.0].sum()
     return np.asarray((left @ area > OPENS * pressed).any(axis=0))
+
+
+def _sheared(driven: _Mode) -> bool:
+    """Tell whether the preload leaves shear in the joints."""
+    rest, area = driven.rest, driven.structure.weight
+    shear = np.linalg.norm(driven.law.rest[1:], axis=0)
+    limit = rest.law.friction_limit(np.maximum(-driven.law.rest[0], 0.0))
+    return bool(shear @ area > SHEARED * (limit @ area))
 
 
 def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[float, float, float]:

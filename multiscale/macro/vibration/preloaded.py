@@ -10,12 +10,13 @@ from scipy.sparse import block_array, csr_array, diags_array
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import AssembledNewton
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.joint_state import states_after
+from multiscale.macro.substructures.joint_state import joint_shares, states_after
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_solver import SideBySide
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
@@ -24,7 +25,7 @@ from multiscale.macro.vibration.tangent_modes import find_free_motions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Preloaded", "press_structure"]
+__all__ = ["Preloaded", "press_structure", "require_joined"]
 
 MOST = 6000
 """Kept unknowns up to which bodies are condensed: their full matrix is factorised once, and one
@@ -76,6 +77,7 @@ def press_structure(
     factors: np.ndarray,
     *,
     preload_laws: Sequence[InterfaceLaw] | None = None,
+    extrapolate: bool = False,
 ) -> Preloaded:
     """Bring a structure to rest under its preload.
 
@@ -88,21 +90,20 @@ def press_structure(
     preload_laws : sequence of InterfaceLaw, optional
         Laws of the interfaces during the preload, such as frictionless ones, with the same states.
 
+    extrapolate : bool
+        Whether pressures may lie far outside the data of the laws; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+
     Raises
     ------
     CaseError
         If a body is free to move by itself, or the structure is refused as by ``cut_assembly``.
     ConvergenceError
-        If the preload has no equilibrium.
+        If the preload has no equilibrium, or one far outside the data of a law.
     """
     free = cut_assembly(assembly)
     held = _hold(free)
-    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
-    if loose := say_free_motions(held, names):
-        raise CaseError(
-            f"{loose}: hold each body by supports, by an interface with friction or by bolts; the "
-            f"structure as a whole may be free"
-        )
+    _require_joined(assembly, held)
     condensed = condense_problem(held, largest=MOST)
     laws = [interface.law for interface in assembly.interfaces]
     pressed = condensed.small.with_laws(laws if preload_laws is None else preload_laws)
@@ -110,10 +111,36 @@ def press_structure(
     if not path["converged"].values.all():
         raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
     joints = pressed.joints
+    if joints:
+        shares, data = joint_shares(pressed, path)
+        loads = ["its preload"] * path.sizes["step"]
+        path = with_load_shares(path, shares, data, extrapolate=extrapolate, loads=loads)
+        if not (extrapolate or path["known"].values[-1]):
+            raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
     after = SideBySide([laws[joint.joint].shaken_down() for joint in joints], pressed.points)
     states = states_after(pressed, path)
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
     return Preloaded(free, condensed, path, after, jump, after.join(states))
+
+
+def require_joined(assembly: Assembly) -> None:
+    """Refuse bodies that may move against each other; the structure as a whole may be free.
+
+    Raises
+    ------
+    CaseError
+        With the bodies and their motions, or as ``cut_assembly``.
+    """
+    _require_joined(assembly, _hold(cut_assembly(assembly)))
+
+
+def _require_joined(assembly: Assembly, held: CutProblem) -> None:
+    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
+    if loose := say_free_motions(held, names):
+        raise CaseError(
+            f"{loose}: hold each body by supports, by an interface with friction or by bolts; the "
+            f"structure as a whole may be free"
+        )
 
 
 def _hold(problem: CutProblem) -> CutProblem:

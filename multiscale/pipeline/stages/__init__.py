@@ -22,6 +22,7 @@ from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
+from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 
 __all__ = ["STAGES", "stages_of"]
 
@@ -44,6 +45,7 @@ STAGES: tuple[Stage, ...] = (
     ROUGH_JOINTS,
     LOADED_BODIES,
     BODY_FATIGUE,
+    VIBRATING_BODIES,
     GRAINS,
     CONDENSED_PARTS,
 )

@@ -37,7 +37,7 @@ from multiscale.pipeline.stage import (
     Summary,
     format_table,
 )
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, count_size
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, body_size
 from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_fatigue_field
 from multiscale.plotting.figure import on_axes
@@ -134,7 +134,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     bodies, table, result = case.structure, case.fatigue, found[MACRO_RESULT.name]
     assert isinstance(bodies, Bodies)  # as the case has checked
     laws = bodies.read_laws(case, found, job.read_law)
-    method = choose_solver(case, count_size(bodies, case), job.team).taken.method
+    method = choose_solver(case, body_size(bodies, case), job.team).taken.method
     names = [one.name for one in bodies.bodies]
     number = names.index(table.body or names[0])
     cycled = _Cycled(bodies, case, laws, method, number)

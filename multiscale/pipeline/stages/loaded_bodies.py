@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-__all__ = ["LOADED_BODIES", "count_size"]
+__all__ = ["LOADED_BODIES", "body_size", "budgeted_laws"]
 
 NO_COARSER = (
     "intervals do not count the error of the meshes, which is not known: give every body a coarser "
@@ -94,7 +94,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     bodies = bodies.with_volumes(found, job.read_rve)
     laws = bodies.read_laws(case, found, job.read_law)
     parts = bodies.build(case, bodies.sliders(case, laws))
-    chosen = choose_solver(case, count_size(bodies, case), job.team)
+    chosen = choose_solver(case, body_size(bodies, case), job.team)
     method = chosen.taken.method
     require_held(parts.assembly)
     structure = condense_assembly(parts.assembly, method)
@@ -139,15 +139,7 @@ def _with_budget(
         return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
-    shared, found = case.interface or JointLaw(), []
-    for number, law in enumerate(laws):
-        if law is None or "error_half_width" not in law:
-            result = with_cautions(result, NO_BUDGET.format(number=number))
-        elif not any(law is other for other in laws[:number]):  # the first interface of its law
-            joints = tuple(k for k, other in enumerate(laws) if other is law)
-            source = bodies.interfaces[number].over(shared)
-            measured = [name for name in PARAMETERS if getattr(source, name) is None]
-            found.append(JointsOfLaw(law, joints, measured))
+    result, found = budgeted_laws(result, bodies, case, laws)
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
     whole = bool(result["converged"].values.all())
     few = few_steps(case) if whole else 0
@@ -161,6 +153,22 @@ def _with_budget(
     if not coarser:
         result = with_cautions(result, NO_COARSER)
     return with_joint_budget(result, found, solve, asked, coarser, job, volumes)
+
+
+def budgeted_laws(
+    result: "xr.Dataset", bodies: Bodies, case: Case, laws: "Sequence[xr.Dataset | None]"
+) -> "tuple[xr.Dataset, list[JointsOfLaw]]":
+    """Find the laws with a budget and their joints; a result tells of those without one."""
+    shared, found = case.interface or JointLaw(), []
+    for number, law in enumerate(laws):
+        if law is None or "error_half_width" not in law:
+            result = with_cautions(result, NO_BUDGET.format(number=number))
+        elif not any(law is other for other in laws[:number]):  # the first interface of its law
+            joints = tuple(k for k, other in enumerate(laws) if other is law)
+            source = bodies.interfaces[number].over(shared)
+            measured = [name for name in PARAMETERS if getattr(source, name) is None]
+            found.append(JointsOfLaw(law, joints, measured))
+    return result, found
 
 
 def _solve_changed(
@@ -220,7 +228,7 @@ def _energies(result: "xr.Dataset") -> Iterator[str]:
                 yield f"Interface {number} loses {1e3 * lost:.4g} mJ in the last cycle."
 
 
-def count_size(bodies: Bodies, case: Case) -> JointSize:
+def body_size(bodies: Bodies, case: Case) -> JointSize:
     """Count unknowns, points of interfaces and load steps."""
     meshes = [body.load() for body in bodies.bodies]
     nodes = sum(mesh.p.shape[1] for mesh in meshes)
@@ -232,7 +240,7 @@ def count_size(bodies: Bodies, case: Case) -> JointSize:
 
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
-    size = count_size(bodies, case)
+    size = body_size(bodies, case)
     chosen = choose_solver(case, size)
     points = size.joint_points
     needs = solver_needs(chosen, size, SLABS if points else 0)

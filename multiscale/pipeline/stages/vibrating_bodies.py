@@ -1,0 +1,352 @@
+"""Stage: frequency and damping of elastic bodies with joints against the amplitude."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.io import write_mode_fields
+from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
+from multiscale.macro import Body
+from multiscale.macro.substructures import list_elements
+from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.macro.vibration import (
+    Preloaded,
+    TangentModes,
+    press_structure,
+    require_joined,
+    structure_mass,
+    tangent_modes,
+    vibrate,
+)
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.assembly_settings import Bodies
+from multiscale.pipeline.body_budget import Change, change_friction, with_joint_budget
+from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
+from multiscale.pipeline.rows import Table, padded, say_answer
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.loaded_bodies import NO_COARSER, body_size, budgeted_laws
+from multiscale.pipeline.structure_stage import structure_stage, with_law_cautions
+from multiscale.pipeline.vibration_settings import COARSE
+from multiscale.plotting import MOST_DRAWN, vibration_pictures
+from multiscale.plotting.figure import WIDE, on_axes
+from multiscale.schema import VIBRATION, with_cautions
+from multiscale.units import length_unit
+from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
+from multiscale.upscaling.fit import told_branches
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+__all__ = ["VIBRATING_BODIES"]
+
+ANSWERS = (
+    StageAnswer("frequency", "frequency at the last amplitude", "Hz"),
+    StageAnswer("damping", "damping at the last amplitude", "% of critical", 100.0),
+)
+
+PICTURES = (
+    "error_budget",
+    *(
+        f"{name}_{k}"
+        for k in range(MOST_DRAWN)
+        for name in ("mode_shape", "frequency", "damping", "pressure", "slipping")
+    ),
+)
+"""Names of all figures of vibrating bodies."""
+
+BUDGETED = ("frequency", "damping")
+
+STATED_BED = 2
+"""Ratio of the slabs of two beds that tell the error of the finer one."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Vibrating:
+    """A case at rest, its modes, and the amplitudes at which these are followed."""
+
+    bodies: Sequence[Body]
+    rest: Preloaded
+    modes: TangentModes
+    mass: csr_array
+
+
+def _press(
+    bodies: Bodies, case: Case, laws: Sequence[InterfaceLaw]
+) -> tuple[_Vibrating, list[str]]:
+    """Bring bodies with some laws to rest and find their modes; also what is said of the parts."""
+    asked = case.vibration
+    assert asked is not None  # the stage runs where the table is
+    parts = bodies.build(case, laws)
+    smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]
+    rest = press_structure(
+        parts.assembly,
+        parts.path.factors(),
+        preload_laws=None if asked.preload_friction else smooth,
+        extrapolate=case.extrapolate,
+    )
+    densities = [float(body.density or 0.0) for body in bodies.bodies]
+    mass = structure_mass(rest.free, parts.assembly.bodies, densities)
+    modes = tangent_modes(rest.free, rest.tangent(), mass, max(asked.modes))
+    return _Vibrating(parts.assembly.bodies, rest, modes, mass), list(parts.facts)
+
+
+def _laws(
+    bodies: Bodies,
+    case: Case,
+    laws: "Sequence[xr.Dataset | None]",
+    change: Change,
+) -> list[InterfaceLaw]:
+    """Make beds of many slabs, on the curve of unloading where cells have measured one."""
+    asked = case.vibration
+    assert asked is not None  # the stage runs where the table is
+    normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
+    made = bodies.sliders(case, laws, normal, asked.slabs)
+    for number, law in enumerate(laws):
+        if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
+            branch = (float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent"))
+            bed = cast(Sliders, made[number])  # of loading
+            made[number] = replace(bed, normal=HystereticLaw(cast(NormalLaw, bed.normal), *branch))
+    few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
+    return change_friction(made, few)
+
+
+def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Press the bodies, find their modes and follow some of them over their amplitudes."""
+    asked = case.vibration
+    assert asked is not None  # the stage runs where the table is
+    bodies = bodies.with_volumes(found, job.read_rve)
+    laws = bodies.read_laws(case, found, job.read_law)
+    still, facts = _press(bodies, case, _laws(bodies, case, laws, Change()))
+    modes, largest = still.modes, _largest(still)
+    result = vibrate(
+        still.rest,
+        modes,
+        still.mass @ modes.shape,
+        asked.reach(largest),
+        material_damping=asked.material_damping,
+        progress=lambda finished, total: job.progress(finished, total, "amplitudes"),
+    )
+    values = list_elements(still.bodies)
+    if bodies.bolts:
+        values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
+    result = VIBRATION.assign(result, values)
+    known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
+    result = with_law_cautions(result, case, found, known)
+    result = with_cautions(result, *bodies.assumed(case))
+    if any(law is not None and "error_half_width" in law for law in laws):
+        result = _with_budget(result, bodies, case, laws, still, job)
+    rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
+    pinned = "without friction" if not asked.preload_friction else "with friction"
+    facts += [
+        f"Small vibration has {', '.join(f'{one:.5g}' for one in modes.frequency)} Hz.",
+        rigid,
+        f"The preload was brought up {pinned}; shapes and amplitudes count from there.",
+    ]
+    return result.assign_attrs(facts="\n".join(filter(None, facts)))
+
+
+def _largest(still: _Vibrating) -> np.ndarray:
+    """Largest displacement of a node in the shape of every mode, kg^-1/2."""
+    shapes = np.stack([still.rest.free.displacement(one) for one in still.modes.shape.T])
+    return np.asarray(np.linalg.norm(shapes, axis=2).max(axis=1))
+
+
+def _with_budget(
+    result: "xr.Dataset",
+    bodies: Bodies,
+    case: Case,
+    laws: "Sequence[xr.Dataset | None]",
+    still: _Vibrating,
+    job: Job,
+) -> "xr.Dataset":
+    """Carry the budgets of all laws to frequency and damping of every amplitude."""
+    result, found = budgeted_laws(result, bodies, case, laws)
+    solved = np.flatnonzero(result["converged"].values)
+    if not solved.size:
+        return result
+    coarser = bodies.coarser()
+    if not coarser:
+        result = with_cautions(result, NO_COARSER)
+
+    def place(told: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
+        """Give every amplitude its column, which follow the preload."""
+        count = result.sizes["step"]
+        whole = over_steps(budget.isel(step=slice(1, None)), solved, count)
+        whole = whole.assign_coords(step=result["step"])
+        values = {}
+        for kind, error in interval_errors(whole).items():
+            for name, half in zip(map(str, whole["quantity"].values), error, strict=True):
+                values[f"{name}_{kind}"] = limits(result[name].to_numpy(), half)
+        placed = VIBRATION.assign(with_budget(result, whole), values)
+        return placed.assign_attrs(cautions=str(told.attrs.get("cautions", "")))
+
+    slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
+    read = {name: partial(_at, name, solved) for name in BUDGETED}
+    cycles = CycleAnswers(
+        read,
+        "",
+        "damping",
+        np.zeros(solved.size, dtype=int),
+        np.full(solved.size, np.nan),
+        np.maximum(slip, 0.0),
+        COARSE,
+    )
+    asked = JointAnswers({}, {}, np.zeros(1, dtype=int), place, cycles)
+    rest = still.rest.path.isel(step=[-1])
+    rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
+    rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
+    solve = partial(_solve_changed, bodies, case, laws, still)
+    return with_joint_budget(rest, found, solve, asked, coarser, job)
+
+
+def _at(name: str, steps: np.ndarray, result: "xr.Dataset") -> np.ndarray:
+    """Values of an answer at some amplitudes."""
+    return np.asarray(result[name].to_numpy()[steps])
+
+
+def _solve_changed(
+    bodies: Bodies,
+    case: Case,
+    laws: "Sequence[xr.Dataset | None]",
+    near: _Vibrating,
+    change: Change,
+) -> "xr.Dataset":
+    """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
+    asked = case.vibration
+    assert asked is not None  # the stage runs where the table is
+    other = bodies if change.structure is None else change.structure
+    assert isinstance(other, Bodies)  # of the same kind
+    still, _ = _press(other, case, _laws(bodies, case, laws, change))
+    reached = asked.reach(_largest(near), coarse=True)
+    if change.structure is None:
+        still = _in_order_of(still, near)
+    return vibrate(
+        still.rest,
+        still.modes,
+        still.mass @ still.modes.shape,
+        reached,
+        material_damping=asked.material_damping,
+    )
+
+
+def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
+    """Put modes of the same mesh in the order of others, by their shapes."""
+    alike = np.abs(near.modes.shape.T @ (near.mass @ still.modes.shape))
+    order = np.argmax(alike, axis=1)
+    if np.unique(order).size < order.size:
+        return still
+    modes = replace(
+        still.modes, square=still.modes.square[order], shape=still.modes.shape[:, order]
+    )
+    return replace(still, modes=modes)
+
+
+def _needs(bodies: Bodies, case: Case) -> Needs:
+    asked = case.vibration
+    assert asked is not None  # the stage runs where the table is
+    size = body_size(bodies, case)
+    needs = cut_needs(
+        size.unknowns, joint_points=size.joint_points, coarse=False, slabs=asked.slabs
+    )
+    told = Choice(
+        "vibration",
+        f"modes by shift and invert on {size.unknowns} unknowns; then bodies are condensed onto "
+        f"{size.joint_points} points of interfaces and followed over {len(asked.modes)} modes",
+    )
+    memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
+    memory += 8 * 3 * asked.slabs * size.joint_points * 4
+    return replace(needs, memory=memory, choices=(told, *needs.choices))
+
+
+def _tabulate(result: "xr.Dataset") -> Table:
+    """Head and rows of the amplitudes of all modes."""
+    along = length_unit(result["largest_displacement"].values[-1:])
+    head = ("mode", f"largest ({along.name})", "kg^1/2 m", "Hz", "damping (%)", "slip (%)", "opens")
+    rows: list[tuple[str, ...]] = []
+    for k in range(result.sizes["step"]):
+        step = result.isel(step=k)
+        row: tuple[str, ...] = (
+            f"{int(step['step_mode'])}",
+            f"{along.scale * float(step['largest_displacement']):.4g}",
+            f"{float(step['modal_amplitude']):.4g}",
+        )
+        if not int(step["converged"]):
+            rows.append(padded((*row, "slides away"), head))
+            continue
+        slips = step.get("slipping_load")
+        row += (
+            say_answer(step, "frequency", 1.0, ""),
+            say_answer(step, "damping", 100.0, ""),
+            "-" if slips is None else f"{100.0 * float(slips):.3g}",
+            "yes" if int(step["opens"]) else "no",
+        )
+        rows.append(row)
+    return head, rows
+
+
+def _sections(result: "xr.Dataset") -> Iterator[Section]:
+    """Show modes, backbones and joints."""
+    told = [
+        "Pressure and slip of interfaces are those at the largest amplitude of the first mode that "
+        "has an answer, in one direction."
+    ]
+    drawn = vibration_pictures(result, MOST_DRAWN)
+    wide = {name: plot for name, plot in drawn.items() if name.startswith("mode_shape")}
+    figures = {name: on_axes(plot, *(WIDE if name in wide else ())) for name, plot in drawn.items()}
+    yield Section("Modes, frequency and damping", told, figures=figures)
+    yield budget_section(result)
+
+
+def _answer(result: "xr.Dataset") -> list[str]:
+    """Say frequency and damping of the first mode at its least and largest amplitude."""
+    known = np.flatnonzero(
+        (result["converged"].values == 1)
+        & (result["step_mode"].values == result["step_mode"].values[0])
+    )
+    if not known.size:
+        return ["No amplitude has an answer."]
+    along = length_unit(result["largest_displacement"].values[-1:])
+    said = []
+    for k in dict.fromkeys((known[0], known[-1])):
+        step = result.isel(step=k)
+        said.append(
+            f"Mode {int(step['step_mode'])} has {say_answer(step, 'frequency', 1.0, ' Hz')} and "
+            f"{say_answer(step, 'damping', 100.0, ' %')} of critical damping where its largest "
+            f"displacement is {along.scale * float(step['largest_displacement']):.3g} {along.name}."
+        )
+    return said
+
+
+def _compared(result: "xr.Dataset") -> "xr.Dataset":
+    """Return the answers at the largest amplitude of the first mode."""
+    first = np.flatnonzero(result["step_mode"].values == result["step_mode"].values[0])
+    return result.isel(step=first)
+
+
+VIBRATING_BODIES = structure_stage(
+    "vibration",
+    _solve,
+    _needs,
+    _tabulate,
+    write_mode_fields,
+    reads={"strict", "structure", "interface", "statics", "vibration"},
+    takes=(FITTED_LAW,),
+    schema=VIBRATION,
+    question="Which frequency and damping do the bodies have, and how do both change with the "
+    "amplitude?",
+    prepare=lambda bodies, case: bodies.try_to_build(case, require_joined),
+    kept="--quick keeps the meshes of the bodies, which it cannot make coarser",
+    more=_sections,
+    pictures=PICTURES,
+    answer=_answer,
+    answers=ANSWERS,
+    compared=_compared,
+)

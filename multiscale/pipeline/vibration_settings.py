@@ -1,0 +1,119 @@
+"""The table of a case that asks for frequency and damping of its bodies."""
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from multiscale.macro.vibration import Amplitudes
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Number,
+    Positive,
+    Settings,
+    Share,
+    must_rise,
+)
+
+__all__ = ["VibrationSettings"]
+
+FEW, FEW_SLABS = 3, 192
+"""Amplitudes and slabs of quick runs, at most."""
+
+COARSE = 2.0
+"""Exponent by which the largest ratio of neighbouring amplitudes grows in coarser paths."""
+
+RATIO = 1.5
+"""Largest ratio of neighbouring amplitudes of a loading curve."""
+
+
+class VibrationSettings(Settings):
+    """Modes of the bodies about their preload, and their amplitudes.
+
+    The steps of `[statics]` are the preload. Every body has a `density`; supports may leave the
+    structure as a whole free.
+    """
+
+    modes: tuple[Positive, ...] = Field(
+        (1,),
+        min_length=1,
+        description="Numbers of the modes, from 1, in the order of their frequencies; rigid "
+        "motions do not count.",
+    )
+    amplitudes: tuple[Length, ...] = Field(
+        (),
+        description="Amplitudes as the largest displacement of a node in the mode, m, rising.",
+    )
+    modal_amplitudes: tuple[Annotated[Number, Field(gt=0.0)], ...] = Field(
+        (),
+        description="Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or "
+        "`amplitudes` are given.",
+    )
+    material_damping: Share = Field(
+        0.0, description="Share of critical damping that the bodies give every mode."
+    )
+    cycle: Literal["masing", "full"] = Field(
+        "masing",
+        description="Whether the loss of a cycle follows by Masing's rule from the loading curve, "
+        "in both directions, or a full cycle is solved at every amplitude. Where contact opens, "
+        "or the preload leaves shear, full cycles are solved in any case.",
+    )
+    steps: Positive = Field(
+        10, description="Steps from the middle of a full cycle to its amplitude."
+    )
+    preload_friction: bool = Field(
+        True, description="Whether interfaces have friction while the preload is brought up."
+    )
+    slabs: Annotated[Count, Field(ge=8, le=10_000)] = Field(
+        512,
+        description="Slabs of the beds of sliders: few of them lose the small slip of small "
+        "amplitudes.",
+    )
+
+    _rise = field_validator("amplitudes", "modal_amplitudes")(must_rise)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if bool(self.amplitudes) == bool(self.modal_amplitudes):
+            given = "both are given" if self.amplitudes else "neither is given"
+            raise ValueError(f"one of amplitudes and modal_amplitudes should be given, and {given}")
+        if twice := [mode for mode in self.modes if self.modes.count(mode) > 1]:
+            raise ValueError(f"modes should name mode {twice[0]} once, got {list(self.modes)}")
+        return self
+
+    def reach(self, largest: np.ndarray, *, coarse: bool = False) -> dict[int, Amplitudes]:
+        """Return the modal amplitudes of the modes, counted from 0.
+
+        Parameters
+        ----------
+        largest : ndarray, largest displacement of a node in the shape of every mode, kg^-1/2
+        coarse : bool, whether the paths have half of the steps
+        """
+        given = np.array(self.modal_amplitudes or self.amplitudes)
+        return {
+            mode - 1: Amplitudes(
+                tuple((given if self.modal_amplitudes else given / largest[mode - 1]).tolist()),
+                full_cycle=self.cycle == "full",
+                ratio=RATIO**COARSE if coarse else RATIO,
+                steps=max(1, self.steps // 2) if coarse else self.steps,
+            )
+            for mode in self.modes
+        }
+
+    def quick(self) -> Self:
+        """Return the first mode at a few amplitudes, of beds of fewer slabs."""
+
+        def few(values: tuple[float, ...]) -> tuple[float, ...]:
+            places = np.linspace(0, len(values) - 1, min(FEW, len(values))).round().astype(int)
+            return tuple(values[place] for place in places)
+
+        return self.model_copy(
+            update={
+                "modes": self.modes[:1],
+                "amplitudes": few(self.amplitudes),
+                "modal_amplitudes": few(self.modal_amplitudes),
+                "slabs": min(FEW_SLABS, self.slabs),
+                "steps": min(4, self.steps),
+            }
+        )

@@ -1,0 +1,162 @@
+"""Figures of vibration: shapes of modes, frequency and damping, pressure and slip at amplitudes.
+
+A ``result`` follows ``VIBRATION``.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.plotting.joint_figures import FACES, draw_points
+from multiscale.plotting.law_figures import BANDS
+from multiscale.units import Unit, length_unit
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+
+__all__ = ["plot_backbone", "plot_mode_shape", "plot_vibrating_joint", "vibration_pictures"]
+
+LEAN = 0.12
+"""Largest displacement in a figure of a mode, relative to the longest edge of the structure."""
+
+QUANTITIES = {"frequency": Unit("Hz", 1.0), "damping": Unit("% of critical", 100.0)}
+"""Quantities of backbones and their units."""
+
+AT_POINTS = {"pressure": ("pressure", Unit("MPa", 1e-6)), "slipping": ("slip", Unit("%", 100.0))}
+"""Quantities of the points of joints, their names and units."""
+
+
+def plot_backbone(
+    result: "xr.Dataset",
+    *,
+    quantity: str = "frequency",
+    mode: int | None = None,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Plot frequency or damping of a mode against its amplitude, with intervals if it has any.
+
+    Parameters
+    ----------
+    quantity : {"frequency", "damping"}
+    mode : int, optional, the first that was followed if not given
+    """
+    ax, unit = axes_or_current(ax), QUANTITIES[quantity]
+    number = int(result["step_mode"][0]) if mode is None else mode
+    one = result.isel(step=np.flatnonzero(result["step_mode"] == number))
+    along = length_unit(one["largest_displacement"].values[-1:])
+    x, value = along.scale * one["largest_displacement"].values, unit.scale * one[quantity].values
+    for kind, alpha in BANDS.items():
+        if f"{quantity}_{kind}" in one:
+            low, high = unit.scale * one[f"{quantity}_{kind}"].values
+            label = f"{kind.replace('_', ' ')}, 95 %"
+            ax.fill_between(x, low, high, color="C0", alpha=alpha, linewidth=0, label=label)
+    ax.plot(x, value, "o-", color="C0", markersize=4, label=f"mode {number}")
+    if quantity == "frequency":
+        still = float(result["mode_frequency"].sel(mode=number))
+        ax.axhline(still, color="0.6", linewidth=0.8, label="at rest")
+    ax.set(xscale="log", xlabel=f"largest displacement in mode {number} ({along.name})")
+    ax.set_ylabel(f"{quantity} ({unit.name})")
+    ax.legend(fontsize="small")
+    return ax
+
+
+def plot_mode_shape(result: "xr.Dataset", *, mode: int = 1, ax: "Axes | None" = None) -> "Axes":
+    """Plot the bodies moved by a mode, seen across the plane of its largest motion.
+
+    Colours are the size of the displacement relative to the largest.
+    """
+    from matplotlib.collections import PolyCollection
+
+    ax = axes_or_current(ax)
+    shape, place = result["shape"].sel(mode=mode).values, result["position"].values
+    extent, motion = np.ptp(place, axis=0), np.abs(shape).max(axis=0)
+    along = int(np.argmax(extent))
+    across = int(np.argmax(np.where(np.arange(3) == along, -1.0, motion)))
+    size, faces = np.linalg.norm(shape, axis=1), _skin(result["corners"].values)
+    faces = faces[np.argsort(place[faces].mean(axis=1)[:, 3 - along - across])]  # far ones first
+    moved = 1e3 * (place + LEAN * extent.max() / size.max() * shape)[:, [along, across]]
+    still = 1e3 * place[:, [along, across]]
+    ax.add_collection(PolyCollection(list(still[faces]), facecolors="none", edgecolors="0.85"))
+    seen = PolyCollection(list(moved[faces]), array=size[faces].mean(axis=1), linewidths=0.2)
+    seen.set(edgecolor="white", clim=(0.0, float(size.max())))
+    ax.add_collection(seen)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.set(xlabel=f"{'xyz'[along]} (mm)", ylabel=f"{'xyz'[across]} (mm)")
+    ax.set_title(f"mode {mode}, {float(result['mode_frequency'].sel(mode=mode)):.4g} Hz at rest")
+    return ax
+
+
+def _skin(corners: np.ndarray) -> np.ndarray:
+    """Corners of the faces that belong to one element alone, shape (faces, corners)."""
+    sides = np.array(FACES[corners.shape[1]])
+    faces = corners[:, sides].reshape(-1, sides.shape[1])
+    _, first, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return np.asarray(faces[first[count == 1]])
+
+
+def plot_vibrating_joint(
+    result: "xr.Dataset",
+    *,
+    quantity: str = "pressure",
+    step: int = -1,
+    joint: int = 0,
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """Plot pressure at a joint, or the share of it that slips, at an amplitude, in one direction.
+
+    Parameters
+    ----------
+    quantity : {"pressure", "slipping"}
+    step : int, amplitude of a mode
+    joint : int, number of the joint
+    """
+    ax = axes_or_current(ax)
+    name, unit = AT_POINTS[quantity]
+    mine = np.flatnonzero(result["point_joint"].values == joint)
+    value = unit.scale * result[quantity].values[0, step, mine]
+    dots = draw_points(result, mine, value, ax)
+    dots.set_clim(0.0, max(float(np.nanmax(value)), np.finfo(float).tiny))
+    add_colour_bar(dots, ax, f"{name} ({unit.name})")
+    along = length_unit(result["largest_displacement"].values[[step]])
+    size = along.scale * float(result["largest_displacement"][step])
+    ax.set_title(
+        f"interface {joint}, mode {int(result['step_mode'][step])}, {size:.3g} {along.name}"
+    )
+    return ax
+
+
+def vibration_pictures(result: "xr.Dataset", most: int) -> "dict[str, Callable[[Axes], object]]":
+    """Return what is drawn of vibration, by name: modes and joints, at most so many of each."""
+    draw: dict[str, Callable[[Axes], object]] = {}
+    followed = list(dict.fromkeys(result["step_mode"].values.tolist()))[:most]
+    for k, mode in enumerate(followed):
+        draw[f"mode_shape_{k}"] = _on(plot_mode_shape, result, mode=mode)
+        for quantity in QUANTITIES:
+            if np.isfinite(result[quantity].values[result["step_mode"].values == mode]).any():
+                draw[f"{quantity}_{k}"] = _on(plot_backbone, result, quantity=quantity, mode=mode)
+    known = np.flatnonzero(
+        (result["converged"].values == 1) & (result["step_mode"].values == followed[0])
+    )
+    if not known.size or "pressure" not in result:
+        return draw
+    for joint in np.unique(result["point_joint"].values).astype(int).tolist()[:most]:
+        for quantity in AT_POINTS:
+            draw[f"{quantity}_{joint}"] = _on(
+                plot_vibrating_joint, result, quantity=quantity, step=int(known[-1]), joint=joint
+            )
+    return draw
+
+
+def _on(
+    plot: "Callable[..., Axes]", result: "xr.Dataset", **chosen: object
+) -> "Callable[[Axes], object]":
+    """Return what draws with some choices on axes."""
+    drawn = partial(plot, result, **chosen)
+    return lambda ax: drawn(ax=ax)

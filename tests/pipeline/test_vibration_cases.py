@@ -1,0 +1,141 @@
+"""Cases of vibrating bodies: frequency and damping with intervals, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.fe.boxes import box_mesh
+from multiscale.io import open_law
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.body_budget import Change
+from multiscale.pipeline.stages.vibrating_bodies import (
+    VIBRATING_BODIES,
+    _laws,
+    _press,
+    _solve_changed,
+)
+from multiscale.upscaling import law_from_dataset
+from tests.pipeline.test_body_cases import HIGH, LONG, STATED, TEXT, WIDE, write_scattered_law
+from tests.support import write_body, write_scene
+
+DENSE = TEXT.replace("poissons_ratio = 0.3", 'poissons_ratio = 0.3\ndensity = "7850 kg/m^3"')
+ONLY_PRESS = DENSE.replace(", { pull = 1 }", "")
+DENSITY = 'density = "7850 kg/m^3"'
+VIBRATION = """
+[vibration]
+modes = [1, 2]
+amplitudes = ["10 nm", "0.1 um"]
+material_damping = 0.001
+preload_friction = false
+slabs = 192
+"""
+LARGER = VIBRATION.replace("[1, 2]", "[1]").replace('"10 nm", "0.1 um"', '"0.1 um", "0.3 um"')
+
+
+@pytest.fixture(scope="module")
+def meshes(tmp_path_factory):
+    """A folder with the meshes of housing and cover."""
+    folder = tmp_path_factory.mktemp("meshes")
+    size = (LONG, WIDE, HIGH)
+    for name, place, counts in (("housing", 0.0, (3, 2, 1)), ("cover", HIGH, (2, 3, 1))):
+        write_body(folder / f"{name}.msh", box_mesh(size, counts, origin=(0.0, 0.0, place)))
+    return folder
+
+
+def solve(folder, text, *pairs):
+    """Run a case, and return its dataset and its page."""
+    return run(
+        load_case(write_scene(folder, text, *pairs)), folder / f"run_{len(list(folder.iterdir()))}"
+    )
+
+
+def test_a_case_has_modes_backbone_page_and_series(meshes):
+    results = solve(meshes, ONLY_PRESS + VIBRATION)
+    found = results["vibration"]
+    assert found["step_mode"].values.tolist() == [1, 1, 2, 2]
+    assert found["converged"].all()
+    slow, fast = found["frequency"].values[:2]
+    assert found["mode_frequency"].values[0] > slow > fast
+    damping = found["damping"].values
+    assert 0.001 < damping[0] < damping[1]
+    assert list(meshes.rglob("vibration.pvd"))
+    sections = list(VIBRATING_BODIES.sections(results, meshes))
+    drawn = {name: draw for section in sections for name, draw in section.figures.items()}
+    assert {"mode_shape_0", "frequency_1", "damping_0", "pressure_0", "slipping_0"} <= set(drawn)
+    assert all(name in VIBRATING_BODIES.pictures for name in drawn)
+    for name in ("mode_shape_0", "damping_0", "slipping_0"):
+        assert drawn[name](meshes / f"{name}.png").stat().st_size > 10_000
+    assert VIBRATING_BODIES.summary(results).answer[0].startswith("Mode 1 has ")
+    assert VIBRATING_BODIES.compared(found)["frequency"].values[-1] == fast
+
+
+REFUSED = {
+    "no density": (DENSITY, "", "[vibration] needs the mass of all bodies, and housing has no"),
+    "no amplitude": ('amplitudes = ["10 nm", "0.1 um"]', "", "should be given, and neither is"),
+    "falling": ('"0.1 um"', '"1 nm"', "must rise from one to the next"),
+    "twice": ("modes = [1, 2]", "modes = [2, 2]", "modes should name mode 2 once"),
+    "cycles": ("[vibration]", '[cycles]\nload = "press"\ncycles = 1\n[vibration]', "takes"),
+    "beyond": ("modes = [1, 2]", "modes = [109]", "mode 109 is wanted, and the model has 108"),
+    "not joined": ("friction = 0.2", "friction = 0", "the structure as a whole may be free"),
+    "far": ('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]', "the preload is unknown: up to 100"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_has_no_answer_is_refused_in_a_sentence(meshes, name):
+    old, new, said = REFUSED[name]
+    with pytest.raises((CaseError, ConvergenceError), match=re.escape(said)):
+        solve(meshes, ONLY_PRESS + VIBRATION, (old, new))
+
+
+def test_a_free_structure_and_an_amplitude_that_slides_are_told(meshes):
+    """The press on the cover against the press on the housing holds both; nothing else does."""
+    free = ONLY_PRESS.replace('supports = { bottom = "clamped" }\n', "").replace(
+        "[statics]",
+        '[[structure.loads]]\nname = "back"\nface = "housing.bottom"\n'
+        'pressure = "10 MPa"\n[statics]',
+    )
+    pairs = [("press = 1 }", "press = 1, back = 1 }"), ("[1, 2]", "[1]"), ('"0.1 um"', '"1 mm"')]
+    found = solve(meshes, free + VIBRATION, *pairs)["vibration"]
+    assert "along x, along y, along z, about x, about y, about z are left out" in str(
+        found.attrs["facts"]
+    )
+    assert found["converged"].values.tolist() == [1, 0]
+    assert np.isnan(found["damping"].values[1])
+    said = VIBRATING_BODIES.failure(found)
+    assert re.search(r"mode 1 has no answer from the modal amplitude .* kg.1/2 m on", said)
+
+
+def test_intervals_follow_the_budget_of_the_law(meshes):
+    write_scattered_law(meshes / "law.nc")
+    text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER
+    found = solve(meshes, text)["vibration"]
+    value = found["frequency"].values
+    low, high = found["frequency_mean_law"].values
+    assert np.all((low < value) & (value < high))
+    half = found["error_half_width"].sel(error_term="sampling")
+    assert np.all(half.sel(quantity="damping") > half.sel(quantity="frequency"))
+    assert np.isnan(found["error_total"].sel(quantity="damping")).all()  # no cell was cycled
+    assert "the error of the loss of a cycle is not known" in found.attrs["cautions"]
+
+
+@pytest.mark.slow
+def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
+    """Of 24 laws drawn from the law of 6 cells, within the noise of so few."""
+    write_scattered_law(meshes / "law.nc", samples=24)
+    text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER.replace("192", "768")
+    case = load_case(write_scene(meshes, text))
+    found = run(case, meshes / "sampled")["vibration"]
+    bodies = case.structure
+    laws = bodies.read_laws(case, {}, lambda file, quick: open_law(file))
+    near = _press(bodies, case, _laws(bodies, case, laws, Change()))[0]
+    drawn = [
+        _solve_changed(bodies, case, laws, near, Change((0,), law_from_dataset(laws[0], sample)))
+        for sample in range(laws[0].sizes["sample"])
+    ]
+    for name in ("frequency", "damping"):
+        scatter = 1.96 * np.std([one[name] for one in drawn], axis=0) / found[name].values
+        half = found["error_half_width"].sel(quantity=name, error_term="sampling").values
+        assert np.all((half / scatter > 0.6) & (half / scatter < 1.7)), (half, scatter)
