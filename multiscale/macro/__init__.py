@@ -22,7 +22,14 @@ grains                                 :func:`granulate.simulate_grains`
 """
 
 from multiscale.macro import granulate
-from multiscale.macro.bodies import Assembly, Bolt, Interface, Platen, shank_stiffness
+from multiscale.macro.bodies import (
+    Assembly,
+    Bolt,
+    BoltSection,
+    Interface,
+    Platen,
+    shank_stiffness,
+)
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -77,6 +84,7 @@ __all__ = [
     "Block",
     "Body",
     "Bolt",
+    "BoltSection",
     "Contact",
     "FiniteAssembly",
     "Interface",

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -30,7 +30,7 @@ from multiscale.pipeline.toml_model import (
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
-    from skfem import Mesh
+    from skfem import Element, Mesh
 
 
 __all__ = [
@@ -108,6 +108,11 @@ class MeshedBody(Settings):
     unit: Unit | None = Field(
         None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
     )
+    order: Literal[1, 2] = Field(
+        1,
+        description="Order of the elements: 2 puts nodes between the corners of the mesh, which "
+        "bending needs where there are few elements through a thickness.",
+    )
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
@@ -160,7 +165,21 @@ class MeshedBody(Settings):
             for boundary, parts in tractions.items()
         }
         law = elasticity(self.youngs_modulus, self.poissons_ratio, self.stiffness, self.damage)
-        return Body(mesh, law, supports, pulled, name=self.name)
+        return Body(mesh, law, supports, pulled, _element(mesh, self.order), name=self.name)
+
+    def count_nodes(self, mesh: "Mesh") -> int:
+        """Count the nodes of the body."""
+        between = [mesh.edges] if mesh.t.shape[0] == 4 else [mesh.edges, mesh.facets, mesh.t]
+        return sum(one.shape[1] for one in (mesh.p, *(between if self.order == 2 else ())))
+
+
+def _element(mesh: "Mesh", order: int) -> "Element | None":
+    """Scalar element of a body; None for the element of the mesh."""
+    from skfem import ElementHex2, ElementTetP2
+
+    if order == 1:
+        return None
+    return ElementTetP2() if mesh.t.shape[0] == 4 else ElementHex2()
 
 
 class StatedLaw(Settings):
@@ -234,11 +253,18 @@ class BodyInterface(Settings):
 class BodyBolt(Settings):
     """A bolt between two faces that look away from each other along x, y or z.
 
-    Its washers are rigid and tilt, and it carries no shear.
+    Its washers are rigid and tilt, and it carries no shear. A bolt that is meshed is a part of both
+    bodies, and bends and shears with them.
     """
 
     sides: tuple[str, str] = Field(
-        description='Faces under head and nut, as `"BODY.FACE"`, of the size of the washers.'
+        description='Faces under head and nut, as `"BODY.FACE"`, of the size of the washers; or '
+        "both faces of a cut across a shank that is meshed."
+    )
+    meshed: bool = Field(
+        False,
+        description="Whether the meshes of the bodies have the bolt, cut across its shank: there "
+        "both faces move alike but along the axis, where the preload acts and stays as it is.",
     )
     preload: Size = Field(description="Force of the bolt at the factor one of `preload`, N.")
     diameter: Length | None = Field(None, description="Diameter of the shank, m.")
@@ -252,7 +278,9 @@ class BodyBolt(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.diameter is None) == (self.stiffness is None):
+        if self.meshed and (self.diameter or self.stiffness or self.length):
+            raise ValueError("a bolt that is meshed takes no diameter, length or stiffness")
+        if not self.meshed and (self.diameter is None) == (self.stiffness is None):
             raise ValueError("a bolt takes either the diameter of its shank or its stiffness")
         if len({side.partition(".")[0] for side in self.sides}) == 1:
             raise ValueError(
