@@ -102,6 +102,17 @@ class InterfaceLaw(ABC):
         """Return the state of an interface at rest at a jump, m, without tangential traction."""
         return np.zeros((self.n_state, *jump.shape[1:]))
 
+    def unsheared(self, state: np.ndarray) -> np.ndarray:
+        """Return a state with its normal history and without tangential traction."""
+        return state
+
+    def shaken_down(self) -> "InterfaceLaw":
+        """Return the law, with the same state, of further loads that flow no more.
+
+        It is the law itself if it unloads as it loads.
+        """
+        return self
+
     def from_here(self, state: np.ndarray) -> np.ndarray:
         """Return the state for tangential jumps that count from the last committed one.
 

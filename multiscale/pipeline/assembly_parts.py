@@ -10,9 +10,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
+from multiscale.fe.elements import element_of_order
 from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.io import read_table
 from multiscale.laws import Exponential
-from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
+from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
@@ -30,7 +32,7 @@ from multiscale.pipeline.toml_model import (
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
-    from skfem import Element, Mesh
+    from skfem import Mesh
 
 
 __all__ = [
@@ -165,21 +167,12 @@ class MeshedBody(Settings):
             for boundary, parts in tractions.items()
         }
         law = elasticity(self.youngs_modulus, self.poissons_ratio, self.stiffness, self.damage)
-        return Body(mesh, law, supports, pulled, _element(mesh, self.order), name=self.name)
+        return Body(mesh, law, supports, pulled, element_of_order(mesh, self.order), name=self.name)
 
     def count_nodes(self, mesh: "Mesh") -> int:
         """Count the nodes of the body."""
         between = [mesh.edges] if mesh.t.shape[0] == 4 else [mesh.edges, mesh.facets, mesh.t]
         return sum(one.shape[1] for one in (mesh.p, *(between if self.order == 2 else ())))
-
-
-def _element(mesh: "Mesh", order: int) -> "Element | None":
-    """Scalar element of a body; None for the element of the mesh."""
-    from skfem import ElementHex2, ElementTetP2
-
-    if order == 1:
-        return None
-    return ElementTetP2() if mesh.t.shape[0] == 4 else ElementHex2()
 
 
 class StatedLaw(Settings):
@@ -196,6 +189,27 @@ class StatedLaw(Settings):
     def build(self) -> Exponential:
         """Make the law."""
         return Exponential(self.pressure_scale, self.decay_length, pressure_range=self.pressures)
+
+
+class StatedGap(Settings):
+    """The initial gap of an interface, beside the gap of its law."""
+
+    form: Literal["map"]
+    file: Path = Field(
+        description="Table with the columns `x`, `y` and `gap`: points in the plane of the "
+        "interface, along the axes of the structure, and gaps, `nan` in holes."
+    )
+    unit: Unit = Field(description='Length of one unit of the table, such as `"mm"`.')
+
+    def build(self) -> GapMap:
+        """Read the map."""
+        table = read_table(self.file, {})
+        if missing := sorted({"x", "y", "gap"} - set(table)):
+            raise CaseError(
+                f"{self.file}: no column {missing[0]!r}; a map of a gap has x, y and gap"
+            )
+        x, y, gap = (self.unit * np.array(table[name], dtype=float) for name in ("x", "y", "gap"))
+        return GapMap(np.column_stack([x, y]), gap, str(self.file))
 
 
 class BodyInterface(Settings):
@@ -216,6 +230,9 @@ class BodyInterface(Settings):
         None,
         description="Statistics of asperities, in place of `law`; they take a friction of their "
         "own, and yield and slip one height after the other.",
+    )
+    gap: StatedGap | None = Field(
+        None, description="Initial gap over the interface; even if not given."
     )
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
     friction: Factor | None = Field(

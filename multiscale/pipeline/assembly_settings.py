@@ -347,7 +347,8 @@ class Bodies(StructureKind):
             upper = self.place(meshes, f"interface {number}", second)
             fine = self.bodies[upper[0]].order == 2
             sides = (lower[0], upper[0]), (lower[1], upper[1])
-            interfaces.append(Interface(*sides, law, QUADRATURE if fine else None))
+            gap = None if joint.gap is None else joint.gap.build()
+            interfaces.append(Interface(*sides, law, QUADRATURE if fine else None, gap))
         facts = [f"Interface {number}: {one.name}." for number, one in enumerate(self.interfaces)]
         bolts, sections = [], []
         for number, bolt in enumerate(self.bolts):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.bolt import Bolt, BoltSection
+from multiscale.macro.bodies.gap_map import GapMap
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
 
@@ -35,12 +36,14 @@ class Interface:
     quadrature_order : int, optional
         The law acts at Gauss points that integrate this degree exactly, of boundaries that match;
         at the nodes if not given, where the tractions of stiff laws do not oscillate.
+    gap : GapMap, optional, initial gap beside the gap of the law
     """
 
     sides: tuple[int | None, int]
     boundaries: tuple[str | None, str]
     law: InterfaceLaw
     quadrature_order: int | None = None
+    gap: GapMap | None = None
 
 
 @dataclass(frozen=True)
