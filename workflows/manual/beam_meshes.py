@@ -101,11 +101,11 @@ def main(folder: Path = FOLDER) -> None:
     y = np.linspace(-HALF_WIDTH, HALF_WIDTH, SIDES + 1)
     ends = np.linspace(1.5 * SPACING, HALF_LAP, END + 1)
     part = np.linspace(0.0, 1.0, ARM + 1)  # short elements at the notch
-    arm = HALF_LAP + (0.5 * LENGTH - HALF_LAP) * (0.1 * part + 0.9 * part**2)
+    arm = HALF_LAP + (0.5 * LENGTH - HALF_LAP) * (0.05 * part + 0.95 * part**2)
     for sign in (1.0, -1.0):
         lap += _strip(sign * ends, y)
 
-    up = np.linspace(0.0, HEIGHT, LAYERS + 1)
+    up = HEIGHT * np.linspace(0.0, 1.0, LAYERS + 1) ** 1.5  # thin ones at the notch
     seat, top = HEIGHT + WASHER_HEIGHT, HEIGHT + WASHER_HEIGHT + HEAD_HEIGHT
     cut = -seat - DEPTH * HEAD_HEIGHT
     through = np.array([cut, -seat, *np.linspace(-HEIGHT, HEIGHT, 2 * LAYERS + 1), seat])
