@@ -26,9 +26,16 @@ from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
 from multiscale.numerics.compiled import compiled
 
 if TYPE_CHECKING:
-    from skfem import CellBasis, Mesh
+    from skfem import CellBasis, Element, Mesh
 
-__all__ = ["Elements", "element_response", "elements_of_basis", "prepare_elements", "sum_blocks"]
+__all__ = [
+    "Elements",
+    "element_of_order",
+    "element_response",
+    "elements_of_basis",
+    "prepare_elements",
+    "sum_blocks",
+]
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,14 @@ class Elements:
     unknowns: np.ndarray
     size: int
     mean_volume: bool = True
+
+
+def element_of_order(mesh: "Mesh", order: int) -> "Element":
+    """Return the scalar element of first or second order on tetrahedra or hexahedra."""
+    from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
+
+    kinds = (ElementTetP1, ElementTetP2) if mesh.t.shape[0] == 4 else (ElementHex1, ElementHex2)
+    return kinds[order - 1]()
 
 
 def prepare_elements(mesh: "Mesh") -> Elements:

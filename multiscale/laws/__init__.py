@@ -11,6 +11,7 @@ from multiscale.laws.power import PowerLaw
 from multiscale.laws.rigid import RigidContact
 from multiscale.laws.sliders import Sliders
 from multiscale.laws.sliding_friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
+from multiscale.laws.spaced import Spaced
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
@@ -40,6 +41,7 @@ __all__ = [
     "ShakenDownLaw",
     "Sliders",
     "Sliding",
+    "Spaced",
     "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",

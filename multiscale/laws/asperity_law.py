@@ -54,8 +54,7 @@ class AsperityLaw(InterfaceLaw):
     for each direction.
 
     The state is the largest approach of the highest asperities, m, zero before the first loading,
-    and with friction force and stiffness of every spring and the last jump, as of
-    :class:`Sliders`.
+    then force and stiffness of every spring and the last jump, as of :class:`Sliders`.
 
     References
     ----------
@@ -87,7 +86,7 @@ class AsperityLaw(InterfaceLaw):
     @property
     def n_state(self) -> int:  # type: ignore[override]
         """Number of rows of the state."""
-        return 4 + 3 * self.asperities.height.size if self.friction else 1
+        return 4 + 3 * self.asperities.height.size
 
     @cached_property
     def normal_law(self) -> "AsperityLaw":
@@ -104,8 +103,7 @@ class AsperityLaw(InterfaceLaw):
 
     def unsheared(self, state: np.ndarray) -> np.ndarray:
         """Return the state with the same pressure and no force in the sliders."""
-        bed = np.zeros_like(state[1:-3])
-        return np.concatenate([state[:1], bed, state[-3:]]) if self.friction else state
+        return np.concatenate([state[:1], np.zeros_like(state[1:-3]), state[-3:]])
 
     def unloaded_from(self, gap: float) -> "AsperityCurve":
         """Return the curve of unloading from a smallest gap, m, for a bed of :class:`Sliders`."""
@@ -119,14 +117,11 @@ class AsperityLaw(InterfaceLaw):
         """Return the state of an interface pressed to a jump, m, without shear."""
         state = np.zeros((self.n_state, *jump.shape[1:]))
         state[0] = self._peak(jump[0], state[0])
-        if self.friction:
-            state[-3:] = jump
+        state[-3:] = jump
         return state
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
         """Return the state whose last tangential jump is zero."""
-        if not self.friction:
-            return state
         return np.concatenate([state[:-2], np.zeros((2, *state.shape[1:]))])
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
@@ -166,7 +161,7 @@ class AsperityLaw(InterfaceLaw):
 
         k = np.full(source.shape, stiffness, dtype=float)
         jump: np.ndarray = source / k
-        jump[0] = self._resolve_normal(source[0], k[0], state[:1])
+        jump[0] = self._resolve_normal(source[0], k[0], state[0])
         if not self.friction:
             return jump
         end = self._loads(jump[0], state[0])
@@ -218,7 +213,10 @@ class AsperityLaw(InterfaceLaw):
         tangent[0, 0] = -end[2].sum(axis=0).reshape(shape)
         peak = self._peak(jump[0], state[0])[None]
         if not self.friction:
-            return Response(traction, tangent, peak), np.zeros((4, *shape))
+            bed = np.zeros((len(state) - 4, *shape))
+            return Response(traction, tangent, np.concatenate([peak, bed, jump])), np.zeros(
+                (4, *shape)
+            )
         shear, slopes, bed, account = respond_slabs(
             _flat(jump),
             _flat(state[1:]),
@@ -235,21 +233,21 @@ class AsperityLaw(InterfaceLaw):
         new = np.concatenate([peak, bed.reshape(len(bed), *shape)])
         return Response(traction, tangent, new), account.reshape(4, *shape)
 
-    def _resolve_normal(self, source: np.ndarray, k: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def _resolve_normal(self, source: np.ndarray, k: np.ndarray, peak: np.ndarray) -> np.ndarray:
         """Find the normal jump between b/k, where p >= 0 is left of it, and first contact."""
         low: np.ndarray = source / k
         high = np.maximum(low, self.asperities.top - self.gap)
-        law, jump = self.normal_law, np.asarray(high)
+        jump = np.asarray(high)
         for _ in range(MAX_ITERATIONS):
-            response = law.respond(jump[None], state)
-            t = response.traction[0]
+            loads = self._loads(jump, peak).sum(axis=1).reshape(4, *jump.shape)
+            t = -loads[0]
             f = t + k * jump - source
             scale = np.maximum(np.maximum(np.abs(t), np.abs(source)), k * np.abs(jump))
             low, high = np.where(f <= 0.0, jump, low), np.where(f >= 0.0, jump, high)
             tight = high - low <= 4.0 * np.finfo(float).eps * (np.abs(low) + np.abs(high))
             if np.all((np.abs(f) <= TOLERANCE * scale) | tight):
                 return jump
-            step = jump - f / (response.tangent[0, 0] + k)
+            step = jump - f / (k - loads[2])
             jump = np.where((step > low) & (step < high), step, 0.5 * (low + high))
         raise ConvergenceError(
             f"the resolvent of AsperityLaw found no normal jump (relative residual "

@@ -22,7 +22,15 @@ grains                                 :func:`granulate.simulate_grains`
 """
 
 from multiscale.macro import granulate
-from multiscale.macro.bodies import Assembly, Bolt, Interface, Platen, shank_stiffness
+from multiscale.macro.bodies import (
+    Assembly,
+    Bolt,
+    BoltSection,
+    GapMap,
+    Interface,
+    Platen,
+    shank_stiffness,
+)
 from multiscale.macro.continuum import (
     Body,
     Contact,
@@ -76,8 +84,10 @@ __all__ = [
     "Block",
     "Body",
     "Bolt",
+    "BoltSection",
     "Contact",
     "FiniteAssembly",
+    "GapMap",
     "Interface",
     "LatinMethod",
     "LinkSystem",

@@ -4,17 +4,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
+from multiscale.fe.elements import element_of_order
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mesh_file import load_geometry
+from multiscale.io import read_table
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
+from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
@@ -120,6 +122,11 @@ class MeshedBody(Settings):
     )
     unit: Unit | None = Field(
         None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
+    )
+    order: Literal[1, 2] = Field(
+        1,
+        description="Order of the elements: 2 puts nodes between the corners of the mesh, which "
+        "bending needs where there are few elements through a thickness.",
     )
     youngs_modulus: Pressure | None = Field(
         None,
@@ -260,7 +267,19 @@ class MeshedBody(Settings):
             boundary: tuple(partial(_at_time, parts, axis) for axis in range(3))
             for boundary, parts in tractions.items()
         }
-        return Body(mesh, self.elasticity(), supports, pulled, name=self.name)
+        return Body(
+            mesh,
+            self.elasticity(),
+            supports,
+            pulled,
+            element_of_order(mesh, self.order),
+            name=self.name,
+        )
+
+    def count_nodes(self, mesh: "Mesh") -> int:
+        """Count the nodes of the body."""
+        between = [mesh.edges] if mesh.t.shape[0] == 4 else [mesh.edges, mesh.facets, mesh.t]
+        return sum(one.shape[1] for one in (mesh.p, *(between if self.order == 2 else ())))
 
 
 class StatedLaw(Settings):
@@ -277,6 +296,27 @@ class StatedLaw(Settings):
     def build(self) -> Exponential:
         """Make the law."""
         return Exponential(self.pressure_scale, self.decay_length, pressure_range=self.pressures)
+
+
+class StatedGap(Settings):
+    """The initial gap of an interface, beside the gap of its law."""
+
+    form: Literal["map"]
+    file: Path = Field(
+        description="Table with the columns `x`, `y` and `gap`: points in the plane of the "
+        "interface, along the axes of the structure, and gaps, `nan` in holes."
+    )
+    unit: Unit = Field(description='Length of one unit of the table, such as `"mm"`.')
+
+    def build(self) -> GapMap:
+        """Read the map."""
+        table = read_table(self.file, {})
+        if missing := sorted({"x", "y", "gap"} - set(table)):
+            raise CaseError(
+                f"{self.file}: no column {missing[0]!r}; a map of a gap has x, y and gap"
+            )
+        x, y, gap = (self.unit * np.array(table[name], dtype=float) for name in ("x", "y", "gap"))
+        return GapMap(np.column_stack([x, y]), gap, str(self.file))
 
 
 class BodyInterface(Settings):
@@ -297,6 +337,9 @@ class BodyInterface(Settings):
         None,
         description="Statistics of asperities, in place of `law`; they take a friction of their "
         "own, and yield and slip one height after the other.",
+    )
+    gap: StatedGap | None = Field(
+        None, description="Initial gap over the interface; even if not given."
     )
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
     friction: Factor | None = Field(
@@ -339,11 +382,18 @@ class BodyInterface(Settings):
 class BodyBolt(Settings):
     """A bolt between two faces that look away from each other along x, y or z.
 
-    Its washers are rigid and tilt, and it carries no shear.
+    Its washers are rigid and tilt, and it carries no shear. A bolt that is meshed is a part of both
+    bodies, and bends and shears with them.
     """
 
     sides: tuple[str, str] = Field(
-        description='Faces under head and nut, as `"BODY.FACE"`, of the size of the washers.'
+        description='Faces under head and nut, as `"BODY.FACE"`, of the size of the washers; or '
+        "both faces of a cut across a shank that is meshed."
+    )
+    meshed: bool = Field(
+        False,
+        description="Whether the meshes of the bodies have the bolt, cut across its shank: there "
+        "both faces move alike but along the axis, where the preload acts and stays as it is.",
     )
     preload: Size = Field(description="Force of the bolt at the factor one of `preload`, N.")
     diameter: Length | None = Field(None, description="Diameter of the shank, m.")
@@ -357,7 +407,9 @@ class BodyBolt(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.diameter is None) == (self.stiffness is None):
+        if self.meshed and (self.diameter or self.stiffness or self.length):
+            raise ValueError("a bolt that is meshed takes no diameter, length or stiffness")
+        if not self.meshed and (self.diameter is None) == (self.stiffness is None):
             raise ValueError("a bolt takes either the diameter of its shank or its stiffness")
         if len({side.partition(".")[0] for side in self.sides}) == 1:
             raise ValueError(

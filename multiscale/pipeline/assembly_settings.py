@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
-from multiscale.macro import Assembly, Interface
+from multiscale.macro import Assembly, BoltSection, Interface
 from multiscale.macro.bodies.assembly import GROUND
 from multiscale.macro.substructures import CutProblem, LoadPath, require_held
 from multiscale.pipeline.assembly_parts import (
@@ -47,6 +47,9 @@ __all__ = ["Bodies", "LoadCycles", "LoadSteps", "StructureParts"]
 
 PRELOAD = "preload"
 """Name of the tightening of the bolts among the loads."""
+
+QUADRATURE = 3
+"""Degree that the points of interfaces between elements of second order integrate exactly."""
 
 KINDS = {4: "tetrahedra", 8: "hexahedra"}
 """Kinds of elements by the number of their corners."""
@@ -461,17 +464,30 @@ class Bodies(StructureKind):
                 GROUND if first == GROUNDED else self.place(meshes, f"interface {number}", first)
             )
             upper = self.place(meshes, f"interface {number}", second)
-            interfaces.append(Interface((lower[0], upper[0]), (lower[1], upper[1]), law))
+            fine = self.bodies[upper[0]].order == 2
+            sides = (lower[0], upper[0]), (lower[1], upper[1])
+            gap = None if joint.gap is None else joint.gap.build()
+            interfaces.append(Interface(*sides, law, QUADRATURE if fine else None, gap))
         facts = [f"Interface {number}: {one.name}." for number, one in enumerate(self.interfaces)]
-        bolts = []
+        bolts, sections = [], []
         for number, bolt in enumerate(self.bolts):
             head, nut = (self.place(meshes, f"bolt {number}", face) for face in bolt.sides)
+            if bolt.meshed:
+                cut = (head[0], nut[0]), (head[1], nut[1])
+                sections.append(BoltSection(*cut, bolt.preload))
+                continue
             made, said = bolt.build((head[0], nut[0]), (head[1], nut[1]), bodies)
             bolts.append(made)
             facts.append(f"Bolt {number}, {said}: {1e-6 * made.stiffness:.4g} N/µm.")
         times = tuple(map(float, range(len(self.loads))))
         return StructureParts(
-            Assembly(tuple(bodies), tuple(interfaces), times, bolts=tuple(bolts)),
+            Assembly(
+                tuple(bodies),
+                tuple(interfaces),
+                times,
+                bolts=tuple(bolts),
+                sections=tuple(sections),
+            ),
             self.path(case, forces),
             tuple(facts),
         )

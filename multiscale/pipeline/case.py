@@ -40,6 +40,7 @@ FILES = (
     *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
     *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness", "rve")),
     ("structure", "interfaces", "law"),
+    ("structure", "interfaces", "gap", "file"),
     *(("interface", key) for key in ("law", "damage_file")),
     ("cell", "mesh"),
     ("rve", "image", "file"),
@@ -163,10 +164,13 @@ def read_case(path: Path) -> dict[str, Any]:
 
 
 def _tables(content: dict[str, Any], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return all tables under some names, of which the last may be a list of tables."""
-    outer = _table(content, names[:-1])
-    found = outer.get(names[-1])
-    return [one for one in (found if isinstance(found, list) else [found]) if isinstance(one, dict)]
+    """Return all tables under some names, each of which may be a list of tables."""
+    found = [content]
+    for name in names:
+        inner = [one.get(name) for one in found]
+        every = [two for one in inner for two in (one if isinstance(one, list) else [one])]
+        found = [one for one in every if isinstance(one, dict)]
+    return found
 
 
 def _find_file(file: Path, left: Schema | None) -> Path:

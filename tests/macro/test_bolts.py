@@ -16,6 +16,7 @@ from multiscale.macro import (
     Assembly,
     Body,
     Bolt,
+    BoltSection,
     Interface,
     LatinMethod,
     NewtonSchur,
@@ -84,6 +85,50 @@ def test_one_bolt_and_what_it_clamps_are_springs(method):
     joint = -found.traction.values[..., 0] @ found.point_area.values
     np.testing.assert_allclose(joint, expected - pull, rtol=1e-5, atol=1e-5 * PRELOAD)
     assert found.bolt_force[3] > 1.9 * PRELOAD  # beyond the preload the bolt carries all
+
+
+CUT = BoltSection((0, 1), ("top", "bottom"), PRELOAD)
+
+
+def column(ends, height=EDGE, origin=0.0):
+    """A part of a column along z, with forces and supports of its ends."""
+    mesh = box_mesh((EDGE, EDGE, height), (2, 2, round(2 * height / EDGE)), origin=(0, 0, origin))
+    return Body(mesh, Elastic(E, 0.0), **ends)
+
+
+def test_a_cut_through_a_bolt_bends_as_if_it_were_whole_and_stretches_by_its_force_alone():
+    clamp = {"supports": {"bottom": (0.0, 0.0, 0.0)}}
+    push = {"tractions": {"top": (1e6, 0.0, 0.0)}}
+    whole = solve_assembly(Assembly((column(clamp | push, 2.0 * EDGE),)), 1.0)
+    upright = {"top": (None, None, 0.0)}
+    guided = push | {"supports": upright}
+    both = push | {"supports": clamp["supports"] | upright}
+    with_guide = solve_assembly(Assembly((column(both, 2.0 * EDGE),)), 1.0)
+    parts = column(clamp), column(guided, origin=EDGE)
+    steps = np.array([[1.0, 0.0], [1.0, 1.0]])
+    found = solve_assembly(Assembly(parts, sections=(CUT,)), steps)
+    u = found["displacement"].values
+    stretch = PRELOAD * EDGE / (E * AREA)  # of each part, towards each other
+    faces = [body.nodes(name) for body, name in zip(parts, ("top", "bottom"), strict=True)]
+    faces[1] = faces[1] + parts[0].basis.N
+    np.testing.assert_allclose(u[0, faces[0], 2], stretch, rtol=1e-9)
+    np.testing.assert_allclose(u[0, faces[1], 2], -stretch, rtol=1e-9)
+    tip = [one["displacement"].values[-1, -1, 0] for one in (whole, with_guide)]
+    bent = (u[1] - u[0])[-1, 0]
+    assert bent == pytest.approx(tip[1], rel=1e-9)
+    assert abs(bent - tip[0]) > 0.1 * bent  # the guide holds the end upright
+
+
+@pytest.mark.parametrize(
+    ("cut", "ends", "message"),
+    [
+        (BoltSection((0, 1), ("top", "top"), 1.0), {}, "has 9 and 9 nodes up to 0.0"),
+        (CUT, {"supports": {"bottom": (0.0, None, None)}}, "that a support, a platen or"),
+    ],
+)
+def test_cuts_through_bolts_that_cannot_be_are_refused(cut, ends, message):
+    with pytest.raises(CaseError, match=message):
+        solve_assembly(Assembly((column({}), column(ends, origin=EDGE)), sections=(cut,)), [[1, 0]])
 
 
 def test_a_path_without_bolts_goes_on_by_its_own_method():

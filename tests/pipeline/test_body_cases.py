@@ -398,6 +398,7 @@ yield_stress = "400 MPa"
 """
 
 
+@pytest.mark.slow
 def test_asperities_are_pressed_between_bodies_as_their_statistics_say(meshes):
     found = solve(meshes, (STATED, ASPERITIES))
     one = Asperities(*gaussian_asperities(1e-6, 1e9), 1e-4, 210e9, 0.3, 400e6)
@@ -406,6 +407,20 @@ def test_asperities_are_pressed_between_bodies_as_their_statistics_say(meshes):
     traction = law.respond(jump, np.zeros((law.n_state, jump.shape[1]))).traction
     np.testing.assert_allclose(traction.T, found["traction"].values[0], rtol=1e-6, atol=1.0)
     assert found["interface_pressure"].values[0, 0] == pytest.approx(10e6, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_table_tells_the_initial_gap_of_an_interface(meshes):
+    rows = [f"{x},{y},{1e-4 * x}" for x in range(-2, 64, 2) for y in range(-2, 44, 2)]
+    (meshes / "gap.csv").write_text("\n".join(["x,y,gap", *rows]), encoding="utf-8")
+    stated = 'gap = { form = "map", file = "gap.csv", unit = "mm" }\n'
+    found = solve(meshes, (STATED, stated + STATED))
+    x = found["point_position"].values[:, 0]
+    gap = found["jump"].values[0, :, 0] + 1e-4 * x
+    expected = 1e9 * np.exp(-gap / 0.3e-6)
+    np.testing.assert_allclose(-found["traction"].values[0, :, 0], expected, rtol=1e-6)
+    with pytest.raises(CaseError, match=r"gap.csv covers 0 of the interface"):
+        solve(meshes, (STATED, stated.replace('"mm"', '"m"') + STATED))
 
 
 @pytest.mark.slow

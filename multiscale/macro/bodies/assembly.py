@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.bolt import Bolt
+from multiscale.macro.bodies.bolt import Bolt, BoltSection
+from multiscale.macro.bodies.gap_map import GapMap
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
 
@@ -35,12 +36,14 @@ class Interface:
     quadrature_order : int, optional
         The law acts at Gauss points that integrate this degree exactly, of boundaries that match;
         at the nodes if not given, where the tractions of stiff laws do not oscillate.
+    gap : GapMap, optional, initial gap beside the gap of the law
     """
 
     sides: tuple[int | None, int]
     boundaries: tuple[str | None, str]
     law: InterfaceLaw
     quadrature_order: int | None = None
+    gap: GapMap | None = None
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,9 @@ class Assembly:
         Their tightening, all together, is a load case before the others: steps that change its
         factor tighten, or loosen, the bolts to that factor times their preloads, and steps that
         keep it find them locked.
+    sections : sequence of BoltSection
+        Cuts through bolts that are meshed, tightened by the same load case; their tension does
+        not change with other loads.
 
     Raises
     ------
@@ -76,6 +82,7 @@ class Assembly:
     areas: Sequence[float] = ()
     platens: Sequence[Platen] = ()
     bolts: Sequence[Bolt] = ()
+    sections: Sequence[BoltSection] = ()
 
     def __post_init__(self) -> None:
         named: list[tuple[str, int | None, str | None]] = []
@@ -83,9 +90,10 @@ class Assembly:
             first, second = zip(interface.sides, interface.boundaries, strict=True)
             named += [(f"interface {i}", *side) for side in (first, second)[first == GROUND :]]
         named += [(f"platen {i}", one.body, one.boundary) for i, one in enumerate(self.platens)]
-        for i, bolt in enumerate(self.bolts):
-            sides = zip(bolt.sides, bolt.boundaries, strict=True)
-            named += [(f"bolt {i}", *side) for side in sides]
+        ends = [(one.sides, one.boundaries) for one in self.bolts]
+        ends += [(one.sides, one.boundaries) for one in self.sections]
+        for i, (sides, boundaries) in enumerate(ends):
+            named += [(f"bolt {i}", *side) for side in zip(sides, boundaries, strict=True)]
         for what, body, boundary in named:
             if body is None or boundary is None or not 0 <= body < len(self.bodies):
                 raise CaseError(
@@ -94,7 +102,7 @@ class Assembly:
             self.bodies[body].check_boundary(boundary)
         for bolt in self.bolts:
             bolt.washers(self.bodies)
-        cases = len(self.times) + bool(self.bolts)
+        cases = len(self.times) + bool(self.bolts or self.sections)
         if self.areas and len(self.areas) != cases:
             raise CaseError(
                 f"areas must be one for each of {cases} load cases, got {len(self.areas)}"

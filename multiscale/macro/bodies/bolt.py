@@ -1,4 +1,4 @@
-"""A bolt: two rigid washers and an elastic shank between their middles."""
+"""Bolts: two rigid washers and an elastic shank between them, or a shank that is meshed and cut."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
 
-__all__ = ["Bolt", "shank_stiffness"]
+__all__ = ["Bolt", "BoltSection", "shank_stiffness"]
 
 ASIDE = 0.01
 """Distance of the middles of both washers across the axis, relative to their size, and share of a
@@ -100,6 +100,88 @@ class Bolt:
             for middle, _, _, body, name in found
         )
         return one, two
+
+
+@dataclass(frozen=True)
+class BoltSection:
+    r"""Cut across the meshed shank of a bolt, where its force acts.
+
+    With the mean :math:`\bar u_1` of the displacement along the axis over the nodes of side 1, and
+    the displacement s of the middle of side 2, the nodes of side 2 move as those of side 1 do, but
+    along the axis by
+
+    .. math:: u_2 = u_1 - \bar u_1 + s.    \tag{1}
+
+    The tension pulls s and :math:`\bar u_1` together and stays as it is: the bolt bends and shears
+    with the bodies, and does not resist their change of thickness.
+
+    Parameters
+    ----------
+    sides : tuple of int, the bodies
+    boundaries : tuple of str
+        Plane faces of the cut, across x, y or z, whose nodes match.
+    preload : float, tension at the factor one of the tightening, N
+
+    Raises
+    ------
+    CaseError
+        If both sides are one body, or the preload is not positive.
+    """
+
+    sides: tuple[int, int]
+    boundaries: tuple[str, str]
+    preload: float
+
+    def __post_init__(self) -> None:
+        if self.sides[0] == self.sides[1] or not 0.0 < self.preload < np.inf:
+            raise CaseError(
+                f"a cut through a bolt needs two bodies and a positive preload (N), got bodies "
+                f"{self.sides[0]} and {self.sides[1]} and {self.preload:g}"
+            )
+
+    def nodes(self, bodies: Sequence[Body]) -> "SectionNodes":
+        """Find the nodes of both sides that match.
+
+        Raises
+        ------
+        CaseError
+            If the faces are not plane across an axis, or their nodes do not match.
+        """
+        from scipy.spatial import cKDTree
+
+        one, two = (bodies[side] for side in self.sides)
+        first, second = (b.nodes(n) for b, n in zip((one, two), self.boundaries, strict=True))
+        x = two.basis.doflocs[:, second]
+        apart, nearest = cKDTree(one.basis.doflocs[:, first].T).query(x.T)
+        extent = np.ptp(x, axis=1)
+        axis, size = int(np.argmin(extent)), float(extent.max())
+        if first.size != second.size or max(apart.max(), extent[axis]) > 1e-6 * size:
+            raise CaseError(
+                f"the cut through a bolt, {one.say_face(self.boundaries[0], self.sides[0])} and "
+                f"{two.say_face(self.boundaries[1], self.sides[1])}, has {first.size} and "
+                f"{second.size} nodes up to {max(apart.max(), extent[axis]):.2g} m apart; mesh "
+                f"both faces alike, in one plane across an axis"
+            )
+        face = surface_of(two.mesh, self.boundaries[1])
+        normal = facet_normals(two.mesh.p.T[face.nodes][face.facets]).sum(axis=0)
+        return SectionNodes(first[nearest], second, axis, float(np.sign(normal[axis])))
+
+
+@dataclass(frozen=True, eq=False)
+class SectionNodes:
+    """Nodes of a cut through a bolt.
+
+    Attributes
+    ----------
+    first, second : ndarray of int, shape (nodes,), nodes of both bodies at the same places
+    axis : int
+    along : float, 1 if side 2 looks along the axis, else -1
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    axis: int
+    along: float
 
 
 def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> float:

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.bodies.bolt import Bolt
+from multiscale.macro.bodies.bolt import Bolt, BoltSection
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
 from multiscale.macro.substructures.bolted_path import bolt_pull
@@ -58,6 +58,7 @@ def cut_assembly(assembly: Assembly, parts: tuple[int, int] = (1, 1)) -> CutProb
         times=assembly.times,
         platens=assembly.platens,
         bolts=assembly.bolts,
+        sections=assembly.sections,
     )
 
 
@@ -69,6 +70,7 @@ def cut_bodies(
     times: Sequence[float] = (1.0,),
     platens: Sequence[Platen] = (),
     bolts: Sequence[Bolt] = (),
+    sections: Sequence[BoltSection] = (),
 ) -> CutProblem:
     """Cut bodies in three dimensions.
 
@@ -84,6 +86,7 @@ def cut_bodies(
         share the nodes where they meet.
     bolts : sequence of Bolt
         Tightened together by a load case before the others; their washers are platens too.
+    sections : sequence of BoltSection, tightened by the same load case
 
     Returns
     -------
@@ -98,7 +101,7 @@ def cut_bodies(
     plates = {f"platen {i}": platen for i, platen in enumerate(platens)}
     for i, bolt in enumerate(bolts):
         plates |= {f"washer {k} of bolt {i}": one for k, one in enumerate(bolt.washers(bodies))}
-    structure = _number(bodies, plates, times)
+    structure = _number(bodies, plates, times, sections)
     middle = structure.first[len(platens) :].reshape(-1, 2).tolist()
     cut_bolts = tuple(
         CutBolt((below, above), bolt.stiffness, bolt.preload)
@@ -111,9 +114,9 @@ def cut_bodies(
         first_part.append(len(found))
     shares = np.bincount(np.concatenate([unknown for _, unknown in found]))
     load = structure.load
-    if cut_bolts:
+    if cut_bolts or sections:
         pull = [bolt.preload * bolt_pull(bolt, len(load)) for bolt in cut_bolts]
-        load = np.column_stack([np.sum(pull, axis=0), load])
+        load = np.column_stack([np.sum([structure.tension, *pull], axis=0), load])
     load = load / shares[:, None]
     parts = [
         Substructure(
@@ -148,6 +151,7 @@ class _Structure:
     component : ndarray of int, shape (n,)
     load : ndarray, shape (n, cases), N
     first : ndarray of int, shape (platens,), first unknown of every platen
+    tension : ndarray, shape (n,), forces of all cuts through bolts, N
     """
 
     of_body: list[csr_array]
@@ -155,12 +159,16 @@ class _Structure:
     component: np.ndarray
     load: np.ndarray
     first: np.ndarray
+    tension: np.ndarray
 
 
 def _number(
-    bodies: Sequence[Body], platens: Mapping[str, Platen], times: Sequence[float]
+    bodies: Sequence[Body],
+    platens: Mapping[str, Platen],
+    times: Sequence[float],
+    sections: Sequence[BoltSection],
 ) -> _Structure:
-    """Count the unknowns: what no support holds and no platen moves, then motions of platens."""
+    """Count the unknowns: what nothing holds or moves, then motions of platens and of sections."""
     first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
     free = np.ones(first[-1], dtype=bool)
     for index, body in enumerate(bodies):
@@ -191,13 +199,38 @@ def _number(
         point = places[-1][:1].T
         force = [evaluate(platen.force, point, time, f"the force of {name}")[0] for time in times]
         forces.append(np.outer(platen.arm(body), force))
+    follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
+    axes = np.repeat([one.axis for one in platens.values()], list(map(len, places)))
+    for i, section in enumerate(sections):
+        (one, two), at = section.sides, section.nodes(bodies)
+        count, axis = at.first.size, at.axis
+        lead = first[one] + 3 * at.first[:, None] + np.arange(3)
+        row = first[two] + 3 * at.second[:, None] + np.arange(3)
+        if not free[row].all():
+            raise CaseError(
+                f"the cut through bolt {i} has nodes of body {two} that a support, a platen or "
+                f"another cut holds; take one of them"
+            )
+        free[row] = False
+        mean = np.full(count**2, -1.0 / count)
+        pairs = np.repeat(row[:, axis], count), np.tile(lead[:, axis], count)
+        follows += csr_array((np.ones(row.size), (row.ravel(), lead.ravel())), shape=follows.shape)
+        follows += csr_array((mean, pairs), shape=follows.shape)  # (1) of BoltSection
+        ends = np.ones(count), (row[:, axis], np.zeros(count, dtype=int))
+        ties.append(csr_array(ends, shape=(free.size, 1)))
+        places.append(bodies[two].basis.doflocs[:, at.second].mean(axis=1)[None])
+        axes = np.append(axes, axis)
+        pulled[row[:, axis]] += at.along * section.preload / count
+        pulled[lead[:, axis]] -= at.along * section.preload / count
     own = np.flatnonzero(free)
     single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
     expansion = csr_array(hstack([single, *ties]))
+    expansion = csr_array(expansion + follows @ expansion)
     expansion.eliminate_zeros()
     loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
     load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
-    load[own.size :] += np.concatenate([np.zeros((0, len(times))), *forces])
+    acting = np.concatenate([np.zeros((0, len(times))), *forces])
+    load[own.size : own.size + len(acting)] += acting
     position, sizes = (
         np.concatenate([body.basis.doflocs.T for body in bodies]),
         list(map(len, places)),
@@ -205,9 +238,10 @@ def _number(
     return _Structure(
         [expansion[a:b] for a, b in pairwise(first)],
         np.concatenate([position[own // 3], *places]),
-        np.append(own % 3, np.repeat([one.axis for one in platens.values()], sizes)).astype(int),
+        np.append(own % 3, axes).astype(int),
         load,
-        own.size + np.cumsum([0, *sizes])[:-1],
+        own.size + np.cumsum([0, *sizes])[: len(platens)],
+        expansion.T @ pulled,
     )
 
 

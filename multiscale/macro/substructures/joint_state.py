@@ -66,12 +66,13 @@ def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
     share = area / area.sum()
     laws = [_normal(face.law) for face in problem.joints]
     sizes = [face.weight.size for face in problem.joints]
+    initial = [np.broadcast_to(law.gap, size) for law, size in zip(laws, sizes, strict=True)]
 
     def fraction(where: np.ndarray) -> np.ndarray:
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
-        "gap": result["jump"].values[..., 0] + np.repeat([law.gap for law in laws], sizes),
+        "gap": result["jump"].values[..., 0] + np.concatenate(initial),
         "point_damage": np.repeat([law.damage for law in laws], sizes),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),

@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.laws.spaced import Spaced
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
@@ -89,6 +90,7 @@ class CutInterface:
     weight : ndarray, shape (points,), quadrature weights of the points of a law, m²
     position : ndarray, shape (points, 3), position of these points, m
     joint : int, number of the joint that the interface is part of
+    gap : ndarray, shape (points,), initial gaps beside the gap of the law, m, optional
     """
 
     sides: tuple[int, ...]
@@ -97,6 +99,11 @@ class CutInterface:
     weight: np.ndarray = field(default_factory=lambda: np.zeros(0))
     position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     joint: int = 0
+    gap: np.ndarray | None = None
+
+    def with_law(self, law: InterfaceLaw) -> "CutInterface":
+        """Return the interface with another law, which counts from the initial gap."""
+        return replace(self, law=law if self.gap is None else Spaced(law, self.gap))
 
     @property
     def size(self) -> int:
@@ -172,7 +179,7 @@ class CutProblem:
 
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""
-        joints = tuple(replace(one, law=laws[one.joint]) for one in self.joints)
+        joints = tuple(one.with_law(laws[one.joint]) for one in self.joints)
         return replace(self, joints=joints)
 
     @property

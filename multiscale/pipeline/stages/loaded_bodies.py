@@ -231,7 +231,7 @@ def _energies(result: "xr.Dataset") -> Iterator[str]:
 def body_size(bodies: Bodies, case: Case) -> JointSize:
     """Count unknowns, points of interfaces and load steps."""
     meshes = [body.load() for body in bodies.bodies]
-    nodes = sum(mesh.p.shape[1] for mesh in meshes)
+    nodes = sum(body.count_nodes(mesh) for body, mesh in zip(bodies.bodies, meshes, strict=True))
     points = 0
     for number, joint in enumerate(bodies.interfaces):
         body, face = bodies.place(meshes, f"interface {number}", joint.sides[1])

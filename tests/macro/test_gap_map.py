@@ -1,0 +1,102 @@
+"""Initial gaps that vary over an interface."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import Exponential, Sliders, Spaced
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import (
+    AssembledNewton,
+    Assembly,
+    Body,
+    GapMap,
+    Interface,
+    LatinMethod,
+    solve_assembly,
+)
+from multiscale.macro.bodies.assembly import GROUND
+
+EDGE = 0.02
+NORMAL = Exponential(1e9, 0.5e-6)
+LAW = Sliders(NORMAL, 0.3, pressures=(1e5, 1e9), slabs=8)
+X, Y = (one.ravel() for one in np.meshgrid(*[np.linspace(-1e-3, EDGE + 1e-3, 23)] * 2))
+SLOPE = 1e-4
+TILTED = GapMap(np.column_stack([X, Y]), SLOPE * X)
+
+
+def pressed(gap=None, law=LAW):
+    """A stiff block on the ground, guided along z and pressed from above."""
+    block = Body(
+        box_mesh((EDGE,) * 3, (3, 3, 2)),
+        Elastic(210e9, 0.3),
+        supports={"left": (0.0, None, None), "front": (None, 0.0, None)},
+        tractions={"top": (0.0, 0.0, -1.0)},
+    )
+    (first, face) = GROUND
+    return Assembly((block,), (Interface((first, 0), (face, "bottom"), law, gap=gap),))
+
+
+@pytest.mark.parametrize("method", [AssembledNewton(), LatinMethod((2, 1))])
+def test_the_law_counts_from_the_gap_of_the_map(method):
+    found = solve_assembly(pressed(TILTED), 10e6, method=method)
+    assert found.converged.values.all()
+    x = found.point_position.values[:, 0]
+    pressure = -found.traction.values[0, :, 0]
+    expected = NORMAL.pressure(found.jump.values[0, :, 0] + SLOPE * x)
+    np.testing.assert_allclose(pressure, expected, rtol=1e-6)
+    assert pressure @ found.point_area.values == pytest.approx(10e6 * EDGE**2)
+    assert pressure[x < 1e-3].min() > 1.5 * pressure[x > EDGE - 1e-3].max()
+
+
+def test_an_even_map_is_the_gap_of_the_law_and_other_laws_count_from_it_too():
+    even = replace(TILTED, gap=np.full(X.size, 3e-7))
+    found, stated = (
+        solve_assembly(one, 10e6)
+        for one in (pressed(even), pressed(None, replace(LAW, normal=replace(NORMAL, gap=3e-7))))
+    )
+    np.testing.assert_allclose(found.jump, stated.jump, rtol=1e-9, atol=1e-18)
+
+
+def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
+    spacing = np.array([0.0, 4e-7, -2e-7])
+    law, jump = Spaced(LAW, spacing), np.full((3, 3), 1e-7)
+    opened = jump + np.stack([spacing, 0 * spacing, 0 * spacing])
+    state = law.at_rest(jump)
+    np.testing.assert_array_equal(state, LAW.at_rest(opened))
+    moved = jump + 1e-7
+    there, expected = law.respond(moved, state), LAW.respond(opened + 1e-7, state)
+    np.testing.assert_array_equal(there.tangent, expected.tangent)
+    found = law.resolvent(there.traction + 1e13 * moved, 1e13, state)
+    np.testing.assert_allclose(found, moved, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gap", "message"),
+    [
+        (
+            replace(TILTED, position=1e3 * TILTED.position),
+            r"interface from 0 to 0.02 m by",
+        ),
+        (replace(TILTED, position=TILTED.position - 0.01), "covers 0.25 of the interface"),
+        (replace(TILTED, gap=np.where(X > 0.01, np.nan, X * SLOPE)), "covers 0.5 of"),
+        (replace(TILTED, gap=1e3 * TILTED.gap), "give the unit of the gaps"),
+    ],
+)
+def test_maps_that_do_not_fit_are_refused(gap, message):
+    with pytest.raises(CaseError, match=message):
+        solve_assembly(pressed(gap), 1e6)
+
+
+def test_a_map_without_points_is_refused():
+    with pytest.raises(CaseError, match="0 defined points"):
+        replace(TILTED, gap=np.full(X.size, np.nan))
+
+
+def test_a_small_hole_of_the_map_is_bridged():
+    small = np.where(np.hypot(X - 0.5 * EDGE, Y - 0.5 * EDGE) < 1.5e-3, np.nan, TILTED.gap)
+    place = np.array([[0.5 * EDGE, 0.5 * EDGE, 0.0], [0.0, 0.0, 0.0], [EDGE, EDGE, 0.0]])
+    np.testing.assert_allclose(replace(TILTED, gap=small).at(place), SLOPE * place[:, 0])
