@@ -14,9 +14,9 @@ from multiscale.fe.gmsh_model import mesh_geometry
 from multiscale.io import read_mesh, read_text
 
 if TYPE_CHECKING:
-    from skfem import CellBasis, Mesh
+    from skfem import CellBasis, Element, Mesh
 
-__all__ = ["check_orientation", "load_geometry", "load_mesh"]
+__all__ = ["check_orientation", "load_geometry", "load_mesh", "second_order"]
 
 FLAT = 1e-9
 """Jacobian of an element, relative to the cube of its length, up to which it has no volume."""
@@ -41,6 +41,13 @@ def load_geometry(path: Path, element_size: float, *, scale: float, volume: str 
             return load_mesh(file, scale=scale, volume=volume)
         except CaseError as error:
             raise CaseError(str(error).replace(str(file), str(path))) from error
+
+
+def second_order(mesh: "Mesh") -> "Element":
+    """Return the scalar element of second order on straight tetrahedra or hexahedra."""
+    from skfem import ElementHex2, ElementTetP2
+
+    return ElementTetP2() if mesh.t.shape[0] == 4 else ElementHex2()
 
 
 def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool = False) -> "Mesh":

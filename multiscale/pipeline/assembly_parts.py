@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.fe.facets import facet_normals, surface_of
-from multiscale.fe.mesh_file import load_geometry
+from multiscale.fe.mesh_file import load_geometry, second_order
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, load_mesh, shank_stiffness
@@ -107,6 +107,11 @@ class MeshedBody(Settings):
         None,
         description="Largest edge of the elements of a geometry, m; the error of the mesh comes "
         "from elements twice as large.",
+    )
+    order: Literal[1, 2] = Field(
+        1,
+        description="Order of the elements: 2 adds nodes in the middle of their straight edges, "
+        "and tetrahedra need it where bodies bend.",
     )
     coarser: Path | None = Field(
         None,
@@ -250,7 +255,8 @@ class MeshedBody(Settings):
             boundary: tuple(partial(_at_time, parts, axis) for axis in range(3))
             for boundary, parts in tractions.items()
         }
-        return Body(mesh, self.elasticity(), supports, pulled, name=self.name)
+        element = None if self.order == 1 else second_order(mesh)
+        return Body(mesh, self.elasticity(), supports, pulled, element, name=self.name)
 
 
 class StatedLaw(Settings):
