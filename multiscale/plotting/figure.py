@@ -21,6 +21,7 @@ __all__ = [
     "WIDE",
     "add_colour_bar",
     "axes_or_current",
+    "in_space",
     "new_figure",
     "on_axes",
     "plot_energy_parts",
@@ -202,6 +203,17 @@ def on_axes(
     def draw(file: Path) -> Path:
         figure = new_figure(width, height)
         plot(figure.add_subplot())
+        return save_figure(figure, file)
+
+    return draw
+
+
+def in_space(plot: "Callable[..., object]") -> Callable[[Path], Path]:
+    """Return ``draw(file)``, which calls ``plot(ax=...)`` with axes in space."""
+
+    def draw(file: Path) -> Path:
+        figure = new_figure()
+        plot(ax=figure.add_subplot(projection="3d"))
         return save_figure(figure, file)
 
     return draw

@@ -58,7 +58,7 @@ def measure_volume(
         Follows ``RVE_VOLUMES``, with one realisation. The attribute ``ended`` says which stiffness
         is lost, or is unknown as its solve did not converge.
     """
-    found = max_damage(rve, level=level, sections=sections, slab=slab)
+    found = max_damage(rve, level=level, sections=sections, slab=slab, refine=False)
     damage = found["damage"]
     image = voxelise(rve, voxels) if isinstance(rve, Cavities) else rve
     stiffness, ended = np.full((len(SIDES), 6, 6), np.nan), []

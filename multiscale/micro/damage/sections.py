@@ -96,6 +96,7 @@ def max_damage(
     slab: float = 0.0,
     closed: bool = False,
     smallest_section: float = 0.5,
+    refine: bool = True,
 ) -> "xr.Dataset":
     """Search the worst plane, and describe the distribution of damage over all planes.
 
@@ -112,13 +113,15 @@ def max_damage(
     smallest_section : float
         Share of the section through the centre; planes with a smaller section are left out, since
         a corner of the box is not representative. Dimensionless.
+    refine : bool
+        Whether the worst plane is searched between the sections, from a few of them.
 
     Returns
     -------
     Dataset
-        Follows ``DAMAGE_SECTIONS``: every section, the worst plane after a local refinement from
-        a few sections, mean and quantiles, and the tensor of anisotropy. For an image
-        ``resolution_error`` is the change of the damage of the worst plane at half the resolution.
+        Follows ``DAMAGE_SECTIONS``: every section, the worst plane, mean and quantiles, and the
+        tensor of anisotropy. For an image ``resolution_error`` is the change of the damage of the
+        worst plane at half the resolution.
 
     Raises
     ------
@@ -142,7 +145,14 @@ def max_damage(
         ]
     )
     worst, normal, place = _refine(
-        rve, normals, offset, damage, slab=slab, closed=closed, smallest=smallest_section
+        rve,
+        normals,
+        offset,
+        damage,
+        slab=slab,
+        closed=closed,
+        smallest=smallest_section,
+        starts=N_STARTS if refine else 0,
     )
     values = {
         "normal": normals,
@@ -256,6 +266,7 @@ def _refine(
     slab: float,
     closed: bool,
     smallest: float,
+    starts: int,
 ) -> tuple[float, np.ndarray, float]:
     """Maximise damage locally from the worst sections found; closed planes keep their normal."""
     from scipy.optimize import minimize
@@ -266,10 +277,10 @@ def _refine(
         rve.size
     )
     peak = damage.argmax(axis=1)
-    rows = np.argsort(damage.max(axis=1))[::-1][:N_STARTS]
+    rows = np.argsort(damage.max(axis=1))[::-1]
     row = rows[0]
     best = (float(damage[row, peak[row]]), normals[row], float(offset[row, peak[row]]))
-    for row in rows:
+    for row in rows[:starts]:
         frame = SectionPlane.through(np.zeros(3), normals[row]).frame
 
         def plane(

@@ -1,8 +1,9 @@
 r"""Boxes of voxels with displacement sides and with traction sides.
 
 Displacement sides hold the nodes of all sides at the displacement of the mean strain. Traction
-sides load the solid part S of the sides, at places where both opposite sides are solid. With the
-forces :math:`f_\tau` of a symmetric tensor :math:`\tau`, per area
+sides load the solid part S of the sides, at places where both opposite sides are solid to some
+depth: thin films above pores would bend far, and the bound holds for every choice of places. With
+the forces :math:`f_\tau` of a symmetric tensor :math:`\tau`, per area
 :math:`\tau_{ja} / (A_a L_a)` on the sides normal to axis a, of the distance :math:`L_a` and the
 solid area :math:`A_a`,
 
@@ -36,6 +37,9 @@ from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
 from multiscale.numerics.compiled import thread_count
 
 __all__ = ["HeldVoxels", "traction_stiffness"]
+
+DEEP = 12
+"""Edges of the box over the depth to which loaded places of its sides are solid, at first."""
 
 Solve = Callable[[VoxelOperator, np.ndarray], tuple[Solution, np.ndarray]]
 """From a stiffness and nodal forces to the solution and the forces left."""
@@ -120,8 +124,7 @@ def traction_stiffness(
     loads = np.zeros((6, 3, *padded.shape))
     carried = np.ones(6, dtype=bool)
     for axis in range(3):
-        inside = np.moveaxis(modulus > 0.0, axis, 0)
-        both = np.pad((inside[0] & inside[-1]).astype(float), 1)
+        both = np.pad(_loaded(np.moveaxis(modulus > 0.0, axis, 0)).astype(float), 1)
         at_nodes = both[1:, 1:] + both[:-1, 1:] + both[1:, :-1] + both[:-1, :-1]
         total = at_nodes.sum()
         for k, (i, j) in enumerate(COMPONENTS):
@@ -146,6 +149,14 @@ def traction_stiffness(
     kept = np.ix_(carried, carried)
     stiffness[kept] = np.linalg.inv(F[kept]) / (np.prod(edges) * modulus.size)  # (1)
     return stiffness, [replace(one, value=F[k]) for k, one in enumerate(solved)]
+
+
+def _loaded(solid: np.ndarray) -> np.ndarray:
+    """Places of the first and the last layer that are loaded, as deep in the solid as there are."""
+    depth = max(1, len(solid) // DEEP)
+    while depth > 1 and not (deep := solid[:depth].all(axis=0) & solid[-depth:].all(axis=0)).any():
+        depth //= 2
+    return deep if depth > 1 else solid[0] & solid[-1]
 
 
 def _invert_laplacians(

@@ -47,7 +47,8 @@ from multiscale.pipeline.structure_stage import (
     with_too_far,
 )
 from multiscale.plotting import MOST_DRAWN, load_pictures
-from multiscale.plotting.figure import on_axes
+from multiscale.plotting.body_figures import plot_body_stress
+from multiscale.plotting.figure import in_space, on_axes
 from multiscale.schema import MACRO_RESULT, with_cautions
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ ANSWERS = (
 """What bodies are compared by: at the last step with stiffnesses, by their cycles, at the end."""
 
 PICTURES = (
+    "body_stress",
     "error_budget",
     "loads",
     "bolts",
@@ -260,7 +262,10 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
         "Zones, pressure and outlines of the parts are seen along the normal of each interface, at "
         "the last step that has an answer."
     ]
-    figures = {name: on_axes(plot) for name, plot in load_pictures(result).items()}
+    solved = np.flatnonzero(result["converged"].to_numpy() == 1)
+    stressed = partial(plot_body_stress, result, step=int(solved[-1]))
+    figures = {"body_stress": in_space(stressed)}
+    figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
     yield Section("Loads and interfaces", told, figures=figures)
     yield budget_section(result)
 

@@ -26,7 +26,7 @@ from multiscale.pipeline.stage import (
     format_table,
     list_cautions,
 )
-from multiscale.plotting.figure import new_figure, save_figure
+from multiscale.plotting.figure import in_space, new_figure, save_figure
 from multiscale.plotting.rve_figures import (
     plot_modulus_surface,
     plot_rve,
@@ -279,25 +279,14 @@ def _summary(found: Datasets) -> Summary:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     rve = found[RVE.name]
     figures: dict[str, Callable[[Path], Path]] = {
-        "rve": _in_space(rve, plot_rve),
-        "stiffness_surface": _in_space(rve, plot_modulus_surface),
-        "damage_sphere": _in_space(rve, plot_rve_damage),
+        "rve": in_space(partial(plot_rve, rve)),
+        "stiffness_surface": in_space(partial(plot_modulus_surface, rve)),
+        "damage_sphere": in_space(partial(plot_rve_damage, rve)),
         "size_study": partial(_draw_study, rve),
     }
     yield Section("Representative volume", _facts(rve), *_tabulate(rve), figures=figures)
     told = ["Means over volumes, and for stiffnesses over directions, ± one standard deviation."]
     yield Section("Size study", told, *_sizes(rve))
-
-
-def _in_space(rve: "xr.Dataset", plot: Callable[..., object]) -> Callable[[Path], Path]:
-    """Return ``draw(file)`` of a figure on axes in space."""
-
-    def draw(file: Path) -> Path:
-        figure = new_figure()
-        plot(rve, ax=figure.add_subplot(projection="3d"))
-        return save_figure(figure, file)
-
-    return draw
 
 
 def _draw_study(rve: "xr.Dataset", file: Path) -> Path:

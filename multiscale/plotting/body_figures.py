@@ -1,0 +1,75 @@
+"""Figure of bodies in space: their faces, deformed, coloured by a field of their elements."""
+
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from mpl_toolkits.mplot3d import Axes3D
+
+__all__ = ["plot_body_stress"]
+
+FACES = {
+    4: [*combinations(range(4), 3)],
+    8: [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+}
+"""Corners of the faces of tetrahedra and hexahedra, in the order of VTK."""
+
+SHOWN = 0.04
+"""Largest displacement in the picture, over the size of the bodies."""
+
+BRIGHTEST = 0.995
+"""Share of the elements whose stress the colours distinguish; the others have the last colour."""
+
+
+def plot_body_stress(result: "xr.Dataset", *, step: int = -1, ax: "Axes3D") -> "Axes3D":
+    """Draw the outer faces of bodies, displaced and coloured by von Mises' stress.
+
+    Parameters
+    ----------
+    result : Dataset
+        Follows ``MACRO_RESULT``, with elements.
+    step : int, load step
+    ax : Axes3D
+        Axes to draw on. The title says how many times the displacements are enlarged.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    corners = result["corners"].to_numpy().astype(int)
+    stress = 1e-6 * result["equivalent_stress"].to_numpy()[step]
+    place, moved = result["position"].to_numpy(), result["displacement"].to_numpy()[step]
+    extent = np.ptp(place, axis=0)
+    largest = float(np.abs(moved).max()) or 1.0
+    times = SHOWN * float(extent.max()) / largest
+    times = float(f"{times:.1g}")
+    faces = np.array(FACES[corners.shape[1]])
+    every = corners[:, faces].reshape(-1, faces.shape[1])
+    _, first, count = np.unique(
+        np.sort(every, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    outer = first[count == 1]  # faces inside belong to two elements
+    values = stress[outer // len(faces)]
+    scale = Normalize(0.0, float(np.quantile(stress, BRIGHTEST)) or 1.0)
+    points = 1e3 * (place + times * moved)
+    ax.add_collection3d(
+        Poly3DCollection(
+            points[every[outer]],
+            facecolors=colormaps["viridis"](scale(values)),
+            edgecolors=(0.0, 0.0, 0.0, 0.25),
+            linewidths=0.2,
+        )
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    ax.set_box_aspect(tuple(high - low))
+    ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
+    ax.view_init(elev=24.0, azim=-50.0)
+    mappable = ScalarMappable(scale, colormaps["viridis"])
+    ax.figure.colorbar(mappable, ax=ax, label="von Mises stress (MPa)", shrink=0.6, pad=0.12)
+    ax.set_title(f"displacements {times:g} times")
+    return ax

@@ -1,0 +1,242 @@
+"""Representative volumes of cases: what they answer, and how bodies and interfaces take them."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.micro.damage import youngs_modulus_along
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.stages.representative_volume import is_representative
+from multiscale.report import open_finished, write_report
+from tests.support import write_body, write_scene
+
+TEXT = """
+title = "Pores"
+[rve]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+size = "1 mm"
+voxels = 10
+level = 0
+sections = 5
+"""
+RECIPE = """
+[rve.recipe]
+porosity = 0.12
+pore_radius = "150 um"
+realisations = 3
+"""
+CRACK = """
+[[rve.cracks]]
+centre = ["0.5 mm", "0.5 mm", "0.5 mm"]
+normal = [1, 0, 0]
+radius = "0.4 mm"
+"""
+BAR = """
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "bar"
+mesh = "bar.msh"
+unit = "mm"
+rve_axes = [[0, 0, 1], [0, 1, 0]]
+supports = { bottom = "z", left = "x", front = "y" }
+[[structure.loads]]
+name = "pull"
+face = "bar.top"
+force = [0, 0, "1 kN"]
+[statics]
+steps = [{ pull = 1 }]
+"""
+
+
+@pytest.fixture(scope="module")
+def pores(tmp_path_factory):
+    """Datasets of volumes from a recipe, and the folder of their run."""
+    folder = tmp_path_factory.mktemp("pores")
+    return run(load_case(write_scene(folder, TEXT + RECIPE)), folder / "out")["rve"], folder / "out"
+
+
+def test_sides_bound_the_stiffness_and_intervals_hold_it(pores):
+    rve, _ = pores
+    soft, periodic, stiff = np.moveaxis(rve["apparent_modulus"].to_numpy(), 1, 0)
+    assert np.all(soft < periodic)
+    assert np.all(periodic < stiff)
+    low, high = rve["modulus_mean_law"].to_numpy()
+    further_low, further_high = rve["modulus_one_part"].to_numpy()
+    assert np.all((further_low < low) & (high < further_high))
+    error = rve["modulus_error"].to_numpy()
+    whole = rve["share"].to_numpy() == 1.0
+    gap = (periodic - soft)[whole].mean(axis=0), (stiff - periodic)[whole].mean(axis=0)
+    np.testing.assert_allclose(error[1], np.maximum(*gap) / rve["modulus"], rtol=1e-9)
+    np.testing.assert_allclose(
+        (high - low) / 2.0, rve["modulus"] * np.sqrt((error**2).sum(axis=0)), rtol=1e-9
+    )
+
+
+def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
+    rve, _ = pores
+    E = rve["apparent_modulus"].to_numpy().mean(axis=2)
+    whole = rve["share"].to_numpy() == 1.0
+    gap = E[:, 2] - E[:, 0]
+    assert gap[whole].mean() < 0.8 * gap[~whole].mean()
+    worst = rve["largest_damage"].to_numpy().max(axis=1)
+    assert worst[whole].mean() < worst[~whole].mean()
+    assert "not representative within 5 %" in is_representative(rve)
+    assert "is representative within 90 %" in is_representative(rve.assign_attrs(accept=0.9))
+
+
+def test_the_report_of_a_volume_has_its_picture(pores):
+    _, out = pores
+    finished = open_finished(out)
+    assert any("Traction and displacement sides differ" in line for line in finished.lines())
+    page = write_report(out).read_text(encoding="utf-8")
+    assert ">Representative volume</h2>" in page
+
+
+# validation 3.1: one sphere in a cube of edge L has D = pi r^2 / L^2 normal to its edges
+def test_a_listed_pore_has_the_damage_of_its_section(tmp_path):
+    pore = '[[rve.pores]]\ncentre = ["0.2 mm", "0 mm", "0.7 mm"]\nradius = "0.3 mm"\n'
+    text = TEXT.replace("sections = 5", "sections = 10\nparts = []") + pore
+    rve = run(load_case(write_scene(tmp_path, text)), tmp_path / "out")["rve"]
+    along_x = int(np.argmax(np.abs(rve["normal"].to_numpy()[:, 0])))
+    # the nearest of ten sections lies at 50 um from the centre
+    assert float(rve["damage"][along_x]) == pytest.approx(np.pi * (0.3**2 - 0.05**2), rel=1e-9)
+    assert np.isnan(rve["scatter"]).all()
+    assert "one volume alone has no scatter" in rve.attrs["cautions"]
+
+
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory):
+    """Bar along z of a solid with a crack normal to its own x, which lies along z."""
+    folder = tmp_path_factory.mktemp("bar")
+    write_body(folder / "bar.msh", box_mesh((4e-3, 3e-3, 9e-3), (1, 1, 2)))
+    case = load_case(write_scene(folder, TEXT + CRACK + BAR))
+    return case, run(case, folder / "out")
+
+
+def test_a_bar_has_the_stiffness_of_its_volume_along_the_turned_axis(bar):
+    _, found = bar
+    C = found["rve"]["stiffness"].to_numpy()
+    along_x, along_z = youngs_modulus_along(C, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    assert along_x < 0.8 * along_z
+    stiffness = float(found["macro_result"]["load_stiffness"][-1, 0])
+    assert stiffness == pytest.approx(along_x * 12e-6 / 9e-3, rel=1e-9)
+
+
+def test_the_errors_of_the_volume_reach_the_bar(bar):
+    _, found = bar
+    rve, result = found["rve"], found["macro_result"]
+    budget = result["error_half_width"].isel(quantity=0, step=-1)
+    largest = rve["modulus_error"].max("direction")
+    for term, cause in (
+        ("sampling", "sampling"),
+        ("scale separation", "sides"),
+        ("micro discretisation", "elements"),
+    ):
+        expected = float(largest.sel(rve_error=cause)) / 1.02  # of a secant over 2 %
+        assert float(budget.sel(error_term=term)) == pytest.approx(expected, rel=0.03)
+    low, high = result["load_stiffness_mean_law"].to_numpy()[:, -1, 0]
+    assert low < float(result["load_stiffness"][-1, 0]) < high
+
+
+def test_sections_beside_an_interface_damage_it(tmp_path):
+    write_body(tmp_path / "bar.msh", box_mesh((4e-3, 3e-3, 9e-3), (1, 1, 2)))
+    law = """
+[[structure.interfaces]]
+sides = ["ground", "bar.bottom"]
+friction = 0.2
+stiffness_ratio = 0.8
+surface_damage = true
+[structure.interfaces.exponential]
+pressure_scale = "1 GPa"
+decay_length = "0.3 um"
+pressures = ["0.1 MPa", "100 MPa"]
+"""
+    text = TEXT + RECIPE + BAR.replace('bottom = "z", ', "") + law
+    text = text.replace('[0, 0, "1 kN"]', '[0, 0, "-1 kN"]')
+    case = load_case(write_scene(tmp_path, text))
+    found = run(case, tmp_path / "out")
+    rve = found["rve"]
+    known = case.structure.with_volumes(found, lambda file, quick: rve)
+    whole = rve["share"].to_numpy() == 1.0
+    along_x = int(np.argmax(np.abs(rve["normal"].to_numpy()[:, 0])))  # which is along z
+    damage = rve["mean_damage"].to_numpy()[whole, along_x].mean()
+    assert known.interfaces[0].damage == pytest.approx(damage, rel=1e-12)
+    assert float(found["macro_result"]["point_damage"].mean()) == pytest.approx(damage)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        pytest.param(TEXT, "takes either [rve.recipe], a list of pores", id="nothing"),
+        pytest.param(TEXT + RECIPE + CRACK, "got recipe and pores or cracks", id="two kinds"),
+        pytest.param(
+            TEXT + RECIPE.replace("150 um", "150"), "pore_radius", id="a radius without unit"
+        ),
+        pytest.param(
+            TEXT + RECIPE.replace("0.12", "1.2"), "porosity must be below 1", id="all pores"
+        ),
+        pytest.param(
+            TEXT + RECIPE.replace('pore_radius = "150 um"', ""),
+            "porosity and pore_radius belong together",
+            id="no radius",
+        ),
+        pytest.param(
+            TEXT + CRACK.replace("[1, 0, 0]", "[0, 0, 0]"), "must not be zero", id="no normal"
+        ),
+        pytest.param(
+            TEXT + RECIPE + BAR.replace("0, 1], [0, 1", "0, 1], [0, 1, 1], [0, 1"),
+            "rve_axes",
+            id="three axes",
+        ),
+        pytest.param(
+            TEXT + RECIPE + BAR.replace("[0, 1, 0]]", "[0, 1, 1]]"), "right angles", id="oblique"
+        ),
+        pytest.param('title = "No volume"' + BAR, "neither moduli nor rve", id="a body of nothing"),
+    ],
+)
+def test_what_makes_no_volume_is_refused_in_a_sentence(tmp_path, text, said):
+    with pytest.raises(CaseError) as refused:
+        load_case(write_scene(tmp_path, text))
+    assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        pytest.param(
+            TEXT + RECIPE.replace("0.12", "0.6"), "too much for random addition", id="packing"
+        ),
+        pytest.param(
+            TEXT + RECIPE.replace("150 um", "600 um").replace("0.12", "0.9"),
+            "make the box larger",
+            id="one pore",
+        ),
+        pytest.param(
+            TEXT.replace('size = "1 mm"', "") + '[rve.image]\nfile = "no.tif"\n',
+            "no such file",
+            id="no image",
+        ),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_anything_is_computed(tmp_path, text, said):
+    case = load_case(write_scene(tmp_path, text))
+    with pytest.raises(CaseError, match=said):
+        run(case, tmp_path / "out")
+
+
+def test_a_body_with_a_volume_that_is_cut_through_is_refused(tmp_path):
+    write_body(tmp_path / "bar.msh", box_mesh((4e-3, 3e-3, 9e-3), (1, 1, 2)))
+    whole = "parts = []" + CRACK.replace("0.4 mm", "2 mm")
+    case = load_case(write_scene(tmp_path, TEXT + whole + BAR))
+    with pytest.raises(CaseError, match="cut through, D = 1"):
+        run(case, tmp_path / "out")
+
+
+def test_a_volume_larger_than_its_body_is_said(tmp_path):
+    write_body(tmp_path / "bar.msh", box_mesh((4e-4, 3e-4, 9e-4), (1, 1, 2)))
+    case = load_case(write_scene(tmp_path, TEXT + "parts = []" + CRACK + BAR))
+    found = run(case, tmp_path / "out")
+    assert "is larger than the body is thick" in found["macro_result"].attrs["cautions"]

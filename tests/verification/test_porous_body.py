@@ -1,0 +1,91 @@
+"""A small body with all its pores meshed, against a body with the stiffness of a volume of them."""
+
+import numpy as np
+import pytest
+
+from multiscale.micro.damage import Cavities, random_spheres
+from multiscale.pipeline import load_case, run
+from tests.support import write_scene
+
+EDGE, RADIUS, POROSITY = 2.4, 0.24, 0.08  # mm
+
+BODY = """
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "cube"
+mesh = "{mesh}"
+unit = "mm"
+element = "{element} mm"
+order = 2
+supports = {{ bottom = "z", left = "x", front = "y" }}
+{moduli}
+[[structure.loads]]
+name = "pull"
+face = "cube.top"
+force = [0, 0, "1 kN"]
+[statics]
+steps = [{{ pull = 1 }}]
+"""
+VOLUME = f"""
+[rve]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+size = "1.5 mm"
+voxels = 40
+level = 0
+sections = 5
+[rve.recipe]
+porosity = {POROSITY}
+pore_radius = "{RADIUS} mm"
+realisations = 5
+"""
+SOLID = 'youngs_modulus = "70 GPa"\npoissons_ratio = 0.3'
+
+
+def geometry(pores: Cavities) -> str:
+    """Cube in mm without the pores, with named sides."""
+    lines = ['SetFactory("OpenCASCADE");', f"Box(1) = {{0, 0, 0, {EDGE}, {EDGE}, {EDGE}}};"]
+    spheres = [
+        (centre, root[0, 0])
+        for kind in pores.images
+        for centre, root in zip(kind.centre, kind.root, strict=True)
+    ]
+    for k, (centre, radius) in enumerate(spheres, start=2):
+        lines.append(
+            f"Sphere({k}) = {{{', '.join(f'{x!r}' for x in map(float, centre))}, {radius}}};"
+        )
+    if spheres:
+        numbers = f"2:{len(spheres) + 1}"
+        lines.append(
+            f"BooleanDifference(5000) = {{ Volume{{1}}; Delete; }}{{ Volume{{{numbers}}}; Delete; }};"
+        )
+    e = 1e-4
+    for name, axis, at in (("left", 0, 0), ("front", 1, 0), ("bottom", 2, 0), ("top", 2, EDGE)):
+        low, high = [-e] * 3, [EDGE + e] * 3
+        low[axis], high[axis] = at - e, at + e
+        box = ", ".join(f"{x:g}" for x in (*low, *high))
+        lines.append(f"{name}() = Surface In BoundingBox {{{box}}};")
+        lines.append(f'Physical Surface("{name}") = {{{name}()}};')
+    lines.append('Physical Volume("cube") = Volume{:};')
+    return "\n".join(lines)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_body_with_all_pores_lies_in_the_interval_of_its_volume(tmp_path, seed):
+    pores = random_spheres((EDGE,) * 3, RADIUS, porosity=POROSITY, seed=100 + seed)
+    (tmp_path / "pores.geo").write_text(geometry(pores), encoding="utf-8")
+    (tmp_path / "cube.geo").write_text(geometry(Cavities((EDGE,) * 3)), encoding="utf-8")
+    direct = BODY.format(mesh="pores.geo", element=0.3, moduli=SOLID)
+    sequential = VOLUME + BODY.format(mesh="cube.geo", element=0.8, moduli="")
+    case = load_case(write_scene(tmp_path, 'title = "All pores"' + direct))
+    whole = float(run(case, tmp_path / "direct")["macro_result"]["load_stiffness"][-1, 0])
+    case = load_case(write_scene(tmp_path, 'title = "A volume"' + sequential))
+    found = run(case, tmp_path / "sequential")["macro_result"].isel(step=-1, load=0)
+    low, high = found["load_stiffness_one_part"].to_numpy()
+    sound = 70e9 * 1e-3 * EDGE
+    assert low < whole < high < sound
+    assert high - low < 0.3 * whole
+    assert float(found["load_stiffness"]) == pytest.approx(whole, rel=0.05)
+    assert np.isfinite(found["error_total"].to_numpy()).all()
