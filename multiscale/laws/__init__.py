@@ -9,6 +9,7 @@ from multiscale.laws.power import PowerLaw
 from multiscale.laws.rigid import RigidContact
 from multiscale.laws.sliders import Sliders
 from multiscale.laws.sliding_friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
+from multiscale.laws.softening import Softening
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
@@ -34,6 +35,7 @@ __all__ = [
     "RigidContact",
     "Sliders",
     "Sliding",
+    "Softening",
     "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",

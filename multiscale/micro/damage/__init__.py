@@ -4,6 +4,12 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import Cavities, voxelise
 from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.compare import compare_stiffness
+from multiscale.micro.damage.crack_growth import (
+    Microcracks,
+    grow_microcracks,
+    random_microcracks,
+    softening_of,
+)
 from multiscale.micro.damage.effective_moduli import (
     youngs_modulus_along,
 )
@@ -30,6 +36,7 @@ __all__ = [
     "Ellipsoids",
     "FatigueMaterial",
     "FatigueScatter",
+    "Microcracks",
     "StressBlock",
     "VoxelImage",
     "boolean_spheres",
@@ -37,13 +44,16 @@ __all__ = [
     "cylinders",
     "effective_stiffness",
     "ellipsoids",
+    "grow_microcracks",
     "lattice",
     "local_fatigue",
     "max_damage",
     "mesh_stiffness",
     "penny_cracks",
     "plane_damage",
+    "random_microcracks",
     "random_spheres",
+    "softening_of",
     "spheres",
     "two_scale_fatigue",
     "voxelise",
