@@ -64,7 +64,7 @@ def test_an_even_bar_has_the_energy_of_its_teeth_on_every_mesh():
 
 @pytest.mark.slow
 def test_strength_falls_with_size_as_bazants_law():
-    """Z. P. Bazant, J. Eng. Mech. 110 (1984) 518: strength^-2 of notched bodies is linear in size."""
+    """Z. P. Bazant, J. Eng. Mech. 110 (1984) 518: strength^-2 of notches is linear in size."""
     brittle, sizes = Softening(0.05 * OPENING, LAW.stress), np.array([8, 16, 32])
     strength = []
     for n in sizes:

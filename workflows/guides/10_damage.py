@@ -42,8 +42,8 @@ alloy = FatigueMaterial(71e9, 0.33, fatigue_limit=70e6, damage_strength=0.2e6, h
 life = two_scale_fatigue(np.array([90e6, -90e6]), alloy)
 print(float(life["cycles_to_rupture"]))
 
-# Quasi-brittle: cracks of a cube of concrete grow where K_I reaches K_Ic. The volume softens; the law
-# of its crack is what follow_crack_band of multiscale.macro.continuum takes for bodies.
+# Quasi-brittle: cracks of a cube of concrete grow where K_I reaches K_Ic. The volume softens; the
+# law of its crack is what follow_crack_band of multiscale.macro.continuum takes for bodies.
 concrete = random_microcracks(
     0.1, 1.5e5, 6e-3, youngs_modulus=30e9, poissons_ratio=0.2, toughness=0.5e6
 )

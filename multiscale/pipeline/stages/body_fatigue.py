@@ -94,10 +94,6 @@ class _Cycled:
         """Laws of all interfaces."""
         return self.bodies.sliders(self.case, self.laws)
 
-    def body(self) -> Body:
-        """Return the body that is followed."""
-        return self.bodies.build(self.case, self.sliders).assembly.bodies[self.number]
-
     def solve(self, laws: Sequence[Sliders], cracked: np.ndarray | None = None) -> np.ndarray:
         """Solve the path anew; return the stress of the last cycle as :meth:`stress`."""
         parts = self.bodies.build(self.case, laws)
@@ -110,6 +106,8 @@ class _Cycled:
 
     def stress(self, result: "xr.Dataset", bodies: Sequence[Body]) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
+
+        Where the body has a damage of its own, it is the stress of what is left of its sections.
 
         Raises
         ------
@@ -126,7 +124,8 @@ class _Cycled:
                 f"{case.title}: the life is unknown, as steps of the last cycle have no answer; "
                 f"{result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
-        return element_stress(bodies[self.number], moved)
+        sound = 1.0 - self.bodies.bodies[self.number].damage
+        return element_stress(bodies[self.number], moved) / sound
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
