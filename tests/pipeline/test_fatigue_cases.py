@@ -7,7 +7,12 @@ from skfem import MeshHex
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.micro.damage import FatigueMaterial, two_scale_fatigue
+from multiscale.micro.damage import (
+    FatigueMaterial,
+    FatigueScatter,
+    local_fatigue,
+    two_scale_fatigue,
+)
 from multiscale.pipeline import load_case, run
 from multiscale.plotting import plot_fatigue_field
 from multiscale.schema import FATIGUE_LIFE
@@ -50,6 +55,7 @@ load = "pull"
 cycles = 1
 steps = 2
 """
+MATERIAL = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
 RADIUS, HALF = 1e-3, 8e-3
 """Radius of a hole and half the edge of the plate around it, m."""
 
@@ -118,8 +124,7 @@ def test_a_plate_cracks_beside_its_hole(tmp_path):
     hoop = 0.5 * ((1.0 + a) - (1.0 + 3.0 * a**2) * two)
     radial = 0.5 * ((1.0 - a) + (1.0 - 4.0 * a + 3.0 * a**2) * two)
     local = 85e6 * np.array([hoop, radial, 0.0, 0.0, 0.0, 0.0])
-    material = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
-    estimate = float(two_scale_fatigue(np.stack([local, -local]), material)["cycles_to_rupture"])
+    estimate = float(two_scale_fatigue(np.stack([local, -local]), MATERIAL)["cycles_to_rupture"])
     assert float(found["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
 
 
@@ -127,6 +132,19 @@ def test_a_damaged_body_bears_its_stress_on_what_is_left(cube):
     pairs = ('"210 MPa"', '"105 MPa"'), ('bottom = "z" }', 'bottom = "z" }\ndamage = 0.5')
     life = float(solve(cube, *pairs)["cycles_to_crack"])
     assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
+
+
+def test_what_is_left_of_an_element_bears_the_whole_load(cube):
+    """The structure is solved again with cracked elements; here that has a closed form."""
+    pairs = ("feedback = false", "feedback = false\nscatter = 0.04"), ('"210 MPa"', '"225 MPa"')
+    found = solve(cube, *pairs)
+    assert int(found["solves"]) > 5
+    cycle = 225e6 * np.array([1.0, -1.0])[:, None, None] * np.eye(6)[0]
+    alone = local_fatigue(
+        lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=FatigueScatter(0.04)
+    )
+    for name in ("cycles_to_first", "cycles_to_crack"):
+        assert float(found[name]) == pytest.approx(float(alone[name]), rel=1e-6)
 
 
 @pytest.mark.slow
