@@ -24,7 +24,6 @@ from multiscale.io import make_folder, write_dataset
 from multiscale.macro import Block, RoughJoint, press_joint, soften
 from multiscale.micro.damage import (
     FatigueMaterial,
-    FatigueScatter,
     compare_stiffness,
     local_fatigue,
     max_damage,
@@ -62,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     curve = woehler_curve(material, np.array([65e6, 71e6, 74e6, 80e6, 90e6, 110e6]))
     stress = -np.array(PRESSURE)[::-1, None, None] * np.eye(6)[2] / (1.0 - damage)
     left = lambda cracked: stress / (1.0 - cracked[:, None])  # noqa: E731
-    life = local_fatigue(left, 1, material, scatter=FatigueScatter(0.03))
+    life = local_fatigue(left, 1, material, scatter=0.03)
 
     size = (1.6e-3, 1.6e-3)
     faces = [micro.self_affine((64, 64), size, k, **FACE) for k in range(3 if quick else 12)]

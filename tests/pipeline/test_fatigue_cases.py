@@ -9,7 +9,6 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.micro.damage import (
     FatigueMaterial,
-    FatigueScatter,
     local_fatigue,
     two_scale_fatigue,
 )
@@ -141,7 +140,7 @@ def test_what_is_left_of_an_element_bears_the_whole_load(cube):
     assert int(found["solves"]) > 5
     cycle = 225e6 * np.array([1.0, -1.0])[:, None, None] * np.eye(6)[0]
     alone = local_fatigue(
-        lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=FatigueScatter(0.04)
+        lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=0.04
     )
     for name in ("cycles_to_first", "cycles_to_crack"):
         assert float(found[name]) == pytest.approx(float(alone[name]), rel=1e-6)

@@ -15,7 +15,7 @@ from multiscale.micro.damage.effective_moduli import (
 )
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
-from multiscale.micro.damage.local_fatigue import FatigueScatter, local_fatigue
+from multiscale.micro.damage.local_fatigue import local_fatigue
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
@@ -35,7 +35,6 @@ __all__ = [
     "Cylinders",
     "Ellipsoids",
     "FatigueMaterial",
-    "FatigueScatter",
     "Microcracks",
     "StressBlock",
     "VoxelImage",

@@ -150,7 +150,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         stress_of,
         body.mesh.t.shape[1],
         material,
-        scatter=table.among_inclusions(),
+        scatter=table.scatter,
         tolerance=table.tolerance,
         max_cycles=table.max_cycles,
     )
@@ -193,9 +193,7 @@ def _with_intervals(
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
     if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
         return with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
-    first = partial(
-        first_cracks, scatter=table.among_inclusions(), max_cycles=1e3 * table.max_cycles
-    )
+    first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
     law_errors, cautions = _law_errors(cycled, result, material, middle, first, job)
     if table.part_deviation is None:
         cautions.append(NO_SCATTER)
@@ -277,8 +275,7 @@ def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
         own = bodies.bodies[cycled.number]
         material = table.material(own.youngs_modulus, own.poissons_ratio)
         stress = coarse.solve(coarse.sliders)
-        scatter = table.among_inclusions()
-        first = first_cracks(stress, material, scatter=scatter, max_cycles=table.max_cycles)
+        first = first_cracks(stress, material, scatter=table.scatter, max_cycles=table.max_cycles)
         yield (
             f"on elements {ratio:.3g} times as large the first inclusion cracks after "
             f"{_say(float(first.min()))}, and not after {_say(float(life['cycles_to_first']))}: "

@@ -6,11 +6,11 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.micro.damage import (
     FatigueMaterial,
-    FatigueScatter,
     local_fatigue,
     two_scale_fatigue,
 )
 from multiscale.micro.damage.inclusion import STATE_SIZE, run_points
+from multiscale.micro.damage.local_fatigue import limit_factors
 from multiscale.schema import FATIGUE_LIFE
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
 
@@ -63,7 +63,7 @@ def test_elements_are_independent_and_the_first_one_cracks():
 
 def every_cycle(mean, scatter):
     """Cycles to the first crack and to the first bar without sound inclusions, without jumps."""
-    factors = scatter.factors()
+    factors = limit_factors(scatter)
     parameters = np.tile(FULL.parameters(), (3 * factors.size, 1))
     parameters[:, 2] *= np.tile(factors, 3)
     state, share, first = np.zeros((3 * factors.size, STATE_SIZE)), np.zeros(3), 0
@@ -83,7 +83,7 @@ def every_cycle(mean, scatter):
 
 def test_jumps_between_solves_keep_the_life_of_every_cycle():
     """Inclusions crack one after the other, and the rest bears more."""
-    scatter, mean = FatigueScatter(0.04), 225e6
+    scatter, mean = 0.04, 225e6
     first, life = every_cycle(mean, scatter)
     assert life > 1.1 * first  # else no inclusion outlives the first
     for tolerance, error in ((0.1, 2e-3), (0.02, 1e-3)):
@@ -102,4 +102,4 @@ def test_what_stays_elastic_runs_out_and_what_is_cut_off_is_unknown():
 
 def test_a_deviation_beyond_its_range_is_refused():
     with pytest.raises(CaseError, match=r"from 0 to 1, got -0\.1"):
-        FatigueScatter(-0.1)
+        limit_factors(-0.1)
