@@ -18,7 +18,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.inclusion import STATE_SIZE, run_points
+from multiscale.micro.damage.inclusion import LIMIT, STATE_SIZE, run_points
 from multiscale.schema import FATIGUE_LIFE
 
 if TYPE_CHECKING:
@@ -64,18 +64,16 @@ class _Inclusions:
 
     def follow(self, state: np.ndarray, stress: np.ndarray, cycles: int) -> FatigueProgress:
         """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
-        path = np.ascontiguousarray(np.repeat(_bends(stress), self.factors.size, axis=1))
-        path = np.ascontiguousarray(path.swapaxes(0, 1))
-        parameters = np.tile(self.material.parameters(), (len(state), 1))
-        parameters[:, 2] = np.tile(self.factors, len(state) // self.factors.size)
-        parameters[:, 2] *= self.material.fatigue_limit
+        path, n = np.ascontiguousarray(_bends(stress).swapaxes(0, 1)), self.factors.size
+        kinds = np.tile(self.material.parameters(), (n, 1))
+        kinds[:, LIMIT] *= self.factors
         run = FatigueProgress.begin(state)
         run.broken[:] = state[:, 0] >= self.material.critical_damage
 
         def compute(part: FatigueProgress, count: int) -> None:
-            own = part.number
+            element, own = np.divmod(part.number, n)
             done, part.elastic[:] = run_points(
-                part.state, path[own], count, parameters[own], self.substeps
+                part.state, path, element, count, kinds, own, self.substeps
             )
             part.cycles += done
             part.computed += done

@@ -20,7 +20,8 @@ from multiscale.macro.substructures import (
 )
 from multiscale.macro.substructures.closed_cycles import find_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.local_fatigue import first_cracks, local_fatigue
+from multiscale.micro.damage.inclusion import STATE_SIZE
+from multiscale.micro.damage.local_fatigue import first_cracks, limit_factors, local_fatigue
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
@@ -53,6 +54,11 @@ __all__ = ["BODY_FATIGUE"]
 
 NORMAL = 1.959963984540054
 """Half the width of a 95 % interval over the standard deviation."""
+
+SOLVES = 40  # of a structure whose inclusions crack one after the other, about
+
+STATES, CYCLE_SECONDS = 5, 5e-4
+"""States of an inclusion that are held at once, and CPU seconds of its life, about; few flow."""
 
 ELEMENT_MEANS = (
     "the stress of an element is its mean, and the life depends on it by a high power: refine the "
@@ -348,8 +354,18 @@ def _summary(found: Datasets) -> Summary:
 
 
 def _needs(case: Case) -> Needs:
-    told = "the structure is solved again whenever inclusions have cracked, by an error control"
-    return Needs(choices=(Choice("fatigue", told),))
+    bodies, again = case.structure, SOLVES if case.fatigue.scatter else 0
+    assert isinstance(bodies, Bodies)  # as the case has checked
+    names = [one.name for one in bodies.bodies]
+    body = bodies.bodies[names.index(case.fatigue.body or names[0])]
+    inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
+    seconds = again * choose_solver(case, count_size(bodies, case)).taken.seconds
+    told = f"{inclusions} inclusions, and about {again} solves as they crack"
+    return Needs(
+        memory=8 * STATES * STATE_SIZE * inclusions,
+        seconds=seconds + CYCLE_SECONDS * inclusions,
+        choices=(Choice("fatigue", told),),
+    )
 
 
 BODY_FATIGUE = Stage(

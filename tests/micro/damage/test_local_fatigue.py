@@ -64,15 +64,15 @@ def test_elements_are_independent_and_the_first_one_cracks():
 def every_cycle(mean, scatter):
     """Cycles to the first crack and to the first bar without sound inclusions, without jumps."""
     factors = limit_factors(scatter)
-    parameters = np.tile(FULL.parameters(), (3 * factors.size, 1))
-    parameters[:, 2] *= np.tile(factors, 3)
+    kinds = np.tile(FULL.parameters(), (factors.size, 1))
+    kinds[:, 2] *= factors
     state, share, first = np.zeros((3 * factors.size, STATE_SIZE)), np.zeros(3), 0
     for cycle in range(1, 10_000):
         stress = bars(mean)(share)[::2]  # the peaks
-        path = np.repeat(stress, factors.size, axis=1).swapaxes(0, 1)
+        path = np.ascontiguousarray(stress.swapaxes(0, 1))
         sound = np.flatnonzero(state[:, 0] < FULL.critical_damage)
-        part = state[sound]
-        run_points(part, np.ascontiguousarray(path[sound]), 1, parameters[sound], 16)
+        part, (bar, kind) = state[sound], np.divmod(sound, factors.size)
+        run_points(part, path, bar, 1, kinds, kind, 16)
         state[sound] = part
         share = (state[:, 0] >= FULL.critical_damage).reshape(3, -1).mean(axis=1)
         first = first or cycle * int(share.max() > 0.0)
