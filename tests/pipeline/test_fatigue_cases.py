@@ -176,6 +176,7 @@ pressure = "20 MPa"
     assert np.isfinite(life)
     assert 0.8 * life < low < 0.9999 * life
     assert high == pytest.approx(life**2 / low)
+    assert float(found["crack_distance"]) < 0.006  # the same element, or its neighbour
 
 
 @pytest.mark.parametrize(

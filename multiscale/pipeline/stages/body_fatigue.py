@@ -194,18 +194,19 @@ def _with_intervals(
     """Add the intervals of the life of the mean part and of the next part.
 
     They are changes of the logarithm of the life of the weakest inclusion at the stress of the
-    sound structure: at the ends of the interval of the fatigue limit, and by the laws.
+    sound structure: at the ends of the interval of the fatigue limit, and by the laws. The place
+    has the distance from the first crack of the structure to the first cracks of all these.
     """
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
     if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
         return with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
     first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
-    law_errors, cautions = _law_errors(cycled, result, material, middle, first, job)
+    law_errors, places, cautions = _law_errors(cycled, result, material, middle, first, job)
     if table.part_deviation is None:
         cautions.append(NO_SCATTER)
     deviations = {"mean_law": table.limit_error}
     deviations["one_part"] = float(np.hypot(table.limit_error, table.part_deviation or np.nan))
-    values = {}
+    values: dict[str, Any] = {}
     for kind, deviation in deviations.items():
         logs = []
         for sign in (-1.0, 1.0):
@@ -214,9 +215,13 @@ def _with_intervals(
                 logs.append(np.nan)
                 continue
             changed = replace(material, fatigue_limit=float(shift) * material.fatigue_limit)
-            other = float(first(stress, changed).min())
-            logs.append(sign * np.hypot(np.log(other / middle), law_errors[kind]))
+            lives = first(stress, changed)
+            places.append(int(np.argmin(lives)))
+            logs.append(sign * np.hypot(np.log(lives.min() / middle), law_errors[kind]))
         values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * np.exp(logs)
+    centre = life["position"].to_numpy()[life["corners"].to_numpy().astype(int)].mean(axis=1)
+    start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
+    values["crack_distance"] = np.linalg.norm(centre[places] - start, axis=1).max()
     return with_cautions(FATIGUE_LIFE.assign(life, values), *cautions)
 
 
@@ -227,9 +232,12 @@ def _law_errors(
     middle: float,
     first: Callable[..., np.ndarray],
     job: Job,
-) -> tuple[Mapping[str, float], list[str]]:
-    """Relative half-widths of the life by the budgets of all laws, and what they do not know."""
-    squares, cautions = {"mean_law": 0.0, "one_part": 0.0}, []
+) -> tuple[Mapping[str, float], list[int], list[str]]:
+    """Relative half-widths of the life by the budgets of all laws.
+
+    With the elements that crack first with changed laws, and what the laws do not know.
+    """
+    squares, places, cautions = {"mean_law": 0.0, "one_part": 0.0}, list[int](), list[str]()
     shared = cycled.case.interface or JointLaw()
     for number, law in enumerate(cycled.laws):
         if law is None or "error_half_width" not in law:
@@ -252,7 +260,9 @@ def _law_errors(
             normal = {} if change.normal is None else dict.fromkeys(joints, change.normal)
             laws = cycled.bodies.sliders(cycled.case, cycled.laws, normal)
             stress = cycled.solve(change_friction(laws, change))
-            lives[key] = np.array([[float(first(stress, material).min())]])
+            found = first(stress, material)
+            places.append(int(np.argmin(found)))
+            lives[key] = np.array([[float(found.min())]])
             job.progress(done, len(changes), "solves for the intervals of the life")
         value = np.array([[middle]])
         budget = structure_budget(
@@ -270,7 +280,8 @@ def _law_errors(
         )
         squares["mean_law"] += float(mean_law_error(budget)[0, 0]) ** 2
         squares["one_part"] += float(budget["error_total"].to_numpy()[0, 0]) ** 2
-    return {kind: float(np.sqrt(square)) for kind, square in squares.items()}, cautions
+    errors = {kind: float(np.sqrt(square)) for kind, square in squares.items()}
+    return errors, places, cautions
 
 
 def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
@@ -311,6 +322,9 @@ def _answer(life: "xr.Dataset") -> str:
         if (name := f"cycles_to_crack_{kind}") in life and np.isfinite(life[name]).any():
             low, high = life[name].to_numpy()
             told += f"; {words}, 95 %: {low:.3g} ... {high:.3g}"
+    if "crack_distance" in life:
+        away = 1e3 * float(life["crack_distance"])
+        told += f"; within these intervals the place moves by up to {away:.3g} mm"
     return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
 
 
