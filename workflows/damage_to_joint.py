@@ -24,7 +24,6 @@ from multiscale.io import make_folder, write_dataset
 from multiscale.macro import Block, RoughJoint, press_joint, soften
 from multiscale.micro.damage import (
     FatigueMaterial,
-    FatigueScatter,
     compare_stiffness,
     local_fatigue,
     max_damage,
@@ -61,42 +60,31 @@ def main(argv: Sequence[str] | None = None) -> int:
     material = FatigueMaterial(E, NU, 70e6, 0.2e6, 1.5, hardening=5e9, threshold=0.02, closure=0.2)
     curve = woehler_curve(material, np.array([65e6, 71e6, 74e6, 80e6, 90e6, 110e6]))
     stress = -np.array(PRESSURE)[::-1, None, None] * np.eye(6)[2] / (1.0 - damage)
-    scatter = FatigueScatter(0.03)  # in the weakest section
-    life = local_fatigue(
-        lambda share: stress / (1.0 - share[:, None]), 1, material, scatter=scatter
-    )
+    left = lambda cracked: stress / (1.0 - cracked[:, None])  # noqa: E731
+    life = local_fatigue(left, 1, material, scatter=0.03)
 
-    sound = Block(0.02, E, NU)
     size = (1.6e-3, 1.6e-3)
     faces = [micro.self_affine((64, 64), size, k, **FACE) for k in range(3 if quick else 12)]
     # half the modulus: both faces give way
     cells = [micro.Cell(one, size[0], 8, 0.5 * E, NU, geometry="flat") for one in faces]
     path = micro.Path(pressure=tuple(np.geomspace(2.5e6, 260e6, 10)))
     law = fit_law(micro.run_ensemble(cells, path))
-    found, preload = law_from_dataset(law), np.array([PRESSURE[0]])
-    joint, solid = (
-        press_joint(RoughJoint((0.05, 0.05), block, block), found, preload)
-        for block in (soften(sound, stiffness), sound)
-    )
+    block = soften(Block(0.02, E, NU), stiffness)
+    rough = RoughJoint((0.05, 0.05), block, block)
+    joint = press_joint(rough, law_from_dataset(law), np.array([PRESSURE[0]]))
 
     kinds = (schema.DAMAGE_SECTIONS, schema.RVE_STIFFNESS, schema.WOEHLER, schema.FATIGUE_LIFE)
     kinds = (*kinds, schema.INTERFACE_LAW, schema.MACRO_RESULT)
     for kind, dataset in zip(kinds, (sections, stiffness, curve, life, law, joint), strict=True):
         write_dataset(dataset, out / f"{kind.name}.nc", kind)
-    draw_damage(
-        out / "figures",
-        sections=sections,
-        rve=pores,
-        curve=curve,
-        comparison=stiffness,
-    )
-    loss = 1.0 - float(joint["joint_stiffness"][0] / solid["joint_stiffness"][0])
+    figures = out / "figures"
+    draw_damage(figures, sections=sections, rve=pores, curve=curve, comparison=stiffness)
+    cracks = [float(life[f"cycles_to_{name}"]) for name in ("first", "crack")]
     sys.stdout.write(
         f"porosity {image.porosity:.3f}, damage of the worst section {damage:.3f}, "
         f"stiffness lost along z {1.0 - factor:.3f}\n"
-        f"stiffness of the joint lost by pores {loss:.3f}, cycles to its first inclusion with a "
-        f"crack {float(life['cycles_to_first']):.4g}, to a section without sound ones "
-        f"{float(life['cycles_to_crack']):.4g}\n"
+        f"stiffness of the joint {1e-12 * float(joint['joint_stiffness'][0]):.3f} MPa/um, cycles "
+        f"to the first inclusion with a crack {cracks[0]:.4g}, to the last {cracks[1]:.4g}\n"
     )
     return 0
 

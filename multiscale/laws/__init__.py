@@ -11,6 +11,7 @@ from multiscale.laws.power import PowerLaw
 from multiscale.laws.rigid import RigidContact
 from multiscale.laws.sliders import Sliders
 from multiscale.laws.sliding_friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
+from multiscale.laws.softening import Softening
 from multiscale.laws.spaced import Spaced
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
@@ -41,6 +42,7 @@ __all__ = [
     "ShakenDownLaw",
     "Sliders",
     "Sliding",
+    "Softening",
     "Spaced",
     "SteadySliding",
     "StiffnessLaw",

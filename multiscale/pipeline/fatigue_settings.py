@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 from pydantic import Field, model_validator
 
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.local_fatigue import FatigueScatter
 from multiscale.pipeline.toml_model import (
     Factor,
     Number,
@@ -95,7 +94,3 @@ class FatigueSettings(Settings):
         names += ("critical_damage", "closure", "feedback")  # type: ignore[assignment]
         own = {name: getattr(self, name) for name in names}
         return FatigueMaterial(youngs_modulus, poissons_ratio, **own)
-
-    def among_inclusions(self) -> FatigueScatter:
-        """Make the scatter of the fatigue limits inside an element."""
-        return FatigueScatter(self.scatter)

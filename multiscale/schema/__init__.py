@@ -15,6 +15,8 @@ from multiscale.schema.cell_schema import (
     branch_of,
 )
 from multiscale.schema.damage_schema import (
+    CRACK_BAND,
+    CRACK_GROWTH,
     DAMAGE_SECTIONS,
     FATIGUE,
     FATIGUE_LIFE,
@@ -40,6 +42,8 @@ __all__ = [
     "COARSER_SHEAR_RESPONSE",
     "COMPONENTS",
     "CONTROL_RESPONSE",
+    "CRACK_BAND",
+    "CRACK_GROWTH",
     "DAMAGE_SECTIONS",
     "END_TO_END",
     "ERROR_BUDGET",
@@ -85,6 +89,8 @@ SCHEMAS = {
         MACRO_RESULT,
         FIELDS,
         WORK_PRECISION,
+        CRACK_BAND,
+        CRACK_GROWTH,
         DAMAGE_SECTIONS,
         RVE,
         RVE_STIFFNESS,

@@ -5,6 +5,8 @@ from functools import partial
 from multiscale.schema.dataset_schema import Schema, Variable
 
 __all__ = [
+    "CRACK_BAND",
+    "CRACK_GROWTH",
     "DAMAGE_SECTIONS",
     "FATIGUE",
     "FATIGUE_LIFE",
@@ -170,6 +172,7 @@ FATIGUE_LIFE = Schema(
             ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
         ),
         "crack_position": Variable(("component",), "m", "middle of the element that cracks"),
+        "crack_distance": _number("m", "distance of first cracks in all changes for the intervals"),
         "cycles_to_crack_mean_law": _LIMITS("95 % interval of the life of the mean part"),
         "cycles_to_crack_one_part": _LIMITS("95 % interval of the life of the next part"),
     },
@@ -185,5 +188,35 @@ WOEHLER = Schema(
         "run_out": _step("1", "whether the inclusion stays elastic"),
         "converged": _step("1", "whether rupture or run-out was reached"),
         "wall_time": _step("s", "wall time"),
+    },
+)
+
+CRACK_GROWTH = Schema(
+    name="crack_growth",
+    version=1,
+    variables={
+        "factor": _record("1", "factor of the stress at which the next crack grows"),
+        "mean_strain": Variable(("record", "strain"), "1", "mean strain, shear as angle"),
+        "opening": _record("m", "inelastic displacement along the stress since the start"),
+        "modulus_ratio": _record("1", "stiffness along the stress over the solid's"),
+        "largest_section": _record("1", "largest crack area over the section of the volume"),
+        "dissipation": _record("J", "energy that the growth of all cracks has taken"),
+        "radius": Variable(("record", "crack"), "m", "radii of the cracks"),
+        "grown": _record("1", "number of cracks that have grown"),
+        "touching": _record("1", "whether the crack that grows reaches another one"),
+        "converged": _number("1", "whether a crack has cut the volume"),
+    },
+)
+
+CRACK_BAND = Schema(
+    name="crack_band",
+    version=1,
+    variables={
+        "factor": _record("1", "factor of the loads"),
+        "work_displacement": _record("J", "work of the loads of the factor one"),
+        "dissipation": _record("J", "energy dissipated since the start"),
+        "stiffness_share": _element("1", "stiffness of the elements over their first"),
+        "band_width": _element("m", "width of the band of cracked elements"),
+        "converged": _number("1", "whether the load has fallen to its end"),
     },
 )

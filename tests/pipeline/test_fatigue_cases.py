@@ -2,14 +2,21 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from skfem import MeshHex
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.micro.damage import FatigueMaterial, two_scale_fatigue
+from multiscale.micro.damage import (
+    FatigueMaterial,
+    local_fatigue,
+    two_scale_fatigue,
+)
 from multiscale.pipeline import load_case, run
+from multiscale.plotting import plot_fatigue_field
 from multiscale.schema import FATIGUE_LIFE
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
+from tests.pipeline.test_body_cases import write_scattered_law
 from tests.support import write_body, write_scene
 
 TEXT = """
@@ -47,6 +54,7 @@ load = "pull"
 cycles = 1
 steps = 2
 """
+MATERIAL = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
 RADIUS, HALF = 1e-3, 8e-3
 """Radius of a hole and half the edge of the plate around it, m."""
 
@@ -77,6 +85,12 @@ def solve(folder, *pairs):
     return run(load_case(write_scene(folder, TEXT, *pairs)), folder / "out")[FATIGUE_LIFE.name]
 
 
+def closed_life(amplitude, limit):
+    plastic = plastic_strain_per_cycle(amplitude, 200e9, 0.3, limit)
+    damage = damage_per_cycle(amplitude, 200e9, 0.3, limit, 0.5e6)
+    return reversed_life(plastic, damage, 0.05, 0.3)
+
+
 @pytest.fixture
 def cube(tmp_path):
     write_body(tmp_path / "part.msh", box_mesh((0.01, 0.01, 0.01), (1, 1, 1)))
@@ -85,18 +99,16 @@ def cube(tmp_path):
 
 def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     found = solve(cube)
-    plastic = plastic_strain_per_cycle(210e6, 200e9, 0.3, 200e6)
-    damage = damage_per_cycle(210e6, 200e9, 0.3, 200e6, 0.5e6)
     life = float(found["cycles_to_crack"])
-    assert life == pytest.approx(reversed_life(plastic, damage, 0.05, 0.3), rel=1e-3)
+    assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
     np.testing.assert_allclose(found["crack_position"], 0.005)
+    ax = plot_fatigue_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
+    np.testing.assert_allclose(ax.collections[0].get_array(), 210.0)
     inner, outer = (found[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))
     assert outer[0] < inner[0] < life < inner[1] < outer[1]
     # the limit 1.96 standard errors away has a closed form, too
     low = 200e6 * np.exp(-0.01 * 1.959964)
-    plastic = plastic_strain_per_cycle(210e6, 200e9, 0.3, low)
-    damage = damage_per_cycle(210e6, 200e9, 0.3, low, 0.5e6)
-    assert inner[0] == pytest.approx(reversed_life(plastic, damage, 0.05, 0.3), rel=2e-3)
+    assert inner[0] == pytest.approx(closed_life(210e6, low), rel=2e-3)
 
 
 def test_a_plate_cracks_beside_its_hole(tmp_path):
@@ -111,9 +123,60 @@ def test_a_plate_cracks_beside_its_hole(tmp_path):
     hoop = 0.5 * ((1.0 + a) - (1.0 + 3.0 * a**2) * two)
     radial = 0.5 * ((1.0 - a) + (1.0 - 4.0 * a + 3.0 * a**2) * two)
     local = 85e6 * np.array([hoop, radial, 0.0, 0.0, 0.0, 0.0])
-    material = FatigueMaterial(200e9, 0.3, 200e6, 0.5e6, threshold=0.05, feedback=False)
-    estimate = float(two_scale_fatigue(np.stack([local, -local]), material)["cycles_to_rupture"])
+    estimate = float(two_scale_fatigue(np.stack([local, -local]), MATERIAL)["cycles_to_rupture"])
     assert float(found["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
+
+
+def test_a_damaged_body_bears_its_stress_on_what_is_left(cube):
+    pairs = ('"210 MPa"', '"105 MPa"'), ('bottom = "z" }', 'bottom = "z" }\ndamage = 0.5')
+    life = float(solve(cube, *pairs)["cycles_to_crack"])
+    assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
+
+
+def test_what_is_left_of_an_element_bears_the_whole_load(cube):
+    """The structure is solved again with cracked elements; here that has a closed form."""
+    pairs = ("feedback = false", "feedback = false\nscatter = 0.04"), ('"210 MPa"', '"225 MPa"')
+    found = solve(cube, *pairs)
+    assert int(found["solves"]) > 5
+    cycle = 225e6 * np.array([1.0, -1.0])[:, None, None] * np.eye(6)[0]
+    alone = local_fatigue(
+        lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=0.04
+    )
+    for name in ("cycles_to_first", "cycles_to_crack"):
+        assert float(found[name]) == pytest.approx(float(alone[name]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_error_of_the_law_widens_the_intervals_of_the_life(tmp_path):
+    """A body on a rough interface with the ground, pressed and pulled."""
+    write_body(tmp_path / "part.msh", box_mesh((0.02, 0.02, 0.01), (4, 4, 2)))
+    write_scattered_law(tmp_path / "law.nc")
+    joint = """[[structure.interfaces]]
+sides = ["ground", "part.bottom"]
+law = "law.nc"
+friction = 0.5
+stiffness_ratio = 0.8
+[[structure.loads]]
+name = "press"
+face = "part.top"
+pressure = "20 MPa"
+[statics]"""
+    pairs = [
+        ('supports = { left = "x", front = "y", bottom = "z" }\n', ""),
+        ("[statics]", joint),
+        ("{ pull = 0 }", "{ press = 1 }"),
+        ('traction = ["210 MPa", 0, 0]', 'traction = ["10 MPa", 0, 0]'),
+        ('fatigue_limit = "200 MPa"', 'fatigue_limit = "6 MPa"'),
+        ('damage_strength = "0.5 MPa"', 'damage_strength = "0.001 MPa"'),
+        ("threshold = 0.05", "threshold = 0.0"),
+        ("limit_error = 0.01", "limit_error = 0.0"),
+    ]
+    found = solve(tmp_path, *pairs)
+    life, (low, high) = (found[f"cycles_to_crack{k}"].values for k in ("", "_mean_law"))
+    assert np.isfinite(life)
+    assert 0.8 * life < low < 0.9999 * life
+    assert high == pytest.approx(life**2 / low)
+    assert float(found["crack_distance"]) < 0.006  # the same element, or its neighbour
 
 
 @pytest.mark.parametrize(

@@ -57,9 +57,8 @@ def geometry(pores: Cavities) -> str:
         )
     if spheres:
         numbers = f"2:{len(spheres) + 1}"
-        lines.append(
-            f"BooleanDifference(5000) = {{ Volume{{1}}; Delete; }}{{ Volume{{{numbers}}}; Delete; }};"
-        )
+        spared = f"{{ Volume{{{numbers}}}; Delete; }}"
+        lines.append(f"BooleanDifference(5000) = {{ Volume{{1}}; Delete; }}{spared};")
     e = 1e-4
     for name, axis, at in (("left", 0, 0), ("front", 1, 0), ("bottom", 2, 0), ("top", 2, EDGE)):
         low, high = [-e] * 3, [EDGE + e] * 3

@@ -10,8 +10,11 @@ import numpy as np
 from multiscale.micro.damage import (
     FatigueMaterial,
     effective_stiffness,
+    grow_microcracks,
     max_damage,
+    random_microcracks,
     random_spheres,
+    softening_of,
     two_scale_fatigue,
     voxelise,
     youngs_modulus_along,
@@ -38,6 +41,14 @@ print(youngs_modulus_along(stiffness, np.eye(3)) / 71e9)
 alloy = FatigueMaterial(71e9, 0.33, fatigue_limit=70e6, damage_strength=0.2e6, hardening=5e9)
 life = two_scale_fatigue(np.array([90e6, -90e6]), alloy)
 print(float(life["cycles_to_rupture"]))
+
+# Quasi-brittle: cracks of a cube of concrete grow where K_I reaches K_Ic. The volume softens; the
+# law of its crack is what follow_crack_band of multiscale.macro.continuum takes for bodies.
+concrete = random_microcracks(
+    0.1, 1.5e5, 6e-3, youngs_modulus=30e9, poissons_ratio=0.2, toughness=0.5e6
+)
+law = softening_of(grow_microcracks(concrete, 1e6 * np.eye(6)[2]), 1e6)
+print(law.strength, law.fracture_energy)  # Pa, J/m2
 
 # workflows/damage_to_joint.py goes from pores to stiffness and life of a joint. [fatigue] in a case
 # follows every element of a body under the cycles of its structure.

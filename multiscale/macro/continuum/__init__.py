@@ -3,6 +3,7 @@
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.continuum.contact_steps import ContactStep, solve_contact
+from multiscale.macro.continuum.crack_band import follow_crack_band
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.continuum.rigid_obstacle import (
@@ -21,6 +22,7 @@ __all__ = [
     "RigidGraph",
     "RigidPlane",
     "RigidSphere",
+    "follow_crack_band",
     "load_mesh",
     "solve_contact",
 ]

@@ -4,12 +4,18 @@ from multiscale.io.images import VoxelImage
 from multiscale.micro.damage.cavities import Cavities, voxelise
 from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.compare import compare_stiffness
+from multiscale.micro.damage.crack_growth import (
+    Microcracks,
+    grow_microcracks,
+    random_microcracks,
+    softening_of,
+)
 from multiscale.micro.damage.effective_moduli import (
     youngs_modulus_along,
 )
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
-from multiscale.micro.damage.local_fatigue import FatigueScatter, local_fatigue
+from multiscale.micro.damage.local_fatigue import local_fatigue
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
@@ -29,7 +35,7 @@ __all__ = [
     "Cylinders",
     "Ellipsoids",
     "FatigueMaterial",
-    "FatigueScatter",
+    "Microcracks",
     "StressBlock",
     "VoxelImage",
     "boolean_spheres",
@@ -37,13 +43,16 @@ __all__ = [
     "cylinders",
     "effective_stiffness",
     "ellipsoids",
+    "grow_microcracks",
     "lattice",
     "local_fatigue",
     "max_damage",
     "mesh_stiffness",
     "penny_cracks",
     "plane_damage",
+    "random_microcracks",
     "random_spheres",
+    "softening_of",
     "spheres",
     "two_scale_fatigue",
     "voxelise",

@@ -198,8 +198,9 @@ class _Life:
         """Compute every cycle of a block."""
         from multiscale.micro.damage.inclusion import run_points
 
+        path, kind, first = block.stress[None], self.material.parameters()[None], run.number
         done, run.elastic[:] = run_points(
-            run.state, block.stress[None], cycles, self.material.parameters()[None], self.substeps
+            run.state, path, first, cycles, kind, first, self.substeps
         )
         run.cycles += done
         run.computed += done

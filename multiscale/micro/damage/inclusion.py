@@ -108,15 +108,17 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
 
 
 @compiled
-def run_points(state, path, cycles, material, substeps):  # type: ignore[no-untyped-def]
+def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # type: ignore[no-untyped-def]
     """Follow the paths of many inclusions, as :func:`run_cycles`.
 
-    ``state`` has the shape (points, 20), ``path`` (points, corners, 6), ``material`` (points, 10).
-    Returns the cycles done and whether the last one was elastic, both of shape (points,).
+    ``state`` has the shape (points, 20), ``path`` (paths, corners, 6) and ``material`` (kinds, 10);
+    ``path_of`` and ``kind_of``, shape (points,), say which of them each point has. Returns the
+    cycles done and whether the last one was elastic, both of shape (points,).
     """
     done, elastic = np.empty(len(state)), np.empty(len(state), dtype=np.bool_)
     for k in range(len(state)):
-        done[k], elastic[k] = run_cycles(state[k], path[k], cycles, material[k], substeps)
+        own, kind = path[path_of[k]], material[kind_of[k]]
+        done[k], elastic[k] = run_cycles(state[k], own, cycles, kind, substeps)
     return done, elastic
 
 

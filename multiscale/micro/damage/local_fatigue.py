@@ -18,13 +18,13 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.inclusion import STATE_SIZE, run_points
+from multiscale.micro.damage.inclusion import LIMIT, STATE_SIZE, run_points
 from multiscale.schema import FATIGUE_LIFE
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FatigueScatter", "first_cracks", "local_fatigue"]
+__all__ = ["first_cracks", "limit_factors", "local_fatigue"]
 
 StressOf = Callable[[np.ndarray], np.ndarray]
 """From the cracked share of every element to the corners of its stress in one cycle, of shape
@@ -39,31 +39,18 @@ INCLUSIONS = 8
 """Inclusions of an element whose fatigue limits scatter."""
 
 
-@dataclass(frozen=True)
-class FatigueScatter:
-    r"""Lognormal scatter of the fatigue limits of the inclusions of an element.
+def limit_factors(scatter: float) -> np.ndarray:
+    """Fatigue limits of the inclusions of an element over their median, rising.
 
-    Parameters
-    ----------
-    deviation : float
-        Standard deviation of the logarithm of the fatigue limit, dimensionless. Zero means one
-        inclusion, with the fatigue limit of the material, which is the median.
+    ``scatter`` is the standard deviation of the logarithm of the limit; zero means one inclusion,
+    other values the middles of equal shares of a lognormal distribution.
     """
+    from scipy.special import ndtri
 
-    deviation: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.deviation < 1.0:
-            raise CaseError(
-                f"the deviation of the fatigue limit must lie from 0 to 1, got {self.deviation:g}"
-            )
-
-    def factors(self) -> np.ndarray:
-        """Fatigue limits over their median, at the middles of equal shares, rising."""
-        from scipy.special import ndtri
-
-        n = INCLUSIONS if self.deviation else 1
-        return np.asarray(np.exp(self.deviation * ndtri((np.arange(n) + 0.5) / n)))
+    if not 0.0 <= scatter < 1.0:
+        raise CaseError(f"scatter of the fatigue limit must lie from 0 to 1, got {scatter:g}")
+    n = INCLUSIONS if scatter else 1
+    return np.asarray(np.exp(scatter * ndtri((np.arange(n) + 0.5) / n)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +64,16 @@ class _Inclusions:
 
     def follow(self, state: np.ndarray, stress: np.ndarray, cycles: int) -> FatigueProgress:
         """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
-        path = np.ascontiguousarray(np.repeat(_bends(stress), self.factors.size, axis=1))
-        path = np.ascontiguousarray(path.swapaxes(0, 1))
-        parameters = np.tile(self.material.parameters(), (len(state), 1))
-        parameters[:, 2] = np.tile(self.factors, len(state) // self.factors.size)
-        parameters[:, 2] *= self.material.fatigue_limit
+        path, n = np.ascontiguousarray(_bends(stress).swapaxes(0, 1)), self.factors.size
+        kinds = np.tile(self.material.parameters(), (n, 1))
+        kinds[:, LIMIT] *= self.factors
         run = FatigueProgress.begin(state)
         run.broken[:] = state[:, 0] >= self.material.critical_damage
 
         def compute(part: FatigueProgress, count: int) -> None:
-            own = part.number
+            element, own = np.divmod(part.number, n)
             done, part.elastic[:] = run_points(
-                part.state, path[own], count, parameters[own], self.substeps
+                part.state, path, element, count, kinds, own, self.substeps
             )
             part.cycles += done
             part.computed += done
@@ -100,8 +85,7 @@ class _Inclusions:
             compute(part, cycles)
             run.put(sound, part)
         else:
-            once = lambda part: compute(part, 1)  # noqa: E731
-            pass_cycles(run, once, cycles, self.material, self.tolerance)
+            pass_cycles(run, lambda part: compute(part, 1), cycles, self.material, self.tolerance)
         return run
 
     def cracked(self, run: FatigueProgress) -> np.ndarray:
@@ -113,7 +97,7 @@ def first_cracks(
     stress: np.ndarray,
     material: FatigueMaterial,
     *,
-    scatter: FatigueScatter | None = None,
+    scatter: float = 0.0,
     jump_tolerance: float | None = 0.02,
     max_cycles: float = 1e9,
     substeps: int = 16,
@@ -123,7 +107,7 @@ def first_cracks(
     ``stress`` has the shape (corners, elements, 6), Pa; the other parameters are those of
     :func:`local_fatigue`. Infinite where it stays elastic or does not crack by ``max_cycles``.
     """
-    weakest = (scatter or FatigueScatter()).factors()[:1]
+    weakest = limit_factors(scatter)[:1]
     inclusions = _Inclusions(material, weakest, jump_tolerance, substeps)
     run = inclusions.follow(np.zeros((stress.shape[1], STATE_SIZE)), stress, int(max_cycles))
     return np.where(run.broken, run.cycles, np.inf)
@@ -134,7 +118,7 @@ def local_fatigue(
     elements: int,
     material: FatigueMaterial,
     *,
-    scatter: FatigueScatter | None = None,
+    scatter: float = 0.0,
     tolerance: float = 0.05,
     jump_tolerance: float | None = 0.02,
     max_cycles: float = 1e9,
@@ -150,8 +134,8 @@ def local_fatigue(
     elements : int
     material : FatigueMaterial
         With the median of the fatigue limits.
-    scatter : FatigueScatter, optional
-        None means that every element has one inclusion.
+    scatter : float
+        Of the fatigue limit among the inclusions of an element, see :func:`limit_factors`.
     tolerance : float
         Bound on the relative error of the change of damage and plastic strain over a jump of
         cycles between two solves of the structure.
@@ -175,14 +159,20 @@ def local_fatigue(
     stresses. An element that has cracked through keeps the stiffness of one inclusion, as the
     search ends there.
     """
-    factors = (scatter or FatigueScatter()).factors()
+    factors = limit_factors(scatter)
     inclusions = _Inclusions(material, factors, jump_tolerance, substeps)
     whole = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved
 
     share, stress = np.zeros(elements), stress_of(np.zeros(elements))
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
-    options = {"jump_tolerance": jump_tolerance, "substeps": substeps, "scatter": scatter}
-    first = first_cracks(stress, material, max_cycles=max_cycles, **options)  # type: ignore[arg-type]
+    first = first_cracks(
+        stress,
+        material,
+        scatter=scatter,
+        jump_tolerance=jump_tolerance,
+        max_cycles=max_cycles,
+        substeps=substeps,
+    )
     weakest, amplitude = float(first.min()), _amplitude(stress)
     record = [(0.0, 0.0, 0.0)]
     crack, life, elastic = -1, np.nan, False

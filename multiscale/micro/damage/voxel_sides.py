@@ -156,7 +156,7 @@ def _loaded(solid: np.ndarray) -> np.ndarray:
     depth = max(1, len(solid) // DEEP)
     while depth > 1 and not (deep := solid[:depth].all(axis=0) & solid[-depth:].all(axis=0)).any():
         depth //= 2
-    return deep if depth > 1 else solid[0] & solid[-1]
+    return np.asarray(deep if depth > 1 else solid[0] & solid[-1])
 
 
 def _invert_laplacians(

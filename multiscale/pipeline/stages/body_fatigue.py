@@ -20,7 +20,8 @@ from multiscale.macro.substructures import (
 )
 from multiscale.macro.substructures.closed_cycles import find_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.local_fatigue import first_cracks, local_fatigue
+from multiscale.micro.damage.inclusion import STATE_SIZE
+from multiscale.micro.damage.local_fatigue import first_cracks, limit_factors, local_fatigue
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
@@ -53,6 +54,11 @@ __all__ = ["BODY_FATIGUE"]
 
 NORMAL = 1.959963984540054
 """Half the width of a 95 % interval over the standard deviation."""
+
+SOLVES = 40  # of a structure whose inclusions crack one after the other, about
+
+STATES, CYCLE_SECONDS = 5, 5e-4
+"""States of an inclusion that are held at once, and CPU seconds of its life, about; few flow."""
 
 ELEMENT_MEANS = (
     "the stress of an element is its mean, and the life depends on it by a high power: refine the "
@@ -94,10 +100,6 @@ class _Cycled:
         """Laws of all interfaces."""
         return self.bodies.sliders(self.case, self.laws)
 
-    def body(self) -> Body:
-        """Return the body that is followed."""
-        return self.bodies.build(self.case, self.sliders).assembly.bodies[self.number]
-
     def solve(self, laws: Sequence[InterfaceLaw], cracked: np.ndarray | None = None) -> np.ndarray:
         """Solve the path anew; return the stress of the last cycle as :meth:`stress`."""
         parts = self.bodies.build(self.case, laws)
@@ -110,6 +112,8 @@ class _Cycled:
 
     def stress(self, result: "xr.Dataset", bodies: Sequence[Body]) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
+
+        Where the body has a damage of its own, it is the stress of what is left of its sections.
 
         Raises
         ------
@@ -126,7 +130,8 @@ class _Cycled:
                 f"{case.title}: the life is unknown, as steps of the last cycle have no answer; "
                 f"{result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
-        return element_stress(bodies[self.number], moved)
+        sound = 1.0 - self.bodies.bodies[self.number].damage
+        return element_stress(bodies[self.number], moved) / sound
 
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -151,7 +156,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         stress_of,
         body.mesh.t.shape[1],
         material,
-        scatter=table.among_inclusions(),
+        scatter=table.scatter,
         tolerance=table.tolerance,
         max_cycles=table.max_cycles,
     )
@@ -189,20 +194,19 @@ def _with_intervals(
     """Add the intervals of the life of the mean part and of the next part.
 
     They are changes of the logarithm of the life of the weakest inclusion at the stress of the
-    sound structure: at the ends of the interval of the fatigue limit, and by the laws.
+    sound structure: at the ends of the interval of the fatigue limit, and by the laws. The place
+    has the distance from the first crack of the structure to the first cracks of all these.
     """
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
     if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
         return with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
-    first = partial(
-        first_cracks, scatter=table.among_inclusions(), max_cycles=1e3 * table.max_cycles
-    )
-    law_errors, cautions = _law_errors(cycled, result, material, middle, first, job)
+    first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
+    law_errors, places, cautions = _law_errors(cycled, result, material, middle, first, job)
     if table.part_deviation is None:
         cautions.append(NO_SCATTER)
     deviations = {"mean_law": table.limit_error}
     deviations["one_part"] = float(np.hypot(table.limit_error, table.part_deviation or np.nan))
-    values = {}
+    values: dict[str, Any] = {}
     for kind, deviation in deviations.items():
         logs = []
         for sign in (-1.0, 1.0):
@@ -211,9 +215,13 @@ def _with_intervals(
                 logs.append(np.nan)
                 continue
             changed = replace(material, fatigue_limit=float(shift) * material.fatigue_limit)
-            other = float(first(stress, changed).min())
-            logs.append(sign * np.hypot(np.log(other / middle), law_errors[kind]))
+            lives = first(stress, changed)
+            places.append(int(np.argmin(lives)))
+            logs.append(sign * np.hypot(np.log(lives.min() / middle), law_errors[kind]))
         values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * np.exp(logs)
+    centre = life["position"].to_numpy()[life["corners"].to_numpy().astype(int)].mean(axis=1)
+    start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
+    values["crack_distance"] = np.linalg.norm(centre[places] - start, axis=1).max()
     return with_cautions(FATIGUE_LIFE.assign(life, values), *cautions)
 
 
@@ -224,9 +232,12 @@ def _law_errors(
     middle: float,
     first: Callable[..., np.ndarray],
     job: Job,
-) -> tuple[Mapping[str, float], list[str]]:
-    """Relative half-widths of the life by the budgets of all laws, and what they do not know."""
-    squares, cautions = {"mean_law": 0.0, "one_part": 0.0}, []
+) -> tuple[Mapping[str, float], list[int], list[str]]:
+    """Relative half-widths of the life by the budgets of all laws.
+
+    With the elements that crack first with changed laws, and what the laws do not know.
+    """
+    squares, places, cautions = {"mean_law": 0.0, "one_part": 0.0}, list[int](), list[str]()
     shared = cycled.case.interface or JointLaw()
     for number, law in enumerate(cycled.laws):
         if law is None or "error_half_width" not in law:
@@ -249,7 +260,9 @@ def _law_errors(
             normal = {} if change.normal is None else dict.fromkeys(joints, change.normal)
             laws = cycled.bodies.sliders(cycled.case, cycled.laws, normal)
             stress = cycled.solve(change_friction(laws, change))
-            lives[key] = np.array([[float(first(stress, material).min())]])
+            found = first(stress, material)
+            places.append(int(np.argmin(found)))
+            lives[key] = np.array([[float(found.min())]])
             job.progress(done, len(changes), "solves for the intervals of the life")
         value = np.array([[middle]])
         budget = structure_budget(
@@ -267,7 +280,8 @@ def _law_errors(
         )
         squares["mean_law"] += float(mean_law_error(budget)[0, 0]) ** 2
         squares["one_part"] += float(budget["error_total"].to_numpy()[0, 0]) ** 2
-    return {kind: float(np.sqrt(square)) for kind, square in squares.items()}, cautions
+    errors = {kind: float(np.sqrt(square)) for kind, square in squares.items()}
+    return errors, places, cautions
 
 
 def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
@@ -278,8 +292,7 @@ def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
         own = bodies.bodies[cycled.number]
         material = table.material(*own.moduli)
         stress = coarse.solve(coarse.sliders)
-        scatter = table.among_inclusions()
-        first = first_cracks(stress, material, scatter=scatter, max_cycles=table.max_cycles)
+        first = first_cracks(stress, material, scatter=table.scatter, max_cycles=table.max_cycles)
         yield (
             f"on elements {ratio:.3g} times as large the first inclusion cracks after "
             f"{_say(float(first.min()))}, and not after {_say(float(life['cycles_to_first']))}: "
@@ -309,6 +322,9 @@ def _answer(life: "xr.Dataset") -> str:
         if (name := f"cycles_to_crack_{kind}") in life and np.isfinite(life[name]).any():
             low, high = life[name].to_numpy()
             told += f"; {words}, 95 %: {low:.3g} ... {high:.3g}"
+    if "crack_distance" in life:
+        away = 1e3 * float(life["crack_distance"])
+        told += f"; within these intervals the place moves by up to {away:.3g} mm"
     return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
 
 
@@ -352,8 +368,18 @@ def _summary(found: Datasets) -> Summary:
 
 
 def _needs(case: Case) -> Needs:
-    told = "the structure is solved again whenever inclusions have cracked, by an error control"
-    return Needs(choices=(Choice("fatigue", told),))
+    bodies, again = case.structure, SOLVES if case.fatigue.scatter else 0
+    assert isinstance(bodies, Bodies)  # as the case has checked
+    names = [one.name for one in bodies.bodies]
+    body = bodies.bodies[names.index(case.fatigue.body or names[0])]
+    inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
+    seconds = again * choose_solver(case, body_size(bodies, case)).taken.seconds
+    told = f"{inclusions} inclusions, and about {again} solves as they crack"
+    return Needs(
+        memory=8 * STATES * STATE_SIZE * inclusions,
+        seconds=seconds + CYCLE_SECONDS * inclusions,
+        choices=(Choice("fatigue", told),),
+    )
 
 
 BODY_FATIGUE = Stage(

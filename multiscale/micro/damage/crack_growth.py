@@ -1,0 +1,264 @@
+r"""Penny-shaped microcracks of a volume that grow where K_I reaches K_Ic.
+
+A crack of the radius a and the normal n in a cube of the edge L, under the mean stress
+:math:`\sigma` with the traction :math:`t = \sigma n`, opens and slips if :math:`n \cdot t > 0` and
+is closed and rough, without any jump, otherwise. With :math:`d = \pi a^2 / L^2`, the share of a
+section that it covers by eq (1), cracks add up to the compliance
+
+.. math::
+    S = S_0 + \sum_i \frac{16 (1-\nu^2)}{3 E L^3}\, \frac{a_i^3}{1 - d_i}\,
+    N_i^T \Big[ n n^T + \frac{2}{2-\nu} (1 - n n^T) \Big] N_i, \qquad t = N \sigma,    \tag{1}
+
+which is Kachanov's sum for small :math:`d` and lets a crack cut the cube at :math:`d = 1`. The
+energy that its growth releases in mode I gives
+
+.. math:: K_I = 2 (n \cdot t)\, \sqrt{a/\pi}\, \frac{\sqrt{1 - d/3}}{1 - d}.    \tag{2}
+
+Growth is followed event by event: the stress is scaled so that the most critical crack reaches its
+toughness, and this crack grows a little. Nothing is iterated.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.softening import Softening
+from multiscale.micro.damage.cavities import Cavities
+from multiscale.micro.damage.shapes import penny_cracks
+from multiscale.schema import CRACK_GROWTH, with_cautions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["Microcracks", "grow_microcracks", "random_microcracks", "softening_of"]
+
+GROWTH = 0.02
+"""Part of its radius by which a crack grows in an event."""
+
+CUT = 0.999
+"""Share of a section at which a crack has cut the volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class Microcracks:
+    r"""Penny-shaped cracks in a cube of a brittle solid.
+
+    Parameters
+    ----------
+    edge : float, edge of the cube, m
+    centre, normal : ndarray, shape (n, 3), m and unit vectors
+    radius : ndarray, shape (n,), m
+    youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
+    toughness : float, :math:`K_{Ic}` where a crack begins to grow, Pa m\ :sup:`1/2`
+    rise, bridging : float
+        The toughness rises by the share ``rise`` while a crack grows by some times the length
+        ``bridging``, m: :math:`K_{Ic} [1 + r (1 - e^{-(a - a_0)/l})]`, as grains hold its faces.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is out of range, or a crack wider than the cube.
+    """
+
+    edge: float
+    centre: np.ndarray
+    normal: np.ndarray
+    radius: np.ndarray
+    youngs_modulus: float
+    poissons_ratio: float
+    toughness: float
+    rise: float = 0.0
+    bridging: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name in ("edge", "youngs_modulus", "toughness", "bridging"):
+            if not getattr(self, name) > 0.0:
+                raise CaseError(f"{name} must be positive, got {getattr(self, name):g}")
+        if not (-1.0 < self.poissons_ratio < 0.5 and self.rise >= 0.0):
+            raise CaseError(
+                f"poissons_ratio must lie between -1 and 0.5 and rise must not be negative, got "
+                f"{self.poissons_ratio:g} and {self.rise:g}"
+            )
+        widest = float(np.max(self.radius, initial=0.0))
+        if not np.size(self.radius) or np.pi * widest**2 >= CUT * self.edge**2:
+            raise CaseError(
+                f"the largest crack has a radius of {widest:g} m and leaves nothing of a section "
+                f"of {self.edge:g} m by {self.edge:g} m; give cracks, and smaller ones"
+            )
+
+    def at(self, radius: np.ndarray) -> Cavities:
+        """Return the volume with cracks of such radii, for :func:`plane_damage` and others."""
+        cracks = penny_cracks(self.centre, self.normal, radius)
+        return Cavities((self.edge,) * 3, [cracks], periodic=True)
+
+    @cached_property
+    def _unit(self) -> tuple[np.ndarray, np.ndarray]:
+        """Normal traction over the stress, (n, 6), and N^T [...] N of (1), (n, 6, 6)."""
+        x, y, z = self.normal.T
+        no = np.zeros_like(x)
+        rows = ((x, no, no, no, z, y), (no, y, no, z, no, x), (no, no, z, y, x, no))
+        N = np.array(rows).transpose(2, 0, 1)
+        pull = np.einsum("ki,kia->ka", self.normal, N)
+        both, slip = N.transpose(0, 2, 1) @ N, 2.0 / (2.0 - self.poissons_ratio)
+        return pull, slip * both + (1.0 - slip) * pull[:, :, None] * pull[:, None, :]
+
+    def solid_compliance(self) -> np.ndarray:
+        """Compliance of the solid, shape (6, 6), 1/Pa, for shear angles."""
+        S, nu = np.zeros((6, 6)), self.poissons_ratio
+        S[:3, :3] = (1.0 + nu) * np.eye(3) - nu
+        S[3:, 3:] = 2.0 * (1.0 + nu) * np.eye(3)
+        return np.asarray(S / self.youngs_modulus)
+
+    def compliance(self, radius: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """Compliance (1) of the volume with cracks of such radii, shape (6, 6), 1/Pa.
+
+        ``stress``, shape (6,), xx, yy, zz, yz, xz, xy, says which cracks are open.
+        """
+        d, nu = np.pi * radius**2 / self.edge**2, self.poissons_ratio
+        unit = 16.0 * (1.0 - nu**2) / (3.0 * self.youngs_modulus * self.edge**3)
+        size = unit * radius**3 / (1.0 - d) * (self.opening_traction(stress) > 0.0)
+        return self.solid_compliance() + np.tensordot(size, self._unit[1], axes=1)
+
+    def opening_traction(self, stress: np.ndarray) -> np.ndarray:
+        """Return the normal traction on each crack, shape (n,), in the unit of the stress."""
+        return np.asarray(self._unit[0] @ stress)
+
+    def intensity(self, radius: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """Stress intensity (2) of open cracks, shape (n,), and zero of closed ones."""
+        d = np.pi * radius**2 / self.edge**2
+        pull = np.maximum(self.opening_traction(stress), 0.0)
+        return np.asarray(2.0 * pull * np.sqrt(radius / np.pi) * np.sqrt(1.0 - d / 3.0) / (1.0 - d))
+
+
+def random_microcracks(
+    edge: float,
+    density: float,
+    mean_radius: float,
+    *,
+    deviation: float = 0.5,
+    seed: int = 0,
+    **solid: float,
+) -> Microcracks:
+    """Cracks of random places, directions and lognormal radii in a cube.
+
+    Parameters
+    ----------
+    edge : float, edge of the cube, m
+    density : float, number of cracks per volume, 1/m³
+    mean_radius : float, m
+    deviation : float, standard deviation of the logarithm of the radius, dimensionless
+    seed : int
+    **solid : float, the other parameters of :class:`Microcracks`
+    """
+    rng = np.random.default_rng(seed)
+    n = max(1, int(rng.poisson(density * edge**3)))
+    normal = rng.normal(size=(n, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    radius = mean_radius * np.exp(deviation * rng.normal(size=n) - 0.5 * deviation**2)
+    return Microcracks(edge, rng.uniform(0.0, edge, (n, 3)), normal, radius, **solid)
+
+
+def grow_microcracks(cracks: Microcracks, stress: np.ndarray) -> "xr.Dataset":
+    """Grow cracks under a stress of one direction until one of them has cut the volume.
+
+    The dissipation is the energy of mode I, of a crack across the tension all that it takes.
+
+    Parameters
+    ----------
+    cracks : Microcracks
+    stress : ndarray, shape (6,)
+        Stress at the factor one, Pa: xx, yy, zz, yz, xz, xy.
+
+    Returns
+    -------
+    Dataset
+        Follows ``CRACK_GROWTH``. Factor and strain may both fall from one event to the next.
+
+    Raises
+    ------
+    CaseError
+        If the stress opens no crack.
+    """
+    T = np.asarray(stress, dtype=float)
+    first, radius, size = cracks.radius, np.array(cracks.radius, dtype=float), np.linalg.norm(T)
+    if not np.any(cracks.opening_traction(T) > 0.0):
+        raise CaseError("the stress closes all cracks, and closed cracks do not grow in mode I")
+    S0 = cracks.compliance(first, T)
+    solid, release = cracks.solid_compliance(), 1.0 - cracks.poissons_ratio**2
+    largest, spent, touched = np.sqrt(CUT / np.pi) * cracks.edge, 0.0, False
+    rows, radii = [], []
+    while True:
+        resistance = cracks.toughness * (
+            1.0 + cracks.rise * (1.0 - np.exp(-(radius - first) / cracks.bridging))
+        )
+        ratio = cracks.intensity(radius, T) / resistance
+        worst = int(np.argmax(ratio))
+        factor = 1.0 / float(ratio[worst])
+        S = cracks.compliance(radius, T)
+        opening = cracks.edge * factor * float(T @ (S - S0) @ T) / size
+        section = np.pi * float(radius.max()) ** 2 / cracks.edge**2
+        touched = touched or _touches(cracks, radius, worst)
+        grown = int(np.count_nonzero(radius > first))
+        ratio_of_moduli = float(T @ solid @ T) / float(T @ S @ T)
+        row = (factor, opening, ratio_of_moduli, section, spent, grown, touched)
+        rows.append((*row, *(factor * S @ T)))
+        radii.append(radius.copy())
+        if radius[worst] >= largest:
+            break
+        after = min(largest, (1.0 + GROWTH) * radius[worst])
+        area = np.pi * (after**2 - radius[worst] ** 2)
+        spent += release / cracks.youngs_modulus * float(resistance[worst]) ** 2 * area
+        radius[worst] = after
+    table = np.array(rows, dtype=float)
+    names = ("factor", "opening", "modulus_ratio", "largest_section", "dissipation", "grown")
+    values = dict(zip((*names, "touching"), table.T, strict=False))
+    found = CRACK_GROWTH.build(
+        {**values, "mean_strain": table[:, 7:], "radius": np.array(radii), "converged": 1}
+    )
+    if not touched:
+        return found
+    at = int(np.argmax(table[:, 6]))
+    return with_cautions(
+        found,
+        f"the crack that grows reaches another one where it covers {100.0 * table[at, 3]:.3g} % of "
+        f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: what "
+        f"cracks do that join is not followed",
+    )
+
+
+def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
+    """Return the softening law of a volume from the growth of its cracks.
+
+    Parameters
+    ----------
+    growth : Dataset
+        Follows ``CRACK_GROWTH``, of pull along one direction.
+    strength : float, stress at the factor one, Pa
+
+    Notes
+    -----
+    The law begins at the largest stress; what opens before is spread over the volume and is no
+    part of the crack.
+    """
+    factor, opening = growth["factor"].to_numpy(), growth["opening"].to_numpy()
+    peak = int(np.argmax(factor))
+    w, s = opening[peak:] - opening[peak], strength * factor[peak:]
+    kept = [0]
+    for k in range(1, w.size):
+        if w[k] > w[kept[-1]] and s[k] < s[kept[-1]]:
+            kept.append(k)
+    w, s = w[kept], s[kept]
+    last = w[-1] + (w[-1] - w[-2]) * s[-1] / max(s[-2] - s[-1], 1e-300)
+    return Softening(np.append(w, last), np.append(s, 0.0))
+
+
+def _touches(cracks: Microcracks, radius: np.ndarray, grows: int) -> bool:
+    """Whether the ball around the crack that grows meets the ball around another one."""
+    away = cracks.centre - cracks.centre[grows]
+    away -= cracks.edge * np.round(away / cracks.edge)
+    meets = np.linalg.norm(away, axis=1) < radius + radius[grows]
+    meets[grows] = False
+    return bool(meets.any())
