@@ -1,21 +1,16 @@
 """Figure of bodies in space: their faces, deformed, coloured by a field of their elements."""
 
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from multiscale.plotting.element_faces import list_faces, outer_faces
 
 if TYPE_CHECKING:
     import xarray as xr
     from mpl_toolkits.mplot3d import Axes3D
 
 __all__ = ["plot_body_stress"]
-
-FACES = {
-    4: [*combinations(range(4), 3)],
-    8: [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
-}
-"""Corners of the faces of tetrahedra and hexahedra, in the order of VTK."""
 
 SHOWN = 0.04
 """Largest displacement in the picture, over the size of the bodies."""
@@ -47,13 +42,9 @@ def plot_body_stress(result: "xr.Dataset", *, step: int = -1, ax: "Axes3D") -> "
     largest = float(np.abs(moved).max()) or 1.0
     times = SHOWN * float(extent.max()) / largest
     times = float(f"{times:.1g}")
-    faces = np.array(FACES[corners.shape[1]])
-    every = corners[:, faces].reshape(-1, faces.shape[1])
-    _, first, count = np.unique(
-        np.sort(every, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outer = first[count == 1]  # faces inside belong to two elements
-    values = stress[outer // len(faces)]
+    faces, outer = list_faces(corners), outer_faces(corners)
+    every = faces.reshape(-1, faces.shape[2])
+    values = stress[outer // faces.shape[1]]
     scale = Normalize(0.0, float(np.quantile(stress, BRIGHTEST)) or 1.0)
     points = 1e3 * (place + times * moved)
     ax.add_collection3d(

@@ -12,7 +12,7 @@ import numpy as np
 
 from multiscale.io import make_folder
 from multiscale.io.images import VoxelImage
-from multiscale.plotting.element_faces import FACES
+from multiscale.plotting.element_faces import list_faces, outer_faces
 from multiscale.plotting.figure import (
     add_colour_bar,
     axes_or_current,
@@ -109,14 +109,8 @@ def plot_fatigue_field(
 
     ax = axes_or_current(ax)
     place, corners = life["position"].values, life["corners"].values
-    table = np.array(FACES[corners.shape[1]])
-    faces = corners[:, table].reshape(-1, table.shape[1])
-    owner = np.repeat(np.arange(len(corners)), len(table))
-    _, back, count = np.unique(
-        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    outer = count[back.ravel()] == 1
-    faces, owner = faces[outer], owner[outer]
+    every, outer = list_faces(corners), outer_faces(corners)
+    faces, owner = every.reshape(-1, every.shape[2])[outer], outer // every.shape[1]
     depth = int(np.argmin(np.ptp(place, axis=0)))
     first, second = (k for k in range(3) if k != depth)
     middle = place[corners].mean(axis=1)[owner, depth]

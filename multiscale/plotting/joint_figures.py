@@ -13,7 +13,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.facets import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
-from multiscale.plotting.element_faces import FACES
+from multiscale.plotting.element_faces import list_faces
 from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
 from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
 from multiscale.units import Unit, stiffness_unit
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
 
 __all__ = [
-    "FACES",
     "draw_joint",
     "draw_points",
     "joint_pictures",
@@ -185,7 +184,7 @@ def _outlines(result: "xr.Dataset", axes: np.ndarray) -> list[np.ndarray]:
     if "corners" not in result:
         return []
     place, corners = result["position"].values, result["corners"].values
-    faces = corners[:, np.array(FACES[corners.shape[1]])]  # (elements, faces, corners)
+    faces = list_faces(corners)
     lines = []
     for body in np.unique(result["element_body"].values):
         own = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])

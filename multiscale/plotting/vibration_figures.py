@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.plotting.element_faces import list_faces, outer_faces
 from multiscale.plotting.figure import add_colour_bar, axes_or_current
-from multiscale.plotting.joint_figures import FACES, draw_points
+from multiscale.plotting.joint_figures import draw_points
 from multiscale.plotting.law_figures import BANDS
 from multiscale.units import Unit, length_unit
 
@@ -93,12 +94,8 @@ def plot_mode_shape(result: "xr.Dataset", *, mode: int = 1, ax: "Axes | None" = 
 
 def _skin(corners: np.ndarray) -> np.ndarray:
     """Corners of the faces that belong to one element alone, shape (faces, corners)."""
-    sides = np.array(FACES[corners.shape[1]])
-    faces = corners[:, sides].reshape(-1, sides.shape[1])
-    _, first, count = np.unique(
-        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    return np.asarray(faces[first[count == 1]])
+    faces = list_faces(corners)
+    return np.asarray(faces.reshape(-1, faces.shape[2])[outer_faces(corners)])
 
 
 def plot_vibrating_joint(
