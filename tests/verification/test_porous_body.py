@@ -45,7 +45,8 @@ SOLID = 'youngs_modulus = "70 GPa"\npoissons_ratio = 0.3'
 
 def geometry(pores: Cavities) -> str:
     """Cube in mm without the pores, with named sides."""
-    lines = ['SetFactory("OpenCASCADE");', f"Box(1) = {{0, 0, 0, {EDGE}, {EDGE}, {EDGE}}};"]
+    lines = ['SetFactory("OpenCASCADE");', "Mesh.MeshSizeFromCurvature = 14;"]
+    lines += [f"Box(1) = {{0, 0, 0, {EDGE}, {EDGE}, {EDGE}}};"]
     spheres = [
         (centre, root[0, 0])
         for kind in pores.images
