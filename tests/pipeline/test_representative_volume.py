@@ -214,6 +214,7 @@ pressures = ["0.1 MPa", "100 MPa"]
             "porosity and pore_radius belong together",
             id="no radius",
         ),
+        pytest.param(TEXT + RECIPE.replace("150 um", "1 um"), "pores and cracks of", id="too many"),
         pytest.param(
             TEXT + CRACK.replace("[1, 0, 0]", "[0, 0, 0]"), "must not be zero", id="no normal"
         ),
