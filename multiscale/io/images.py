@@ -153,7 +153,7 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
             slices = tifffile.natural_sorted(names)
             if not slices:
                 raise CaseError(f"{path}: the folder holds no .tif file; give the slices as TIFF")
-            return np.stack([tifffile.imread(p) for p in slices]), None
+            return _stack(path, [Path(p) for p in slices], [tifffile.imread(p) for p in slices])
         with tifffile.TiffFile(path) as file:
             return np.asarray(file.asarray()), _voxel_edges(file)
     except CaseError:
@@ -161,6 +161,18 @@ def _read_pages(path: Path) -> tuple[np.ndarray, tuple[float, float, float] | No
     except Exception as error:  # damaged files raise exceptions of any kind
         line = (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
         raise CaseError(f"{path}: cannot be read as images ({line}); export it again") from error
+
+
+def _stack(path: Path, files: list[Path], pages: list[np.ndarray]) -> tuple[np.ndarray, None]:
+    """Stack slices of one shape and type, which do not give the size of their voxels."""
+    first = pages[0]
+    for file, page in zip(files, pages, strict=True):
+        if page.shape != first.shape or page.dtype != first.dtype:
+            raise CaseError(
+                f"{path}: the slices are of two formats, {first.shape} of {first.dtype} in "
+                f"{files[0].name} and {page.shape} of {page.dtype} in {file.name}; give one of them"
+            )
+    return np.stack(pages), None
 
 
 def _voxel_edges(file: Any) -> tuple[float, float, float] | None:

@@ -22,6 +22,7 @@ from multiscale.pipeline.assembly_parts import (
     MeshedBody,
     NamedLoad,
 )
+from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
 from multiscale.pipeline.porous_body import PorousBody, RveError
 from multiscale.pipeline.structure_kind import StructureKind
@@ -521,14 +522,16 @@ class Bodies(StructureKind):
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, by the ratio of the element sizes.
 
-        Nothing if a body has none.
+        Nothing if a body has none, or they are hardly coarser: gmsh makes no elements larger than
+        about a tenth of a geometry.
         """
         coarse = [one.coarsened() for one in self.bodies]
         bodies = tuple(one for one in coarse if one is not None)
         if len(bodies) < len(coarse):
             return {}
         fine, few = (sum(one.load().t.shape[1] for one in each) for each in (self.bodies, bodies))
-        return {(fine / few) ** (1.0 / 3.0): self.model_copy(update={"bodies": bodies})}
+        ratio = (fine / few) ** (1.0 / 3.0)
+        return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
 
     def cut(self, case: "Case", found: "Datasets") -> CutProblem:
         """Cut every body into boxes."""

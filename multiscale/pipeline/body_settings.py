@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets
 
 __all__ = [
+    "COARSER",
     "Blocks",
     "LapJoint",
     "Plate",

@@ -30,6 +30,9 @@ from multiscale.pipeline.toml_model import (
 
 __all__ = ["Direction", "ImageStack", "RveSettings", "read_direction"]
 
+MOST = 20_000
+"""Pores and cracks of a volume, at most; thousands are representative already."""
+
 Coordinate = Annotated[float, quantity("m"), with_unit("m")]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Direction = tuple[Number, Number, Number]
@@ -99,6 +102,12 @@ class RecipeSettings(Settings):
         if self.porosity >= 1.0:
             raise ValueError(f"porosity must be below 1, got {self.porosity:g}")
         return self
+
+    def count(self, size: tuple[float, float, float]) -> float:
+        """Return how many pores and cracks a volume of a size, m, holds, about."""
+        volume = float(np.prod(size))
+        pore, crack = (self.pore_radius or np.inf) ** 3, (self.crack_radius or np.inf) ** 3
+        return volume * (self.porosity / (4.0 * pore) + self.crack_density / crack)
 
     def build(self) -> Recipe:
         """Make the law."""
@@ -194,6 +203,13 @@ class RveSettings(Settings):
                 if self.size
                 else "size is missing"
             )
+        if self.recipe is not None and self.size is not None:
+            count = self.recipe.count(self.size)
+            if not count <= MOST:
+                raise ValueError(
+                    f"size holds {count:.3g} pores and cracks of [rve.recipe], more than {MOST:g}; "
+                    f"give a smaller size, or larger ones"
+                )
         if self.image is not None and self.element is not None:
             raise ValueError("element is the size of a mesh, and an image has voxels; leave it out")
         return self

@@ -6,6 +6,7 @@ Only here quantities get labels and are converted to µm, MPa and kN. Functions 
 with ``draw`` make whole figures and write them.
 """
 
+from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.damage_figures import (
     draw_damage,
@@ -55,6 +56,14 @@ from multiscale.plotting.link_figures import (
     plot_energies,
     plot_sorted_tensions,
 )
+from multiscale.plotting.rve_figures import (
+    plot_modulus_surface,
+    plot_rve,
+    plot_rve_damage,
+    plot_size_damage,
+    plot_size_stiffness,
+    plot_size_study,
+)
 from multiscale.plotting.sliding_figures import (
     draw_sliding,
     plot_sliding_friction,
@@ -95,6 +104,7 @@ __all__ = [
     "plot_backbone",
     "plot_bearing_curve",
     "plot_biaxial_curve",
+    "plot_body_stress",
     "plot_bolt_forces",
     "plot_braking_force",
     "plot_contact_error",
@@ -119,8 +129,14 @@ __all__ = [
     "plot_load_paths",
     "plot_measured_heights",
     "plot_mode_shape",
+    "plot_modulus_surface",
     "plot_road",
+    "plot_rve",
+    "plot_rve_damage",
     "plot_shear_law",
+    "plot_size_damage",
+    "plot_size_stiffness",
+    "plot_size_study",
     "plot_sliding_friction",
     "plot_sorted_tensions",
     "plot_spectral_density",

@@ -108,3 +108,10 @@ def test_without_the_library_the_sentence_says_what_to_install(void, tmp_path):
     )
     done = run_python(code, check=False)
     assert "reading images needs tifffile; install it with pip install" in done.stderr
+
+
+def test_slices_of_two_formats_are_refused(void, tmp_path):
+    for k, page in enumerate(pages(void)):
+        tifffile.imwrite(tmp_path / f"{k}.tif", page.astype(np.uint16) if k == 1 else page)
+    with pytest.raises(CaseError, match=r"two formats, .* uint8 in 0.tif and .* uint16 in 1.tif"):
+        read_images(tmp_path, voxel_size=1e-6)

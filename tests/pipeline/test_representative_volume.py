@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
+from multiscale.io import open_dataset
 from multiscale.micro.damage import youngs_modulus_along
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.stages.representative_volume import is_representative
 from multiscale.report import open_finished, write_report
+from multiscale.schema import RVE
 from tests.support import write_body, write_scene
 
 TEXT = """
@@ -107,6 +111,33 @@ def test_a_listed_pore_has_the_damage_of_its_section(tmp_path):
     assert "one volume alone has no scatter" in rve.attrs["cautions"]
 
 
+# validation 3.1: through cylinders along n have D(n) = porosity and E (1 - D) exactly
+def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monkeypatch):
+    tifffile = pytest.importorskip("tifffile")
+    void = np.zeros((8, 8, 8), dtype=np.uint8)
+    void[:, 2:6, 2:6] = 1  # z, y, x
+    tifffile.imwrite(tmp_path / "channel.tif", void)
+    monkeypatch.chdir(tmp_path)
+    command = ["damage", "channel.tif", "--youngs-modulus", "70 GPa", "--void-value", "1"]
+    command += [
+        "--voxel-size",
+        "5 um",
+        "--poissons-ratio",
+        "0",
+        "--quick",
+        "--quiet",
+        "--jobs",
+        "1",
+    ]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    rve = open_dataset(tmp_path / "damage" / "rve.nc", RVE)
+    z = int(np.argmax(np.abs(rve["normal"].to_numpy()[:, 2])))
+    assert float(rve["damage"][z]) == pytest.approx(0.25, rel=1e-12)
+    whole = rve["share"].to_numpy() == 1.0
+    moduli = rve["apparent_modulus"].to_numpy()[whole][0, :, z]
+    np.testing.assert_allclose(moduli, 0.75 * 70e9, rtol=1e-6)  # whatever the sides
+
+
 @pytest.fixture(scope="module")
 def bar(tmp_path_factory):
     """Bar along z of a solid with a crack normal to its own x, which lies along z."""
@@ -183,6 +214,7 @@ pressures = ["0.1 MPa", "100 MPa"]
             "porosity and pore_radius belong together",
             id="no radius",
         ),
+        pytest.param(TEXT + RECIPE.replace("150 um", "1 um"), "pores and cracks of", id="too many"),
         pytest.param(
             TEXT + CRACK.replace("[1, 0, 0]", "[0, 0, 0]"), "must not be zero", id="no normal"
         ),

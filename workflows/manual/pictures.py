@@ -44,6 +44,7 @@ SHOWN = {
         run["micro_response"], run["interface_law"], ax=ax
     ),
     "seal": lambda run, ax: plotting.plot_flow_channels(run["fields"], ax=ax),
+    "porous_bracket": lambda run, ax: plotting.plot_body_stress(run["macro_result"], ax=ax),
     "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
     "tensegrity_grid": plotting.plot_sorted_tensions,
     "tensegrity_substructures": plotting.plot_deformed_links,
@@ -74,6 +75,11 @@ LEFT = {
 }
 """Datasets of scripts."""
 
+IN_SPACE = {"porous_bracket"} | {
+    name for name, plot in SHOWN.items() if plot is plotting.plot_deformed_links
+}
+"""Pictures on axes in space."""
+
 STRUCTURES = ("tensegrity_grid", "rough_blocks", "deposit")
 
 
@@ -91,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         found[name] = solve(name, results, quick=arguments.quick)
         sys.stdout.write(f"{name}: {perf_counter() - start:.0f} s\n")
         figure = Figure(figsize=(4.8, 3.6), layout="constrained")
-        space = SHOWN[name] is plotting.plot_deformed_links
+        space = name in IN_SPACE
         SHOWN[name](found[name], ax=figure.add_subplot(projection="3d" if space else None))
         save_small(figure, figures / f"{name}.png", colours=32)
     if "ground_steel" in found:

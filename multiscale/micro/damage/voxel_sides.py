@@ -154,9 +154,11 @@ def traction_stiffness(
 def _loaded(solid: np.ndarray) -> np.ndarray:
     """Places of the first and the last layer that are loaded, as deep in the solid as there are."""
     depth = max(1, len(solid) // DEEP)
-    while depth > 1 and not (deep := solid[:depth].all(axis=0) & solid[-depth:].all(axis=0)).any():
+    while True:
+        deep = np.asarray(solid[:depth].all(axis=0) & solid[-depth:].all(axis=0))
+        if depth == 1 or deep.any():
+            return deep
         depth //= 2
-    return np.asarray(deep if depth > 1 else solid[0] & solid[-1])
 
 
 def _invert_laplacians(
