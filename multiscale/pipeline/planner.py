@@ -144,8 +144,8 @@ def plan(
     From the errors that are left, and from the times of cells, follows the setting of least time
     whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are
     solved and its budget is estimated anew, which is the next forecast's base, until the estimate
-    is below the target. Sizes grow by a factor of two at a time, as each tells the bias of the next
-    one.
+    is below the target. Sizes and grids change by a factor of two at a time, as each tells how the
+    errors fall to the next one.
     """
     assert case.accuracy is not None
     _check(case)
@@ -420,16 +420,16 @@ class _Campaign:
         assert self.case.accuracy is not None
         target = self.case.accuracy.target
         try:
-            setting, time = cheapest(known.estimate, self.settings(known), known.time_of, target)
+            setting, _ = cheapest(known.estimate, self.settings(known), known.time_of, target)
         except CaseError:
             if known.stored is None:
                 raise
             return self.choose(self.explore(known.sizes))
-        next_size = known.estimate.setting.size + 1
-        if known.stored is None and setting.size > next_size:
-            setting = replace(setting, size=next_size)
-            time = known.time_of(setting)
-        return setting, time, known
+        now = known.estimate.setting
+        if known.stored is None:  # one step at a time, as each tells how the errors fall
+            size, grid = min(setting.size, now.size + 1), min(setting.grid, now.grid + 1)
+            setting = replace(setting, size=size, grid=grid)
+        return setting, known.time_of(setting), known
 
     def settings(self, known: _Known) -> list[Setting]:
         """Return the settings that can be had."""

@@ -1,0 +1,139 @@
+r"""Control variates against plain ensembles of the same time, and the coverage of their bands.
+
+Small cells of four kinds are pressed on the same surfaces as flat elastic ones: conforming cells
+(gap, contact fraction, stiffness), cells with friction that are sheared a little (tangential
+stiffness), and cells with a hardness (gap). Estimates of few of them and of many flat ones are
+drawn 200 times from these pools, each without repetition; the truth is the estimate of the whole
+pool, so that errors are smaller than those of new cells by about the root of one less the share
+that is drawn, and both ensembles alike.
+"""
+
+import logging
+from dataclasses import dataclass
+from time import process_time
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from multiscale.micro import Cell, Path, solve_cell
+from multiscale.upscaling.control_variates import Control, best_ratio
+from tests.support import rough_square
+
+MODULUS, NU, SLOPE, EDGE, POINTS = 1e9, 0.3, 0.05, 1e-3, 24
+E_STAR = MODULUS / (1.0 - NU**2)
+PRESSURE = E_STAR * SLOPE * np.array([0.02, 0.05, 0.1, 0.2])
+FRICTION = 0.3
+DEAR, SHEARED, CHEAP = 64, 32, 400
+REPEATS, DRAWN, PLAIN = 200, 6, 12
+
+
+def press(k, **options):
+    """Gap and contact fraction of a cell, (2, pressures)."""
+    surface = rough_square(POINTS, EDGE / 2, EDGE / 4, SLOPE, seed=k, size=EDGE)
+    cell = Cell(surface, EDGE, 4, MODULUS, NU, **options)
+    found = solve_cell(cell, Path(pressure=tuple(PRESSURE)), tolerance=1e-3)
+    return np.array([found[name].values[0] for name in ("mean_gap", "contact_fraction")])
+
+
+def shear(k):
+    """Tangential stiffness of a cell with friction, which is sheared a little, (pressures,)."""
+    surface = rough_square(POINTS, EDGE / 2, EDGE / 4, SLOPE, seed=k, size=EDGE)
+    cell = Cell(surface, EDGE, 4, MODULUS, NU, friction_coefficient=FRICTION)
+    ways = np.cumsum(0.005 * FRICTION * PRESSURE * EDGE / E_STAR)
+    slide = np.ravel([np.append(0.0, ways[:-1]), ways], order="F")
+    path = Path(
+        pressure=tuple(np.repeat(PRESSURE, 2)), slide=tuple((float(one), 0.0) for one in slide)
+    )
+    found = solve_cell(cell, path)
+    jump, traction = (
+        np.diff(found[name].values[0, :, 1])[::2] for name in ("displacement_jump", "traction")
+    )
+    return traction / jump
+
+
+def stiffness(gap):
+    """Pressure over the change of the gap between pressures, (cells, pressures - 1)."""
+    return -np.diff(PRESSURE) / np.diff(gap, axis=1)
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Values of dear cells, of flat ones, of which the first have their surfaces, and times, s."""
+
+    dear: np.ndarray
+    cheap: np.ndarray
+    cost_ratio: float
+
+    @property
+    def truth(self):
+        """Mean by all cells."""
+        return Control.of(self.dear, self.cheap).mean
+
+    def draw(self, random, n, ratio):
+        """Some dear cells, their flat ones and further ones."""
+        mine = random.permutation(len(self.dear))[:n]
+        rest = np.arange(len(self.dear), len(self.cheap))
+        further = random.permutation(rest)[: max(0, round(ratio * n) - n)]
+        return self.dear[mine], self.cheap[[*mine, *further]]
+
+
+@pytest.fixture(scope="module")
+def pools():
+    """All kinds of cells on the same surfaces; warm kernels are timed."""
+
+    def timed(solve, count, **options):
+        solve(0, **options)
+        begin = process_time()
+        found = np.array([solve(k, **options) for k in range(count)])
+        return found, (process_time() - begin) / count
+
+    (flat, fast), (conforming, slow) = timed(press, CHEAP, geometry="flat"), timed(press, DEAR)
+    hard, capped = timed(press, DEAR, geometry="flat", hardness=0.4 * E_STAR * SLOPE)
+    sheared, slowest = timed(shear, SHEARED)
+    near = stiffness(flat[:, 0])
+    return {
+        "gap": Pool(conforming[:, 0], flat[:, 0], slow / fast),
+        "contact fraction": Pool(conforming[:, 1], flat[:, 1], slow / fast),
+        "stiffness": Pool(stiffness(conforming[:, 0]), near, slow / fast),
+        "tangential stiffness": Pool(sheared[:, 1:], near, slowest / fast),
+        # as cells that flow on a mesh would cost, of which a flat one with a hardness is a model
+        "gap of metal": Pool(hard[:, 0], flat[:, 0], max(capped, slow) / fast),
+    }
+
+
+def interval(dear, cheap):
+    """Mean and half-width by both ensembles, or by the dear cells alone."""
+    found = Control.of(dear, cheap)
+    parts = ((dear, len(dear) - 1),) if found is None else found.parts
+    mean = dear.mean(axis=0) if found is None else found.mean
+    halves = [
+        t.ppf(0.975, free) * rows.std(axis=0, ddof=1) / len(rows) ** 0.5 for rows, free in parts
+    ]
+    return mean, np.linalg.norm(halves, axis=0)
+
+
+@pytest.mark.slow
+def test_few_dear_cells_and_many_flat_ones_err_less_for_the_time_and_their_bands_cover(pools):
+    for name, pool in pools.items():
+        random, truth = np.random.default_rng(seed=0), pool.truth
+        correlation = float(np.median(Control.of(pool.dear, pool.cheap).correlation))
+        most = (len(pool.cheap) - len(pool.dear)) / DRAWN
+        ratio = min(best_ratio(correlation, pool.cost_ratio), pool.cost_ratio, most)
+        drawn = max(4, round(PLAIN / (1.0 + ratio / pool.cost_ratio)))
+        plain, with_control, inside = [], [], []
+        for _ in range(REPEATS):
+            dear, _ = pool.draw(random, PLAIN, 1.0)
+            plain.append(dear.mean(axis=0) / truth - 1.0)
+            mean, _ = interval(*pool.draw(random, drawn, ratio))
+            with_control.append(mean / truth - 1.0)
+            mean, half = interval(*pool.draw(random, DRAWN, ratio))
+            inside.append(np.abs(mean - truth) <= half)
+        error, less = (np.sqrt(np.mean(np.square(one))) for one in (plain, with_control))
+        logging.getLogger(__name__).warning(
+            "| %s | %.4f | %.0f | %d + %d | %.2f | %.2f | %.1f | %.1f |",
+            *(name, correlation, pool.cost_ratio, drawn, round(ratio * drawn)),
+            *(100.0 * error, 100.0 * less, error / less, 100.0 * np.mean(inside)),
+        )
+        assert 0.92 <= np.mean(inside) <= 1.0, name
+        assert less < error, name
