@@ -22,7 +22,7 @@ from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["Constraint", "Support"]
 
-_INNER = 1e-4  # relative tolerance on the surface; the flexible Krylov method allows for it
+_INNER = 1e-3  # relative tolerance on the surface; the flexible Krylov method allows for it
 _LIMIT = 200  # iterations on the surface
 
 

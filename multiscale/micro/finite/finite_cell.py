@@ -61,10 +61,11 @@ def _weights(inverse: LateralInverse) -> tuple[float, float]:
 def _half(cell: PeriodicLayer) -> tuple[FiniteBody, Reference]:
     """Body, and its flat cell; at large strain both have pressures where volumes are mean."""
     mesh, law = _mesh(cell), cell.law
+    precision = np.float64 if cell.nearly_incompressible else np.float32  # of the preconditioner
     if isinstance(law, Elastic | GradedElastic):
         nx, ny, layers = mesh.shape
         stiffness = stiffness_operator(mesh, *cell.moduli, mean_dilatation=cell.mean_dilatation)
-        return linear_body(stiffness, (nx, layers, 3, ny)), flat_reference(cell, mesh)
+        return linear_body(stiffness, (nx, layers, 3, ny)), flat_reference(cell, mesh, precision)
     body = large_strain_body(mesh, law, mixed=cell.mean_dilatation)
     make = mixed_reference if cell.mean_dilatation else flat_reference
-    return body, make(cell, mesh)
+    return body, make(cell, mesh, precision)

@@ -110,14 +110,16 @@ def _widen(faces, moved, change):  # type: ignore[no-untyped-def]
                             )
 
 
-def mixed_reference(layer: PeriodicLayer, mesh: GraphMesh) -> MixedReference:
+def mixed_reference(
+    layer: PeriodicLayer, mesh: GraphMesh, dtype: type[np.floating] = np.float64
+) -> MixedReference:
     """Return the flat cell of a meshed layer at rest, with its pressures."""
     lame, shear = layer.layer_moduli
     dx, dy = mesh.surface.spacing
     heights, scale = np.diff(mesh.planes), pressure_scale(mesh, float(shear[0]))
     areas = np.array([dy * heights, dx * heights, np.full(len(heights), dx * dy)])
     return MixedReference(
-        flat_inverse(layer, mesh, layer.surface),
+        flat_inverse(layer, mesh, layer.surface, dtype),
         mesh.map_factor[1:],
         faces=scale * areas / 4.0,
         give=scale**2 * dx * dy * heights / (lame + 2.0 / 3.0 * shear),
