@@ -38,6 +38,7 @@ _QUANTITY = re.compile(
 # what most quantities have, read and written without pint, which takes half a second to load
 _PREFIXES = {"": 0, "G": 9, "M": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "n": -9}
 _PREFIXED = ("m", "Pa", "N")
+_NOTHING = 1e-13  # in these units: what rounding leaves
 
 _BETWEEN_LENGTHS = re.compile(r"\s*(?:[x×*;]|\bby\b|,(?=\s)|(?<=[^\W\d])(?:,|\s))\s*(?=[-+.\d])")
 
@@ -212,6 +213,7 @@ def readable(value: object) -> str:
     for unit in _PREFIXED:
         if (power := _power(parts["unit"], unit)) is not None:
             number = float(parts["number"]) * 10.0**power
+            number = number if abs(number) > _NOTHING else 0.0
             fits = 3 * floor(log10(abs(number)) / 3.0) if number and isfinite(number) else 0
             prefix = next(
                 (one for one, ten in _PREFIXES.items() if ten == fits and one != "u"), None

@@ -30,13 +30,14 @@ def test_prefixes_are_read_and_written_as_pint_does():
 
     registry = pint.UnitRegistry()
     for number, prefix, unit in product(
-        ("0.8", "-3e-7", "999.9996", "1000", "12345.678"), ("n", "µ", "m", "", "k", "M"), "mN"
+        ("0.8", "-0.3", "999.9996", "1000", "12345.678"), ("n", "µ", "m", "", "k", "M"), "mN"
     ):
         text = f"{number} {prefix}{unit}"
         quantity = registry(text)
         assert to_si(text, unit) == float(f"{quantity.to(unit).magnitude:.15g}")
         compact = quantity.to_compact()
         assert readable(text) == f"{compact.magnitude:.6g} {compact.units:~P}"
+    assert readable("-5e-28 m") == "0 m"
 
 
 @pytest.mark.parametrize(

@@ -145,8 +145,9 @@ def _cautions(
         near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
         if near.size:
             step = near[np.argmax((below + above)[near, number])]
+            sides = {"below": below[step, number], "above": above[step, number]}
+            told = (f"{100.0 * part:.3g} % {side}" for side, part in sides.items() if part > 0.0)
             yield (
-                f"up to {100.0 * below[step, number]:.3g} % of the load lies below and "
-                f"{100.0 * above[step, number]:.3g} % above {range_}, at step {step} with "
-                f"{loads[step]}: there the law extrapolates"
+                f"the law extrapolates: of the load up to {' and '.join(told)} {range_}, at step "
+                f"{step} with {loads[step]}"
             )

@@ -198,6 +198,8 @@ def say_error(total: float) -> str:
     """Total of an error budget in per cent, or that a term it must hold could not be computed."""
     if not np.isfinite(total):
         return "unknown"
+    if total >= 1.0:
+        return f"{100.0 * total:.0f}"
     return f"{100.0 * total:.2g}" if total > ROUNDING else "0"
 
 

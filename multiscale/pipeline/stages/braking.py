@@ -43,6 +43,7 @@ __all__ = ["BRAKING", "braking_answer", "solve_treads"]
 TELLING = 0.05
 """Error of the law over the peak of the friction, from which a user is told."""
 
+SLIDE_TIME = 1.2e-9  # s, of one footprint, over the cube of its unknowns, about
 MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
 
@@ -159,11 +160,13 @@ def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exp
 def _needs(case: TyreCase) -> Needs:
     ex, ey, ez = case.tread.elements
     face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
+    steps = len(case.sliding.temperatures) * len(case.sliding.speeds)
     return Needs(
         choices=(Choice("tread block", f"{face} unknowns on its face stand for all of it"),),
         fields=("traction of the footprint",),
         libraries=("matplotlib", "scikit-fem"),
         memory=8 * (6 * face**2 + 40 * face * face * ez),
+        seconds=SLIDE_TIME * face**3 * steps * (1 + min(MOST_SAMPLES, case.law.samples)),
     )
 
 

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FITTED_LAW"]
 
+CLOSED = 1.0 - 1e-6  # share of the area that touches, from which there is no gap left
 FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s, of a fit and of a sample of it, about
 EXPORTED = 0.01
 """Error of the pressure between the points of the tables that the page offers."""
@@ -256,13 +257,11 @@ def _summary(found: Datasets) -> Summary:
     normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
     stiffness = float(normal.stiffness(gap))
     unit = stiffness_unit([stiffness])
+    touching = float(area_from_dataset(law).contact_fraction(pressures[middle]))
     values = {
         "mean_gap": (readable(f"{gap:.4g} m"), "the mean gap of the interface is"),
         "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
-        "contact_fraction": (
-            f"{100.0 * float(area_from_dataset(law).contact_fraction(pressures[middle])):.3g} %",
-            "the share of its area that touches",
-        ),
+        "contact_fraction": (f"{100.0 * touching:.3g} %", "the share of its area that touches"),
     }
     total = law["error_total"].isel(step=middle)
     told = [
@@ -272,7 +271,13 @@ def _summary(found: Datasets) -> Summary:
         f"How do gap, stiffness and contact of the interface depend on its pressure, between "
         f"{1e-6 * pressures.min():.4g} and {1e-6 * pressures.max():.4g} MPa?"
     )
-    answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
+    if touching < CLOSED:
+        answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
+    else:
+        answer = (
+            f"At {1e-6 * pressures[middle]:.4g} MPa all of the interface touches: its roughness is "
+            f"flat, and as stiff as the bodies beside it."
+        )
     planned = str(law.attrs.get("plan", "")).splitlines()
     tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
     said = [answer, *planned, *behaviour(law), *tight]

@@ -79,7 +79,8 @@ def _needs(case: Case) -> Needs:
     assert case.slide is not None
     pair = cell_needs(_pair(case, case.slide, smooth_pair(case.cell)))
     slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
-    return Needs(choices=(slide,), memory=pair.memory)
+    steps = (case.slide.steps + 1) * len(case.slide.pressures or case.micro.pressures)
+    return Needs(choices=(slide,), memory=pair.memory, seconds=pair.seconds * steps)
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
