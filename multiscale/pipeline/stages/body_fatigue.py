@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import write_life_fields
 from multiscale.laws import Sliders
 from multiscale.macro import Body
 from multiscale.macro.substructures import (
@@ -388,6 +389,7 @@ BODY_FATIGUE = Stage(
     reads={"title", "fatigue"},
     takes=(LOADED_BODIES,),
     run=_run,
+    write_fields=write_life_fields,
     needs=_needs,
     lines=_lines,
     sections=_sections,
