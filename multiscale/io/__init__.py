@@ -13,6 +13,7 @@ from multiscale.io.datasets import (
 from multiscale.io.fields import (
     write_body_fields,
     write_grain_fields,
+    write_life_fields,
     write_link_fields,
     write_mode_fields,
     write_surface_fields,
@@ -55,6 +56,7 @@ __all__ = [
     "write_bytes",
     "write_dataset",
     "write_grain_fields",
+    "write_life_fields",
     "write_link_fields",
     "write_mode_fields",
     "write_surface_fields",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = [
     "write_body_fields",
     "write_grain_fields",
+    "write_life_fields",
     "write_link_fields",
     "write_mode_fields",
     "write_surface_fields",
@@ -27,6 +28,7 @@ NODE_VARIABLES = ("displacement", "velocity", "rotation")  # of nodes at every s
 ELEMENT_NAMES = {4: "tetra", 8: "hexahedron"}  # elements in meshio by their number of corners
 ELEMENT_VARIABLES = ("equivalent_stress", "energy_density")  # of elements at every step
 CONSTANT_VARIABLES = ("element_body", "element_damage")  # of elements without steps
+LIFE_VARIABLES = ("damage", "cracked_share", "plastic_strain", "first_crack")  # of elements
 POINT_VARIABLES = ("gap", "contact_state")  # of the points of joints at every step
 
 
@@ -169,6 +171,27 @@ def write_mode_fields(result: "xr.Dataset", folder: Path, *, name: str = "modes"
         for shape in result["shape"].values
     )
     return _write_series(folder, name, result["mode"].values, meshes)
+
+
+def write_life_fields(life: "xr.Dataset", folder: Path, *, name: str = "life") -> Path:
+    """Write the elements of a body with their damage and life, as one VTU file.
+
+    Elements have the mean damage and plastic strain of their inclusions, the share of these that
+    has cracked, the cycles to the first crack and the von Mises amplitude, Pa.
+
+    Parameters
+    ----------
+    life : Dataset, follows ``FATIGUE_LIFE``, with the mesh of the body
+    folder, name
+        For ``NAME.pvd`` and ``NAME-0000.vtu``.
+    """
+    import meshio
+
+    corners = life["corners"].values.astype(int)
+    values = {key: [life[key].values] for key in (*LIFE_VARIABLES, "equivalent_amplitude")}
+    elements = [(ELEMENT_NAMES[corners.shape[1]], corners)]
+    mesh = meshio.Mesh(life["position"].values, elements, cell_data=values)
+    return _write_series(folder, name, life["cycles"].values[-1:], [{"": mesh}])
 
 
 def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grains") -> Path:

@@ -1,5 +1,6 @@
 """Cases with [fatigue]: life and place of cracks in bodies, and what they refuse."""
 
+import meshio
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -102,6 +103,8 @@ def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     life = float(found["cycles_to_crack"])
     assert life == pytest.approx(closed_life(210e6, 200e6), rel=1e-3)
     np.testing.assert_allclose(found["crack_position"], 0.005)
+    drawn = meshio.read(next((cube / "out" / "fields").glob("fatigue_life-*.vtu")))
+    np.testing.assert_allclose(drawn.cell_data["damage"], 0.3)
     ax = plot_fatigue_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
     np.testing.assert_allclose(ax.collections[0].get_array(), 210.0)
     inner, outer = (found[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))

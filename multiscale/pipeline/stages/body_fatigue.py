@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.io import write_life_fields
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import Body
 from multiscale.macro.substructures import (
@@ -59,6 +60,9 @@ SOLVES = 40  # of a structure whose inclusions crack one after the other, about
 
 STATES, CYCLE_SECONDS = 5, 5e-4
 """States of an inclusion that are held at once, and CPU seconds of its life, about; few flow."""
+
+CLOSED = 0.02
+"""Stress between both ends of a cycle over its largest range, up to which the cycle is closed."""
 
 ELEMENT_MEANS = (
     "the stress of an element is its mean, and the life depends on it by a high power: refine the "
@@ -167,7 +171,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         values["crack_position"] = position[corners[crack]].mean(axis=0)
     life = FATIGUE_LIFE.assign(life, values)
     life = _with_intervals(life, stress, material, cycled, result, job)
-    life = with_cautions(life, ELEMENT_MEANS, *_of_coarser(life, cycled))
+    life = with_cautions(life, ELEMENT_MEANS, *_of_ends(stress), *_of_coarser(life, cycled))
     return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
 
 
@@ -284,6 +288,17 @@ def _law_errors(
     return errors, places, cautions
 
 
+def _of_ends(stress: np.ndarray) -> Iterator[str]:
+    """Say by how much the cycle misses its start."""
+    largest = float(np.ptp(stress, axis=0).max()) or 1.0
+    missed = float(np.abs(stress[-1] - stress[0]).max()) / largest
+    if missed > CLOSED:
+        yield (
+            f"the last cycle ends {100.0 * missed:.2g} % of its largest range of stress away from "
+            f"its start, and is repeated as if it were closed: give more cycles in [cycles]"
+        )
+
+
 def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
     """Say the life on coarser meshes, where these are given."""
     table = cycled.case.fatigue
@@ -308,7 +323,9 @@ def _answer(life: "xr.Dataset") -> str:
     """Say life and place in a sentence."""
     body = life.attrs["body"]
     if int(life["run_out"]):
-        return f"No inclusion of {body} cracks: all stay elastic under the cycles."
+        share = 100.0 * float(life["cracked_share"].max())
+        told = f"up to {share:.3g} % of an element crack and the others" if share else "all"
+        return f"No element of {body} cracks through: of its inclusions {told} stay elastic."
     cycles = float(life["cycles_to_crack"])
     if np.isnan(cycles):
         done = float(life["cycles"][-1])
@@ -388,6 +405,7 @@ BODY_FATIGUE = Stage(
     reads={"title", "fatigue"},
     takes=(LOADED_BODIES,),
     run=_run,
+    write_fields=write_life_fields,
     needs=_needs,
     lines=_lines,
     sections=_sections,

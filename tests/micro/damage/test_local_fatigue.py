@@ -100,6 +100,13 @@ def test_what_stays_elastic_runs_out_and_what_is_cut_off_is_unknown():
     assert int(cut["converged"]) == 0
 
 
+def test_weak_inclusions_may_crack_and_the_others_stay_elastic():
+    found = local_fatigue(lambda share: reversed_pull([LIMIT]), 1, FULL, scatter=0.04)
+    assert float(found["cracked_share"][0]) == 0.5
+    assert int(found["run_out"]) == 1
+    assert float(found["cycles_to_first"]) < float(found["cycles_to_crack"]) == np.inf
+
+
 def test_a_deviation_beyond_its_range_is_refused():
     with pytest.raises(CaseError, match=r"from 0 to 1, got -0\.1"):
         limit_factors(-0.1)
