@@ -113,6 +113,10 @@ class InterfaceLaw(ABC):
         """
         return self
 
+    def refined(self, slabs: int) -> "InterfaceLaw":
+        """Return the law whose bed of sliders, if it has one, is of so many slabs."""
+        return self
+
     def from_here(self, state: np.ndarray) -> np.ndarray:
         """Return the state for tangential jumps that count from the last committed one.
 

@@ -166,6 +166,10 @@ class Sliders(InterfaceLaw):
         """Return the bed on the curve of unloading; see :class:`InterfaceLaw`."""
         return replace(self, normal=self.normal.shaken_down())  # type: ignore[arg-type]  # of one kind
 
+    def refined(self, slabs: int) -> "Sliders":
+        """Return the bed of so many slabs."""
+        return replace(self, slabs=slabs)
+
     def from_here(self, state: np.ndarray) -> np.ndarray:
         """Return the state whose last tangential jump is zero."""
         return np.concatenate([state[:-2], np.zeros((2, *state.shape[1:]))])

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -83,7 +83,7 @@ def _press(bodies: Bodies, case: Case, laws: Sequence[Sliders]) -> tuple[_Vibrat
     asked = case.vibration
     assert asked is not None  # the stage runs where the table is
     parts = bodies.build(case, laws)
-    smooth = [replace(law, friction=0.0) for law in laws]
+    smooth = [replace(cast(Any, law), friction=0.0) for law in laws]  # all laws of bodies have one
     rest = press_structure(
         parts.assembly,
         parts.path.factors(),
@@ -108,10 +108,10 @@ def _laws(
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
     made = []
     for sliders, law in zip(bodies.sliders(case, laws, normal), laws, strict=True):
-        own = replace(sliders, slabs=asked.slabs)
+        own: Any = sliders.refined(asked.slabs)
         if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
             branch = (float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent"))
-            own = replace(own, normal=HystereticLaw(own.normal, *branch))  # type: ignore[arg-type]  # of loading
+            own = replace(own, normal=HystereticLaw(own.normal, *branch))
         made.append(own)
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
     return change_friction(made, few)
