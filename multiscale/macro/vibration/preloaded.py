@@ -105,19 +105,26 @@ def press_structure(
     held = _hold(free)
     _require_joined(assembly, held)
     condensed = condense_problem(held, largest=MOST)
-    laws = [interface.law for interface in assembly.interfaces]
-    pressed = condensed.small.with_laws(laws if preload_laws is None else preload_laws)
+    joints = condensed.small.joints
+    if joints and condensed.small is held and held.n > MOST:
+        raise CaseError(
+            f"the interfaces and bolts keep so many of {held.n} unknowns that bodies are not "
+            f"condensed onto them, {MOST} at most; mesh the faces of interfaces coarser"
+        )
+    pressed = condensed.small
+    if preload_laws is not None:
+        pressed = pressed.with_laws(preload_laws)
     path = follow_bolts(pressed, factors, AssembledNewton())
     if not path["converged"].values.all():
         raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
-    joints = pressed.joints
     if joints:
         shares, data = joint_shares(pressed, path)
         loads = ["its preload"] * path.sizes["step"]
         path = with_load_shares(path, shares, data, extrapolate=extrapolate, loads=loads)
         if not (extrapolate or path["known"].values[-1]):
             raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
-    after = SideBySide([laws[joint.joint].shaken_down() for joint in joints], pressed.points)
+    laws = [joint.law.shaken_down() for joint in joints if joint.law is not None]
+    after = SideBySide(laws, pressed.points)
     states = states_after(pressed, path)
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
     return Preloaded(free, condensed, path, after, jump, after.join(states))

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -85,7 +85,7 @@ def _press(
     asked = case.vibration
     assert asked is not None  # the stage runs where the table is
     parts = bodies.build(case, laws)
-    smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]
+    smooth = [replace(cast(Any, law), friction=0.0) for law in laws]  # all laws of bodies have one
     rest = press_structure(
         parts.assembly,
         parts.path.factors(),
