@@ -388,6 +388,40 @@ STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[s
 """The law that the text states."""
 
 
+BEAM = """
+title = "Cantilever"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "housing"
+mesh = "housing.msh"
+unit = "mm"
+order = 2
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+supports = { left = "clamped" }
+[[structure.loads]]
+name = "lift"
+face = "housing.right"
+force = [0, 0, "1 kN"]
+[statics]
+steps = [{ lift = 1 }]
+"""
+
+
+def test_three_elements_of_second_order_bend_as_a_beam(meshes):
+    """Deflection of Timoshenko's beam, whose elements of first order are too stiff."""
+    found = [
+        run_macro(load_case(write_scene(meshes, text)), meshes / "found.nc")
+        for text in (BEAM, BEAM.replace("order = 2", "order = 1"))
+    ]
+    inertia, area = WIDE * HIGH**3 / 12.0, WIDE * HIGH
+    bent = 1e3 * (LONG**3 / (3.0 * 210e9 * inertia) + LONG / (5.0 / 6.0 * 105e9 * area))
+    second, first = (float(one["load_displacement"].values[-1, 0]) for one in found)
+    assert second == pytest.approx(bent, rel=0.02)
+    assert first < 0.8 * bent
+
+
 ASPERITIES = """[structure.interfaces.asperities]
 density = "1e9 m^-2"
 radius = "0.1 mm"
