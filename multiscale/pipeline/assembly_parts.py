@@ -301,7 +301,7 @@ class StatedLaw(Settings):
 class StatedGap(Settings):
     """The initial gap of an interface, beside the gap of its law."""
 
-    form: Literal["map"] = Field(description="Form of the gap: the gaps of points.")
+    form: Literal["map"] = Field(description="Where the gap comes from.")
     file: Path = Field(
         description="Table with the columns `x`, `y` and `gap`: points in the plane of the "
         "interface, along the axes of the structure, and gaps, `nan` in holes."

@@ -388,6 +388,35 @@ STATED = TEXT[TEXT.index("[structure.interfaces.exponential]") : TEXT.index("[[s
 """The law that the text states."""
 
 
+BEAM = """
+title = "Cantilever"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "housing"
+mesh = "housing.msh"
+unit = "mm"
+order = 2
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+supports = { left = "clamped" }
+[[structure.loads]]
+name = "lift"
+face = "housing.right"
+force = [0, 0, "1 kN"]
+[statics]
+steps = [{ lift = 1 }]
+"""
+
+
+def test_three_elements_of_second_order_bend_as_a_beam(meshes):
+    """Deflection of Timoshenko's beam; elements of first order reach a third of it."""
+    found = run_macro(load_case(write_scene(meshes, BEAM)), meshes / "found.nc")
+    inertia, area = WIDE * HIGH**3 / 12.0, WIDE * HIGH
+    bent = 1e3 * (LONG**3 / (3.0 * 210e9 * inertia) + LONG / (5.0 / 6.0 * 105e9 * area))
+    assert float(found["load_displacement"].values[-1, 0]) == pytest.approx(bent, rel=0.02)
+
+
 ASPERITIES = """[structure.interfaces.asperities]
 density = "1e9 m^-2"
 radius = "0.1 mm"

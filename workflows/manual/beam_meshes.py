@@ -26,7 +26,7 @@ DEPTH = 0.25
 (3.97 and 3.26 mm), are chosen so that the frequencies without contact are the published ones."""
 HEAD = np.sqrt(2.0 * np.sqrt(3.0) * 6.35**2 / np.pi)
 WASHER_HEIGHT, HEAD_HEIGHT, SHANK_LENGTH = 1.5875, 5.159375, 38.1
-SIDES, RINGS, LAYERS, ARM, END = 4, 2, 2, 12, 4
+SIDES, RINGS, LAYERS, ARM, END = 4, 1, 2, 14, 4
 """Elements along a quarter of a hole, between washer and edge, through the height, of an arm along
 its length, and between the last hole's square and the end of the lap."""
 
