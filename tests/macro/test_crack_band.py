@@ -5,6 +5,7 @@ import pytest
 from skfem import MeshQuad, MeshTri
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Softening
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
@@ -60,6 +61,14 @@ def test_an_even_bar_has_the_energy_of_its_teeth_on_every_mesh():
     ]
     assert energies[0] == pytest.approx(energies[1], rel=1e-8)
     assert energies[0] / 0.02 == pytest.approx(LAW.fracture_energy, rel=3e-3)
+
+
+def test_a_bar_of_hexahedra_has_the_same_energy():
+    mesh = box_mesh((0.2, 0.02, 0.03), (5, 1, 1))
+    supports = {"left": (0.0, None, None), "front": (None, 0.0, None), "bottom": (None, None, 0.0)}
+    body = Body(mesh, Elastic(E, 0.0), supports, {"right": (1e6, 0.0, 0.0)})
+    energy = float(follow_crack_band(body, LAW)["dissipation"][-1]) / (0.02 * 0.03)
+    assert energy == pytest.approx(LAW.fracture_energy, rel=3e-3)
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ print(float(life["cycles_to_rupture"]))
 concrete = random_microcracks(
     0.1, 1.5e5, 6e-3, youngs_modulus=30e9, poissons_ratio=0.2, toughness=0.5e6
 )
-law = softening_of(grow_microcracks(concrete, 1e6 * np.eye(6)[2]), 1e6)
+law = softening_of(grow_microcracks(concrete, 1e6 * np.eye(6)[2], through=True), 1e6)
 print(law.strength, law.fracture_energy)  # Pa, J/m2
 
 # workflows/damage_to_joint.py goes from pores to stiffness and life of a joint. [fatigue] in a case

@@ -161,7 +161,9 @@ def random_microcracks(
     return Microcracks(edge, rng.uniform(0.0, edge, (n, 3)), normal, radius, **solid)
 
 
-def grow_microcracks(cracks: Microcracks, stress: np.ndarray) -> "xr.Dataset":
+def grow_microcracks(
+    cracks: Microcracks, stress: np.ndarray, *, through: bool = False
+) -> "xr.Dataset":
     """Grow cracks under a stress of one direction until one of them has cut the volume.
 
     The dissipation is the energy of mode I, of a crack across the tension all that it takes.
@@ -171,11 +173,15 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray) -> "xr.Dataset":
     cracks : Microcracks
     stress : ndarray, shape (6,)
         Stress at the factor one, Pa: xx, yy, zz, yz, xz, xy.
+    through : bool
+        Whether a crack that reaches another one grows on as if it were alone. The search ends there
+        otherwise, as (1) and (2) know no cracks that join.
 
     Returns
     -------
     Dataset
         Follows ``CRACK_GROWTH``. Factor and strain may both fall from one event to the next.
+        ``converged`` is 0 if no crack has cut the volume.
 
     Raises
     ------
@@ -206,17 +212,18 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray) -> "xr.Dataset":
         row = (factor, opening, ratio_of_moduli, section, spent, grown, touched)
         rows.append((*row, *(factor * S @ T)))
         radii.append(radius.copy())
-        if radius[worst] >= largest:
+        if radius[worst] >= largest or (touched and not through):
             break
         after = min(largest, (1.0 + GROWTH) * radius[worst])
         area = np.pi * (after**2 - radius[worst] ** 2)
         spent += release / cracks.youngs_modulus * float(resistance[worst]) ** 2 * area
         radius[worst] = after
+    cut = radius.max() >= largest
     table = np.array(rows, dtype=float)
     names = ("factor", "opening", "modulus_ratio", "largest_section", "dissipation", "grown")
     values = dict(zip((*names, "touching"), table.T, strict=False))
     found = CRACK_GROWTH.build(
-        {**values, "mean_strain": table[:, 7:], "radius": np.array(radii), "converged": 1}
+        {**values, "mean_strain": table[:, 7:], "radius": np.array(radii), "converged": int(cut)}
     )
     if not touched:
         return found
@@ -224,8 +231,8 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray) -> "xr.Dataset":
     return with_cautions(
         found,
         f"the crack that grows reaches another one where it covers {100.0 * table[at, 3]:.3g} % of "
-        f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: what "
-        f"cracks do that join is not followed",
+        f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: "
+        + ("from there on it grows as if it were alone" if through else "there the search ends"),
     )
 
 
@@ -242,7 +249,17 @@ def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
     -----
     The law begins at the largest stress; what opens before is spread over the volume and is no
     part of the crack.
+
+    Raises
+    ------
+    CaseError
+        If no crack has cut the volume.
     """
+    if not int(growth["converged"]):
+        raise CaseError(
+            "the softening law of the volume is unknown, as its crack reaches another one before "
+            "it cuts the volume; give fewer cracks, or through=True, as if it grew alone"
+        )
     factor, opening = growth["factor"].to_numpy(), growth["opening"].to_numpy()
     peak = int(np.argmax(factor))
     w, s = opening[peak:] - opening[peak], strength * factor[peak:]

@@ -341,7 +341,8 @@ def _answer(life: "xr.Dataset") -> str:
             told += f"; {words}, 95 %: {low:.3g} ... {high:.3g}"
     if "crack_distance" in life:
         away = 1e3 * float(life["crack_distance"])
-        told += f"; within these intervals the place moves by up to {away:.3g} mm"
+        moves = f"moves by up to {away:.3g} mm" if away else "stays"
+        told += f"; within these intervals the place {moves}"
     return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
 
 

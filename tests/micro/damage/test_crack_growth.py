@@ -72,6 +72,7 @@ def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weake
             grow_microcracks(
                 random_microcracks(edge, 2e5, 2.5e-3, seed=seed, rise=1.0, bridging=2e-3, **SOLID),
                 1e6 * PULL,
+                through=True,
             )
             for seed in range(6)
         ]
@@ -81,9 +82,14 @@ def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weake
     assert strengths[0] > strengths[1] > strengths[2]
 
 
-def test_cracks_that_touch_are_told():
+def test_cracks_that_touch_end_the_search_unless_they_are_to_pass():
     wide = random_microcracks(EDGE, 1e6, 4e-3, seed=3, **SOLID)
-    assert "reaches another one" in grow_microcracks(wide, PULL).attrs["cautions"]
+    ended, passed = (grow_microcracks(wide, PULL, through=through) for through in (False, True))
+    assert "reaches another one" in ended.attrs["cautions"]
+    assert (int(ended["converged"]), int(passed["converged"])) == (0, 1)
+    with pytest.raises(CaseError, match="law of the volume is unknown"):
+        softening_of(ended)
+    assert softening_of(passed).strength == pytest.approx(float(passed["factor"].max()))
 
 
 @pytest.mark.parametrize(
