@@ -100,6 +100,33 @@ def test_tangent_is_the_derivative_on_both_branches(law):
     np.testing.assert_allclose(tangent, difference, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("law", LAWS)
+def test_a_shaken_down_law_is_the_unloading_branch_on_both_sides(law):
+    """Power (1) of the branch below and above the largest pressure; virgin points are elastic."""
+    random = np.random.default_rng(seed=7)
+    peak = random.uniform(0.5, 1.5, 40) * (random.random(40) < 0.8)
+    state, shaken = peak[None], law.shaken_down()
+    jump = np.zeros((3, 40))
+    jump[0] = law.loading.gap_at(np.where(peak > 0.0, peak, 1.0)) - law.loading.gap
+    here = jump + np.array([[1.0], [0.0], [0.0]]) * random.uniform(-0.1, 0.05, 40)
+    found = shaken.respond(here, state)
+    branch = law.branch(np.where(peak > 0.0, peak, 1.0)).respond(here, state)
+    first = law.loading.respond(here, state)
+    expected = np.where(peak > 0.0, branch.traction, first.traction)
+    np.testing.assert_allclose(found.traction, expected, rtol=1e-12)
+    np.testing.assert_array_equal(found.state, state)
+    step = np.array([[1e-7], [0.0], [0.0]]) * np.ones(40)
+    slope = (
+        shaken.respond(here + step, state).traction - shaken.respond(here - step, state).traction
+    )
+    np.testing.assert_allclose(found.tangent[0, 0], slope[0] / 2e-7, rtol=1e-5)
+    source = found.traction + 2.0 * here
+    np.testing.assert_allclose(shaken.resolvent(source, 2.0, state), here, atol=1e-8)
+    beyond = (peak > 0.0) & (law.respond(here, state).state[0] > peak)
+    assert beyond.any()  # where the law itself would load on
+    assert np.all(first.traction[0, beyond] != found.traction[0, beyond])
+
+
 def test_parameters_out_of_range_are_refused():
     with pytest.raises(CaseError, match="stiffness_ratio must be at least 1"):
         HystereticLaw(Exponential(1.0, 1.0), 0.9, 1.5)

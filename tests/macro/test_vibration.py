@@ -9,7 +9,7 @@ from skfem import ElementHex2
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.laws import Exponential, Sliders
+from multiscale.laws import Exponential, HystereticLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
 from multiscale.macro.bodies.assembly import GROUND
@@ -84,6 +84,26 @@ def test_one_slider_and_a_known_bed_follow_their_exact_curves(slabs, slip, sizes
     far = follow_backbone(rest, modes, load, 0, Amplitudes((0.5 * UNIT, 8.0 * UNIT)))
     assert np.isnan(far.damping[1])
     assert f"{8.0 * UNIT:.4g} kg^1/2 m on: more than 99 % of the load of interface 0" in far.failure
+
+
+def test_metal_vibrates_on_its_curve_of_unloading():
+    """Springs in series, 2.5 times as stiff as in loading; slips shear along the same bed."""
+    block = Body(box_mesh((0.01, 0.01, HEIGHT), (1, 1, 1)), STIFF, tractions={"top": (0, 0, -1e7)})
+    found = {}
+    for name, normal in (
+        ("elastic", Exponential(1e9, DECAY)),
+        ("flows", HystereticLaw(Exponential(1e9, DECAY), 2.5, 1.6)),
+    ):
+        law = Sliders(normal, FRICTION, RATIO, pressures=(1e5, 1e9), slabs=64)
+        assembly = Assembly((block,), (Interface((None, 0), (None, "bottom"), law),))
+        rest, modes, load = first_mode(assembly, 3)
+        found[name] = modes.square
+        backbone = follow_backbone(rest, modes, load, 2, Amplitudes((1e-12, 1e-10)))
+        assert backbone.damping[0] < 1e-6
+        np.testing.assert_allclose(backbone.frequency[0], modes.frequency[2], rtol=1e-4)
+    np.testing.assert_allclose(found["flows"][:2] / found["elastic"][:2], 2.5, rtol=1e-6)
+    expected = RATIO * PRESSURE / DECAY / (DENSITY * HEIGHT)
+    np.testing.assert_allclose(found["elastic"][0], expected, rtol=1e-2)
 
 
 def timoshenko(length, depth, guess):

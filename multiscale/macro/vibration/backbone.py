@@ -205,14 +205,15 @@ class _Mode:
         opened = (self.structure.jump @ moved).reshape(point.jump.shape)
         starts = [(point.value + moved, opened), (point.value, 0.0 * opened)]
         for value, more in starts:  # along the path, else from where it stands
-            solution = self.structure.solve(
-                self.law,
-                np.array([reach]),
-                start=value,
-                jump=point.jump - slid + more,
-                state=state,
-                tolerance=TOLERANCE,
-            )
+            with np.errstate(over="ignore", invalid="ignore"):  # where a start is too far
+                solution = self.structure.solve(
+                    self.law,
+                    np.array([reach]),
+                    start=value,
+                    jump=point.jump - slid + more,
+                    state=state,
+                    tolerance=TOLERANCE,
+                )
             if solution.converged:
                 break
         q = float(self.structure.load[:, 0] @ solution.value) / spring
@@ -271,7 +272,8 @@ def follow_backbone(
     driven = _drive(rest, load[:, mode], square)
     grid, places = amplitudes.curve()
     force, drop = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
-    loss, reached = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
+    reached = np.full((2, asked), np.nan)
+    curves: list[np.ndarray] = []
     pressure, slipping = (np.full((2, asked, points), np.nan) for _ in range(2))
     ends: list[list[_Point]] = [[], []]
     failures = ["", ""]
@@ -290,16 +292,21 @@ def follow_backbone(
                 progress()
         found = len(ends[side])
         known = places[:found] + 1
-        curve = np.array(q), np.array(alpha)
-        reached[side, :found], force[side, :found] = curve[0][known], curve[1][known]
-        drop[side, :found] = 1.0 - curve[1][known] / curve[0][known] / square
-        loss[side, :found] = masing_loss(*curve, square)[known]
+        curves.append(np.array([q, alpha]))
+        reached[side, :found], force[side, :found] = curves[side][:, known]
+        drop[side, :found] = 1.0 - force[side, :found] / reached[side, :found] / square
     sizes, stiffness = reached.sum(axis=0), force.sum(axis=0) / reached.sum(axis=0)
-    lost, q = loss.mean(axis=0), 0.5 * sizes
+    both = min(len(one[0]) for one in curves)
+    mean = 0.5 * (curves[0][:, :both] + curves[1][:, :both])  # what is odd in q loses nothing
+    found = int(np.isfinite(sizes).sum())
+    lost, q_mean = np.full(asked, np.nan), 0.5 * sizes
+    lost[:found] = masing_loss(mean[0], mean[1], square)[places[:found] + 1]
     opens, sheared = _opens(driven, pressure), _sheared(driven)
     for k in np.flatnonzero(np.isfinite(lost)):
         if amplitudes.full_cycle or opens[k] or sheared:
-            lost[k], q[k], stiffness[k] = _cycle(driven, ends[0][k], q[k], amplitudes.steps)
+            lost[k], q_mean[k], stiffness[k] = _cycle(
+                driven, ends[0][k], q_mean[k], amplitudes.steps
+            )
     frequency = np.sqrt(stiffness) / (2.0 * np.pi)
     unknown = np.flatnonzero(np.isnan(lost))
     failure = ""
@@ -309,7 +316,7 @@ def follow_backbone(
             f"mode {mode + 1} has no answer from the modal amplitude "
             f"{amplitudes.values[unknown[0]]:.4g} kg^1/2 m on: {why}; ask for smaller amplitudes"
         )
-    damping = lost / (2.0 * np.pi * stiffness * q**2)  # (1)
+    damping = lost / (2.0 * np.pi * stiffness * q_mean**2)  # (1)
     return Backbone(frequency, damping, drop, pressure, slipping, opens, sheared, failure)
 
 

@@ -11,6 +11,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
+from multiscale.macro.interface_newton import face_stiffness
 from multiscale.macro.substructures.assembly_methods import AssembledNewton
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.capacity import say_free_motions
@@ -30,6 +31,10 @@ __all__ = ["Preloaded", "press_structure", "require_joined"]
 MOST = 6000
 """Kept unknowns up to which bodies are condensed: their full matrix is factorised once, and one
 of half its size in every step."""
+
+STIFFEST = 1e5
+"""Stiffness of a law, relative to the bodies, above which a joint is as good as rigid: modes need
+no more, and a matrix with more could not be factorised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +71,12 @@ class Preloaded:
         """
         whole = assemble(_lock(self.free))
         tangent = self.law.respond(self.jump, self.law.unsheared(self.state)).tangent
+        B, points = whole.jump, whole.weight.size
+        if points:
+            most = STIFFEST * face_stiffness(whole.stiffness.diagonal(), B[:points], whole.weight)
+            size = np.abs(tangent).max(axis=(0, 1))
+            tangent = tangent * np.minimum(1.0, most / np.where(size > 0.0, size, most))
         blocks = [[diags_array(whole.weight * entry) for entry in row] for row in tangent]
-        B = whole.jump
         stiffness = whole.stiffness + B.T @ csr_array(block_array(blocks, format="csr")) @ B
         return csr_array(0.5 * (stiffness + stiffness.T))
 

@@ -11,8 +11,8 @@ from scipy.sparse import csr_array
 from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import Body
-from multiscale.macro.substructures import list_elements
-from multiscale.macro.substructures.substructure_needs import cut_needs
+from multiscale.macro.substructures import choose_method, list_elements
+from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
 from multiscale.macro.vibration import (
     Preloaded,
     TangentModes,
@@ -252,24 +252,32 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
 def _needs(bodies: Bodies, case: Case) -> Needs:
     asked = case.vibration
     assert asked is not None  # the stage runs where the table is
-    size = body_size(bodies, case)
+    reached = asked.reach(np.ones(max(asked.modes)))
+    grid = sum(one.curve()[0].size for one in reached.values())
+    cycles = 4 * asked.steps * len(asked.modes) * len(asked.modal_amplitudes or asked.amplitudes)
+    steps = 2 * grid + (cycles if asked.cycle == "full" or asked.preload_friction else 0)
+    size = replace(body_size(bodies, case), steps=steps)
     needs = cut_needs(
         size.unknowns, joint_points=size.joint_points, coarse=False, slabs=asked.slabs
     )
     told = Choice(
         "vibration",
         f"modes by shift and invert on {size.unknowns} unknowns; then bodies are condensed onto "
-        f"{size.joint_points} points of interfaces and followed over {len(asked.modes)} modes",
+        f"{size.joint_points} points of interfaces and followed over {len(asked.modes)} modes in "
+        f"{steps} steps",
     )
     memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
     memory += 8 * 3 * asked.slabs * size.joint_points * 4
-    return replace(needs, memory=memory, choices=(told, *needs.choices))
+    others = [one for one in needs.choices if one.part != CutPart.MASS]
+    seconds = choose_method(size).taken.seconds
+    return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
 
 def _tabulate(result: "xr.Dataset") -> Table:
     """Head and rows of the amplitudes of all modes."""
     along = length_unit(result["largest_displacement"].values[-1:])
-    head = ("mode", f"largest ({along.name})", "kg^1/2 m", "Hz", "damping (%)", "slip (%)", "opens")
+    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "kg^1/2 m", "Hz", "fall (Hz)")
+    head += ("damping (%)", "slip (%)", "opens")
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
@@ -282,14 +290,23 @@ def _tabulate(result: "xr.Dataset") -> Table:
             rows.append(padded((*row, "slides away"), head))
             continue
         slips = step.get("slipping_load")
+        rest = float(result["mode_frequency"].sel(mode=int(step["step_mode"])))
         row += (
-            say_answer(step, "frequency", 1.0, ""),
+            _hertz(step),
+            f"{rest - float(step['frequency']):.4g}",
             say_answer(step, "damping", 100.0, ""),
             "-" if slips is None else f"{100.0 * float(slips):.3g}",
             "yes" if int(step["opens"]) else "no",
         )
         rows.append(row)
     return head, rows
+
+
+def _hertz(step: "xr.Dataset") -> str:
+    """Say a frequency with its intervals, or in digits that show its fall."""
+    if "frequency_mean_law" in step:
+        return say_answer(step, "frequency", 1.0, "")
+    return f"{float(step['frequency']):.6g}"
 
 
 def _sections(result: "xr.Dataset") -> Iterator[Section]:
@@ -318,7 +335,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
     for k in dict.fromkeys((known[0], known[-1])):
         step = result.isel(step=k)
         said.append(
-            f"Mode {int(step['step_mode'])} has {say_answer(step, 'frequency', 1.0, ' Hz')} and "
+            f"Mode {int(step['step_mode'])} has {_hertz(step)} Hz and "
             f"{say_answer(step, 'damping', 100.0, ' %')} of critical damping where its largest "
             f"displacement is {along.scale * float(step['largest_displacement']):.3g} {along.name}."
         )
