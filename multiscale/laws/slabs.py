@@ -58,19 +58,6 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     return N, w, keep, min(max((N - N0) / fall, min(w0, w)), w), 0.0
 
 
-@compiled
-def _slopes(i, c, start, end, slope, edges, step):  # type: ignore[no-untyped-def]
-    """Return the derivatives by the gap of load, stiffness and m of a step of slab i at point c."""
-    N, w, _, m, part = step
-    if end.ndim == 3:
-        return end[2, i, c], end[3, i, c], part * end[3, i, c]
-    held = i == 0 or end[0, c] >= edges[0, i - 1]
-    dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
-    dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
-    fall = (start[0, c] - end[0, c]) * end[4, c]
-    return dN, dw, part * dw if part > 0.0 else (dN + m) / fall
-
-
 @compiled(parallel=True)
 def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
     """Return tangential traction, tangent, new state and energies of a step, (a) to (d).
@@ -90,12 +77,19 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
         for i in range(slabs):
             a, b, l0 = state[i, c], state[slabs + i, c], state[2 * slabs + i, c]
             stored += (a * a + b * b) / l0 if l0 > 0.0 else 0.0
-            step = _step(i, c, start, end, l0, edges)
-            N, w, keep, m, _ = step
+            N, w, keep, m, part = _step(i, c, start, end, l0, edges)
             if w == 0.0:  # open
                 new[i, c] = new[slabs + i, c] = new[2 * slabs + i, c] = 0.0
                 continue
-            dN, dw, dm = _slopes(i, c, start, end, slope, edges, step)
+            if end.ndim == 3:
+                dN, dw = end[2, i, c], end[3, i, c]
+                dm = part * dw
+            else:
+                held = i == 0 or end[0, c] >= edges[0, i - 1]
+                dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
+                dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
+                fall = (start[0, c] - end[0, c]) * end[4, c]
+                dm = part * dw if part > 0.0 else (dN + m) / fall
             lost = dw / l0 if l0 > w else 0.0
             fx, fy = (
                 lost * a + dm * x,

@@ -26,7 +26,7 @@ DEPTH = 0.25
 (3.97 and 3.26 mm), are chosen so that the frequencies without contact are the published ones."""
 HEAD = np.sqrt(2.0 * np.sqrt(3.0) * 6.35**2 / np.pi)
 WASHER_HEIGHT, HEAD_HEIGHT, SHANK_LENGTH = 1.5875, 5.159375, 38.1
-SIDES, RINGS, LAYERS, ARM, END = 4, 1, 2, 14, 4
+SIDES, RINGS, LAYERS, ARM, END = 4, 1, 2, 14, 3
 """Elements along a quarter of a hole, between washer and edge, through the height, of an arm along
 its length, and between the last hole's square and the end of the lap."""
 
@@ -99,7 +99,8 @@ def main(folder: Path = FOLDER) -> None:
         outer = _rings([shank * circle, hole, head], x)
         bolts.append((_rings(seat, x), inner, outer))
     y = np.linspace(-HALF_WIDTH, HALF_WIDTH, SIDES + 1)
-    ends = np.linspace(1.5 * SPACING, HALF_LAP, END + 1)
+    far = np.linspace(1.0, 0.0, END + 1) ** 1.4  # from the notch, where elements are short
+    ends = HALF_LAP - (HALF_LAP - 1.5 * SPACING) * far
     part = np.linspace(0.0, 1.0, ARM + 1)  # short elements at the notch
     arm = HALF_LAP + (0.5 * LENGTH - HALF_LAP) * (0.05 * part + 0.95 * part**2)
     for sign in (1.0, -1.0):
