@@ -45,7 +45,7 @@ SOLID = 'youngs_modulus = "70 GPa"\npoissons_ratio = 0.3'
 
 def geometry(pores: Cavities) -> str:
     """Cube in mm without the pores, with named sides."""
-    lines = ['SetFactory("OpenCASCADE");', "Mesh.MeshSizeFromCurvature = 14;"]
+    lines = ['SetFactory("OpenCASCADE");', "Mesh.MeshSizeFromCurvature = 8;"]
     lines += [f"Box(1) = {{0, 0, 0, {EDGE}, {EDGE}, {EDGE}}};"]
     spheres = [
         (centre, root[0, 0])
@@ -72,9 +72,8 @@ def geometry(pores: Cavities) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_body_with_all_pores_lies_in_the_interval_of_its_volume(tmp_path, seed):
-    pores = random_spheres((EDGE,) * 3, RADIUS, porosity=POROSITY, seed=100 + seed)
+def test_a_body_with_all_pores_lies_in_the_interval_of_its_volume(tmp_path):
+    pores = random_spheres((EDGE,) * 3, RADIUS, porosity=POROSITY, seed=101)
     (tmp_path / "pores.geo").write_text(geometry(pores), encoding="utf-8")
     (tmp_path / "cube.geo").write_text(geometry(Cavities((EDGE,) * 3)), encoding="utf-8")
     direct = BODY.format(mesh="pores.geo", element=0.3, moduli=SOLID)

@@ -10,6 +10,7 @@ from multiscale.micro.damage.effective_moduli import (
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
+from multiscale.micro.damage.recipe import Recipe
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
 from multiscale.micro.damage.shapes import (
@@ -28,6 +29,7 @@ __all__ = [
     "Cylinders",
     "Ellipsoids",
     "FatigueMaterial",
+    "Recipe",
     "StressBlock",
     "VoxelImage",
     "boolean_spheres",
