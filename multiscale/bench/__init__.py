@@ -25,6 +25,7 @@ FAMILIES = (
     "strain",
     "structures",
     "substructures",
+    "volumes",
 )
 """Families of scenes; the module of each has a function that plans what :func:`bench` measures."""
 

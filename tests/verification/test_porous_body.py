@@ -43,12 +43,16 @@ realisations = 5
 SOLID = 'youngs_modulus = "70 GPa"\npoissons_ratio = 0.3'
 
 
+GROWN = 1.065
+"""Radii of meshed over true pores: flat faces between points of a sphere take from its volume."""
+
+
 def geometry(pores: Cavities) -> str:
     """Cube in mm without the pores, with named sides."""
-    lines = ['SetFactory("OpenCASCADE");', "Mesh.MeshSizeFromCurvature = 14;"]
+    lines = ['SetFactory("OpenCASCADE");', "Mesh.MeshSizeFromCurvature = 8;"]
     lines += [f"Box(1) = {{0, 0, 0, {EDGE}, {EDGE}, {EDGE}}};"]
     spheres = [
-        (centre, root[0, 0])
+        (centre, GROWN * root[0, 0])
         for kind in pores.images
         for centre, root in zip(kind.centre, kind.root, strict=True)
     ]
@@ -72,14 +76,17 @@ def geometry(pores: Cavities) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_body_with_all_pores_lies_in_the_interval_of_its_volume(tmp_path, seed):
-    pores = random_spheres((EDGE,) * 3, RADIUS, porosity=POROSITY, seed=100 + seed)
+def test_a_body_with_all_pores_lies_in_the_interval_of_its_volume(tmp_path):
+    pores = random_spheres((EDGE,) * 3, RADIUS, porosity=POROSITY, seed=101)
     (tmp_path / "pores.geo").write_text(geometry(pores), encoding="utf-8")
     (tmp_path / "cube.geo").write_text(geometry(Cavities((EDGE,) * 3)), encoding="utf-8")
     direct = BODY.format(mesh="pores.geo", element=0.3, moduli=SOLID)
     sequential = VOLUME + BODY.format(mesh="cube.geo", element=0.3, moduli="")
     case = load_case(write_scene(tmp_path, 'title = "All pores"' + direct))
+    mesh = case.structure.bodies[0].load()
+    edges = mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]
+    solid = np.abs(np.linalg.det(edges.transpose(2, 0, 1))).sum() / 6.0
+    assert 1.0 - solid / (1e-3 * EDGE) ** 3 == pytest.approx(POROSITY, rel=0.05)
     whole = float(run(case, tmp_path / "direct")["macro_result"]["load_stiffness"][-1, 0])
     case = load_case(write_scene(tmp_path, 'title = "A volume"' + sequential))
     found = run(case, tmp_path / "sequential")["macro_result"].isel(step=-1, load=0)

@@ -17,6 +17,7 @@ from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
 from multiscale.micro.damage.local_fatigue import local_fatigue
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
+from multiscale.micro.damage.recipe import Recipe
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.damage.sections import max_damage, plane_damage
 from multiscale.micro.damage.shapes import (
@@ -36,6 +37,7 @@ __all__ = [
     "Ellipsoids",
     "FatigueMaterial",
     "Microcracks",
+    "Recipe",
     "StressBlock",
     "VoxelImage",
     "boolean_spheres",
