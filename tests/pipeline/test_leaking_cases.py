@@ -60,6 +60,8 @@ def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
     assert "pushes the faces apart" in seal.attrs["cautions"]
     finished = open_finished(out)
     assert "ml/h (" in finished.summary.answer[0]
+    drawn = {name for section in finished.sections() for name in section.figures}
+    assert {"leakage", "flow_along_x", "flow_along_y"} <= drawn
     cells = {one: one.stat().st_mtime_ns for one in (out / "micro").iterdir()}
     thicker = run(case_of(tmp_path, ('"1 mPa*s"', '"4 mPa*s"')), out)["seal"]
     np.testing.assert_allclose(4.0 * thicker["leak_rate"], seal["leak_rate"])

@@ -1,8 +1,10 @@
 """What all figures share."""
 
+import numpy as np
 import pytest
+from matplotlib import image
 
-from multiscale.plotting.figure import add_colour_bar, new_figure, save_figure
+from multiscale.plotting.figure import MARGIN, add_colour_bar, new_figure, save_figure
 
 
 @pytest.mark.parametrize(("width", "height"), [(1900.0, 150.0), (320.0, 206.0), (50.0, 160.0)])
@@ -29,3 +31,12 @@ def test_a_colour_bar_is_as_long_as_its_axes_and_stands_at_them(width, height, t
     # and no label is covered
     below = dots.colorbar.ax.get_tightbbox()
     assert not below.overlaps(ax.xaxis.label.get_window_extent())
+
+
+def test_a_flat_map_has_no_white_rows_above_and_below_it(tmp_path):
+    figure = new_figure(5.2, 4.0)
+    figure.add_subplot().imshow(np.eye(2), extent=(0.0, 10.0, 0.0, 1.0))
+    drawn = image.imread(save_figure(figure, tmp_path / "map.png"))[..., :3].min(axis=(1, 2)) < 1.0
+    assert drawn.size < 200  # pixels; the figure has 600
+    assert drawn[MARGIN]
+    assert drawn[-1 - MARGIN :].any()
