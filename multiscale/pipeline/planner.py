@@ -1,4 +1,4 @@
-"""From a target for the error to cells, grid and realisations: small cells, forecast, more cells."""
+"""From a target for the error to cells, grid and realisations: cells, forecast, more cells."""
 
 import logging
 from collections.abc import Mapping
