@@ -1,4 +1,4 @@
-"""From a target for the error to cells, grid and realisations: pilot runs, forecast, more runs."""
+"""From a target for the error to cells, grid and realisations: cells, forecast, more cells."""
 
 import logging
 from collections.abc import Mapping
