@@ -11,7 +11,7 @@ __all__ = ["solve_increment"]
 
 LEAST_DILATATION = 0.05  # smallest det F of an accepted iterate
 HALVINGS = 7  # of a Newton step
-FORCING = (3e-2, 0.3)  # bounds on the relative tolerance of the linear problem
+FORCING = (1e-3, 0.1)  # bounds on the relative tolerance of the linear problem
 DIVERGED = 30.0  # ratio of the residual to the smallest one at which the iteration stops
 PATIENCE = 12  # iterations in which the error has to halve
 

@@ -109,6 +109,8 @@ def walk_path(
     """Walk along a path step by step; see :func:`follow_path`."""
     scene = way.scene
     steps, known = ([], None) if checkpoint is None else checkpoint.found(CellState)
+    if known is not None and known.displacement.shape != scene.body.shape:
+        steps, known = [], None  # kept by a version with other unknowns
     state = known or rest_state(scene)
     for k in range(len(steps), len(path)):
         begin = perf_counter()
