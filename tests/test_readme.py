@@ -108,8 +108,9 @@ def test_a_piece_of_a_case_fits_into_the_whole_one(name, folder):
         Path("sweep.toml").write_text(text)
         assert len(load_sweep("sweep.toml").points) == 6
         return
-    if "vibration" in piece:
+    if {"vibration", "fatigue"} & set(piece):
         whole = _joined(whole, tomllib.loads(blocks("toml")["Bodies of your own"]))
+    if "vibration" in piece:
         del whole["cycles"]
         for body in whole["structure"]["bodies"]:
             body["density"] = "7850 kg/m^3"
