@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.io import write_mode_fields
-from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
+from multiscale.laws import HystereticLaw, InterfaceLaw
 from multiscale.macro import Body
 from multiscale.macro.substructures import choose_method, list_elements
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
@@ -85,7 +85,7 @@ def _press(
     asked = case.vibration
     assert asked is not None  # the stage runs where the table is
     parts = bodies.build(case, laws)
-    smooth = [replace(cast(Any, law), friction=0.0) for law in laws]  # all laws of bodies have one
+    smooth = [replace(cast(Any, law), friction=0.0) for law in laws]  # all have it
     rest = press_structure(
         parts.assembly,
         parts.path.factors(),
@@ -108,12 +108,13 @@ def _laws(
     asked = case.vibration
     assert asked is not None  # the stage runs where the table is
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    made = bodies.sliders(case, laws, normal, asked.slabs)
-    for number, law in enumerate(laws):
+    made = []
+    own: Any
+    for own, law in zip(bodies.sliders(case, laws, normal, asked.slabs), laws, strict=True):
         if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
             branch = (float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent"))
-            bed = cast(Sliders, made[number])  # of loading
-            made[number] = replace(bed, normal=HystereticLaw(cast(NormalLaw, bed.normal), *branch))
+            own = replace(own, normal=HystereticLaw(own.normal, *branch))
+        made.append(own)
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
     return change_friction(made, few)
 
@@ -135,7 +136,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
         progress=lambda finished, total: job.progress(finished, total, "amplitudes"),
     )
     values = list_elements(still.bodies)
-    if bodies.bolts:
+    if still.rest.free.bolts:
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
     known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
