@@ -155,7 +155,7 @@ class Case(Settings):
     statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
     cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
     dynamics: Dynamics | None = None
-    vibration: VibrationSettings | None = None
+    vibration: VibrationSettings = ABSENT
     substructures: Substructures | None = None
     fatigue: FatigueSettings = ABSENT
     grains: GrainSettings = ABSENT

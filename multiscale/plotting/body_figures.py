@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.element_faces import list_faces, outer_faces
+from multiscale.plotting.element_faces import outer_faces
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,15 +42,13 @@ def plot_body_stress(result: "xr.Dataset", *, step: int = -1, ax: "Axes3D") -> "
     largest = float(np.abs(moved).max()) or 1.0
     times = SHOWN * float(extent.max()) / largest
     times = float(f"{times:.1g}")
-    faces, outer = list_faces(corners), outer_faces(corners)
-    every = faces.reshape(-1, faces.shape[2])
-    values = stress[outer // faces.shape[1]]
+    outer = outer_faces(corners)
     scale = Normalize(0.0, float(np.quantile(stress, BRIGHTEST)) or 1.0)
     points = 1e3 * (place + times * moved)
     ax.add_collection3d(
         Poly3DCollection(
-            points[every[outer]],
-            facecolors=colormaps["viridis"](scale(values)),
+            points[outer.corners],
+            facecolors=colormaps["viridis"](scale(stress[outer.element])),
             edgecolors=(0.0, 0.0, 0.0, 0.25),
             linewidths=0.2,
         )

@@ -12,7 +12,7 @@ import numpy as np
 
 from multiscale.io import make_folder
 from multiscale.io.images import VoxelImage
-from multiscale.plotting.element_faces import list_faces, outer_faces
+from multiscale.plotting.element_faces import outer_faces
 from multiscale.plotting.figure import (
     add_colour_bar,
     axes_or_current,
@@ -109,8 +109,8 @@ def plot_fatigue_field(
 
     ax = axes_or_current(ax)
     place, corners = life["position"].values, life["corners"].values
-    every, outer = list_faces(corners), outer_faces(corners)
-    faces, owner = every.reshape(-1, every.shape[2])[outer], outer // every.shape[1]
+    outer = outer_faces(corners)
+    faces, owner = outer.corners, outer.element
     depth = int(np.argmin(np.ptp(place, axis=0)))
     first, second = (k for k in range(3) if k != depth)
     middle = place[corners].mean(axis=1)[owner, depth]

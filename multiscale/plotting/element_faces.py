@@ -1,10 +1,11 @@
 """Faces of the elements of meshes, for pictures of bodies."""
 
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-__all__ = ["list_faces", "outer_faces"]
+__all__ = ["OuterFaces", "list_faces", "outer_faces"]
 
 _CORNERS = {
     4: [*combinations(range(4), 3)],
@@ -13,14 +14,31 @@ _CORNERS = {
 """Corners of the faces of tetrahedra and hexahedra, in the order of VTK."""
 
 
+@dataclass(frozen=True, eq=False)
+class OuterFaces:
+    """Faces that belong to one element alone.
+
+    Attributes
+    ----------
+    corners : ndarray of int, shape (faces, corners of a face), nodes
+    element : ndarray of int, shape (faces,), rising
+    """
+
+    corners: np.ndarray
+    element: np.ndarray
+
+
 def list_faces(corners: np.ndarray) -> np.ndarray:
     """Corners of the faces of every element, shape (elements, faces, corners of a face)."""
     return np.asarray(corners[:, np.array(_CORNERS[corners.shape[1]])])
 
 
-def outer_faces(corners: np.ndarray) -> np.ndarray:
-    """Numbers, element by element, of the faces that belong to one element alone."""
+def outer_faces(corners: np.ndarray) -> OuterFaces:
+    """Find the outer faces of elements, whose ``corners`` have the shape (elements, corners)."""
     faces = list_faces(corners)
-    every = np.sort(faces.reshape(-1, faces.shape[2]), axis=1)
-    _, first, count = np.unique(every, axis=0, return_index=True, return_counts=True)
-    return np.asarray(np.sort(first[count == 1]))
+    every = faces.reshape(-1, faces.shape[2])
+    _, first, count = np.unique(
+        np.sort(every, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    outer = np.sort(first[count == 1])
+    return OuterFaces(every[outer], outer // faces.shape[1])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.element_faces import list_faces, outer_faces
+from multiscale.plotting.element_faces import outer_faces
 from multiscale.plotting.figure import add_colour_bar, axes_or_current
 from multiscale.plotting.joint_figures import draw_points
 from multiscale.plotting.law_figures import BANDS
@@ -77,7 +77,7 @@ def plot_mode_shape(result: "xr.Dataset", *, mode: int = 1, ax: "Axes | None" = 
     extent, motion = np.ptp(place, axis=0), np.abs(shape).max(axis=0)
     along = int(np.argmax(extent))
     across = int(np.argmax(np.where(np.arange(3) == along, -1.0, motion)))
-    size, faces = np.linalg.norm(shape, axis=1), _skin(result["corners"].values)
+    size, faces = np.linalg.norm(shape, axis=1), outer_faces(result["corners"].values).corners
     faces = faces[np.argsort(place[faces].mean(axis=1)[:, 3 - along - across])]  # far ones first
     moved = 1e3 * (place + LEAN * extent.max() / size.max() * shape)[:, [along, across]]
     still = 1e3 * place[:, [along, across]]
@@ -90,12 +90,6 @@ def plot_mode_shape(result: "xr.Dataset", *, mode: int = 1, ax: "Axes | None" = 
     ax.set(xlabel=f"{'xyz'[along]} (mm)", ylabel=f"{'xyz'[across]} (mm)")
     ax.set_title(f"mode {mode}, {float(result['mode_frequency'].sel(mode=mode)):.4g} Hz at rest")
     return ax
-
-
-def _skin(corners: np.ndarray) -> np.ndarray:
-    """Corners of the faces that belong to one element alone, shape (faces, corners)."""
-    faces = list_faces(corners)
-    return np.asarray(faces.reshape(-1, faces.shape[2])[outer_faces(corners)])
 
 
 def plot_vibrating_joint(

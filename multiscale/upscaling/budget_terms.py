@@ -148,12 +148,6 @@ def sampling_term(
     return Sampling(half, scatter)
 
 
-def _student(freedom: np.ndarray) -> np.ndarray:
-    from scipy.stats import t
-
-    return np.asarray(t.ppf(0.975, freedom))
-
-
 def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum of the squares about the mean over its square, scaled to a freedom; the freedom, and n.
 
@@ -274,6 +268,8 @@ def grid_term(
     realisations may pass through zero: the intervals of the differences are added, and their
     variance is taken out of the square of the mean, which holds it.
     """
+    from scipy.special import stdtrit
+
     found = {
         ratio: values_of_cells(one)
         for ratio, one in sorted(compared(response, resolutions, apart=apart).items())
@@ -299,7 +295,7 @@ def grid_term(
         freedom = np.array([max(len(one) - 1, 1) for one in steps])
         deviation = [np.nanstd(one, axis=0) for one in steps] / np.sqrt(freedom)[:, None]
         variance = np.sum(weight[:, None] * deviation, axis=0) ** 2  # as if all were correlated
-        spread = (weight * _student(freedom)) @ deviation
+        spread = (weight * stdtrit(freedom, 0.975)) @ deviation
         square = (weight @ change) ** 2
         sure = np.sqrt(np.maximum(square - variance, 0.0) / np.maximum(square, 1e-300))
         scale = near**-order / np.abs(finest)

@@ -98,6 +98,50 @@ def cube(tmp_path):
     return tmp_path
 
 
+PAD = """[[structure.bodies]]
+name = "pad"
+mesh = "pad.msh"
+unit = "mm"
+supports = { right = "clamped" }
+[[structure.interfaces]]
+sides = ["part.right", "pad.left"]
+exponential = { pressure_scale = "1 GPa", decay_length = "1 um", pressures = ["1 kPa", "1 GPa"] }
+friction = 0.0
+[[structure.loads]]
+name = "pull"
+face = "part.top"
+traction = ["210 MPa", 0, 0]
+[rve]
+youngs_modulus = "200 GPa"
+poissons_ratio = 0.3
+size = "1 mm"
+voxels = 4
+level = 0
+sections = 2
+parts = []
+[[rve.pores]]
+centre = ["0.5 mm", "0.5 mm", "0.5 mm"]
+radius = "0.3 mm"
+"""
+
+
+def test_structures_that_are_solved_again_keep_the_volumes_of_their_other_bodies(cube, monkeypatch):
+    """A porous pad bears its share of the load beside the body that tires, before and after."""
+    write_body(cube / "pad.msh", box_mesh((0.01, 0.01, 0.01), (1, 1, 1), origin=(0.01, 0.0, 0.0)))
+    asked = {}
+
+    def follow(stress_of, elements, material, **options):
+        asked["first"], asked["again"] = (
+            stress_of(share * np.ones(elements)) for share in (0, 1e-12)
+        )
+        return local_fatigue(stress_of, elements, material, **options)
+
+    monkeypatch.setattr("multiscale.pipeline.stages.body_fatigue.local_fatigue", follow)
+    load = TEXT[TEXT.index("[[structure.loads]]") : TEXT.index("[statics]")]
+    solve(cube, (load, PAD), ("[fatigue]", '[fatigue]\nbody = "part"'))
+    np.testing.assert_allclose(asked["again"], asked["first"], rtol=1e-6, atol=1.0)
+
+
 def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     found = solve(cube)
     life = float(found["cycles_to_crack"])

@@ -42,7 +42,7 @@ def test_bars_stack_up_to_the_total(axes, carried):
     assert names[2].startswith("not known: ")
     assert "scale separation" in names[2]
     assert ax.get_ylabel() == "95 % half-width of stiffness (%)"
-    assert ax.get_xticklabels()[0].get_text() == "5"
+    assert ax.get_xticklabels()[0].get_text() == "5 MPa"
 
 
 def test_a_total_that_lacks_a_term_is_hatched_under_the_word_unknown(axes):

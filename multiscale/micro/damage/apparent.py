@@ -24,6 +24,9 @@ ERRORS = ("sampling", "sides", "elements")
 TAIL = 0.025
 """Share of sections below, and above, the range of damage that is kept."""
 
+APART = 0.5
+"""Edge of parts at the corners of a volume up to which they do not overlap, over its edge."""
+
 PERIODIC = SIDES.index("periodic")
 
 
@@ -126,8 +129,8 @@ def represent(
         Follows ``RVE``. Intervals of the stiffness count the scatter of the volumes, the distance
         to the bounds by the sides, and the change on elements twice as large, which bounds their
         error as it falls at least linearly; causes that are not known make them NaN. If there is
-        one volume alone, its scatter comes from its parts by the law of large numbers,
-        :math:`s \propto V^{-1/2}`.
+        one volume alone, its scatter comes from parts that do not overlap, by the law of large
+        numbers, :math:`s \propto V^{-1/2}`.
 
     Raises
     ------
@@ -206,12 +209,12 @@ def _scatter(
     values: np.ndarray, share: np.ndarray, whole: np.ndarray
 ) -> tuple[np.ndarray, str, float]:
     """Relative standard deviation between volumes, how it is known, and Student's factor."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     if whole.sum() > 1:
         found, scale, told = values[whole], 1.0, "the volumes"
     else:
-        parts = [k for k in np.unique(share[share < 1.0]) if (share == k).sum() > 2]
+        parts = [k for k in np.unique(share[share <= APART]) if (share == k).sum() > 2]
         if not parts:
             return np.full(values.shape[1], np.nan), "", np.nan
         found, scale = values[share == parts[-1]], float(parts[-1]) ** 1.5
@@ -220,7 +223,7 @@ def _scatter(
     mean = found.mean(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = scale * found.std(axis=0, ddof=1) / mean
-    return scatter, told, float(t.ppf(1.0 - TAIL, max(1, len(found) - 1)))
+    return scatter, told, float(stdtrit(max(1, len(found) - 1), 1.0 - TAIL))
 
 
 def _spread(values: np.ndarray, share: np.ndarray, whole: np.ndarray, count: float) -> np.ndarray:

@@ -24,7 +24,7 @@ from multiscale.schema import FATIGUE_LIFE
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["first_cracks", "limit_factors", "local_fatigue"]
+__all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
 
 StressOf = Callable[[np.ndarray], np.ndarray]
 """From the cracked share of every element to the corners of its stress in one cycle, of shape
@@ -264,13 +264,14 @@ def _bends(stress: np.ndarray) -> np.ndarray:
     return np.array(kept)
 
 
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """Von Mises stress, shape (...), of stresses xx, yy, zz, yz, xz, xy, shape (..., 6), Pa."""
+    direct = stress[..., :3] - stress[..., :3].mean(axis=-1, keepdims=True)
+    squares = np.sum(direct**2, axis=-1) + 2.0 * np.sum(stress[..., 3:] ** 2, axis=-1)
+    return np.asarray(np.sqrt(1.5 * squares))
+
+
 def _amplitude(stress: np.ndarray) -> np.ndarray:
     """Half the largest von Mises stress between two corners, shape (elements,), Pa."""
-    largest = np.zeros(stress.shape[1])
-    for k in range(len(stress)):
-        way = stress[k + 1 :] - stress[k]
-        mean = way[..., :3].mean(axis=-1, keepdims=True)
-        direct = np.sum((way[..., :3] - mean) ** 2, axis=-1)
-        mises = np.sqrt(1.5 * (direct + 2.0 * np.sum(way[..., 3:] ** 2, axis=-1)))
-        largest = np.maximum(largest, mises.max(axis=0, initial=0.0))
-    return 0.5 * largest
+    ranges = (von_mises(stress[k:] - stress[k]).max(axis=0) for k in range(len(stress)))
+    return np.asarray(0.5 * np.max(list(ranges), axis=0))

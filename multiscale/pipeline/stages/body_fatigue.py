@@ -22,7 +22,12 @@ from multiscale.macro.substructures import (
 from multiscale.macro.substructures.closed_cycles import find_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
 from multiscale.micro.damage.inclusion import STATE_SIZE
-from multiscale.micro.damage.local_fatigue import first_cracks, limit_factors, local_fatigue
+from multiscale.micro.damage.local_fatigue import (
+    first_cracks,
+    limit_factors,
+    local_fatigue,
+    von_mises,
+)
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
@@ -46,15 +51,13 @@ from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, with_cautions
 from multiscale.upscaling import Dependence, changed_laws, shear_errors, structure_budget
 from multiscale.upscaling.budget import mean_law_error
+from multiscale.upscaling.budget_terms import NORMAL
 from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["BODY_FATIGUE"]
-
-NORMAL = 1.959963984540054
-"""Half the width of a 95 % interval over the standard deviation."""
 
 SOLVES = 40  # of a structure whose inclusions crack one after the other, about
 
@@ -72,6 +75,15 @@ ELEMENT_MEANS = (
 NO_SCATTER = (
     "the life has no intervals of the material: give part_deviation and limit_error of the fatigue "
     "limit in [fatigue]"
+)
+
+NO_PART_SCATTER = (
+    "the life of one part has no interval: give part_deviation of the fatigue limit in [fatigue]"
+)
+
+NO_VOLUME_ERRORS = (
+    "the intervals of the life do not count the errors of the representative volumes of other "
+    "bodies"
 )
 
 NO_LAW_BUDGET = (
@@ -140,8 +152,9 @@ class _Cycled:
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the inclusions of a body from the cycles that the stage before has solved."""
-    bodies, table, result = case.structure, case.fatigue, found[MACRO_RESULT.name]
-    assert isinstance(bodies, Bodies)  # as the case has checked
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    bodies = case.structure.with_volumes(found, job.read_rve)
+    table, result = case.fatigue, found[MACRO_RESULT.name]
     laws = bodies.read_laws(case, found, job.read_law)
     method = choose_solver(case, body_size(bodies, case), job.team).taken.method
     names = [one.name for one in bodies.bodies]
@@ -177,9 +190,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
 
 def _refuse_static(stress: np.ndarray, table: FatigueSettings, name: str) -> None:
     """Refuse a stress above the static strength, which is no fatigue."""
-    direct = stress[..., :3] - stress[..., :3].mean(axis=-1, keepdims=True)
-    mises = np.sqrt(1.5 * (np.sum(direct**2, axis=-1) + 2.0 * np.sum(stress[..., 3:] ** 2, -1)))
-    if (most := float(mises.max())) > table.strength:
+    if (most := float(von_mises(stress).max())) > table.strength:
         raise CaseError(
             f"an element of {name} bears {1e-6 * most:.4g} MPa in the cycle, above the strength of "
             f"{1e-6 * table.strength:.4g} MPa in [fatigue]: that is static failure and no fatigue; "
@@ -207,7 +218,9 @@ def _with_intervals(
     first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
     law_errors, places, cautions = _law_errors(cycled, result, material, middle, first, job)
     if table.part_deviation is None:
-        cautions.append(NO_SCATTER)
+        cautions.append(NO_PART_SCATTER)
+    if any(body.porous for body in cycled.bodies.bodies):
+        cautions.append(NO_VOLUME_ERRORS)
     deviations = {"mean_law": table.limit_error}
     deviations["one_part"] = float(np.hypot(table.limit_error, table.part_deviation or np.nan))
     values: dict[str, Any] = {}

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-__all__ = ["LOADED_BODIES", "body_size", "budgeted_laws"]
+__all__ = ["LOADED_BODIES", "body_size", "budgeted_laws", "with_volume_cautions"]
 
 NO_COARSER = (
     "intervals do not count the error of the meshes, which is not known: give every body a coarser "
@@ -116,12 +116,19 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     measured = [*_secants(result), *_real_pressures(result), *_energies(result)]
     facts = [*counted, *parts.facts, *measured, *bolts, solver]
     result = result.assign_attrs(facts="\n".join(facts))
-    volumes = [one for one in bodies.bodies if isinstance(one, PorousBody)]
-    for one in volumes:
-        told = [f"volume of {one.name}: {caution}" for caution in list_cautions(one.volume_data)]
-        result = with_cautions(result, *told, *one.cautions(one.load()))
+    result = with_volume_cautions(result, bodies)
     damages = [body.worst_damage for body in bodies.bodies]
     return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
+
+
+def with_volume_cautions(result: "xr.Dataset", bodies: Bodies) -> "xr.Dataset":
+    """Add what representative volumes say; the `[rve]` of the case has said it beside."""
+    for one in bodies.bodies:
+        if isinstance(one, PorousBody):
+            said = list_cautions(one.volume_data) if one.rve is not None else []
+            told = [f"volume of {one.name}: {caution}" for caution in said]
+            result = with_cautions(result, *told, *one.cautions(one.load()))
+    return result
 
 
 def _with_budget(
@@ -201,11 +208,11 @@ def _secants(result: "xr.Dataset") -> Iterator[str]:
         known = np.flatnonzero(np.isfinite(one["load_stiffness"].to_numpy()))
         if known.size:
             at = one.isel(step=known[-1])
+            share = f"{100.0 * float(at['interface_compliance']):.3g} % of the compliance"
+            beside = f"; {share} comes from the interfaces" if result.sizes.get("interface") else ""
             yield (
                 f"Against a small change of {load} at step {int(at['path_step'])} the structure "
-                f"has a stiffness of {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}; "
-                f"{100.0 * float(at['interface_compliance']):.3g} % of the compliance comes from "
-                f"the interfaces."
+                f"has a stiffness of {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}{beside}."
             )
 
 

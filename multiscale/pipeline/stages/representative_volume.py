@@ -126,7 +126,10 @@ def _cautions(
         told = " x ".join(readable(f"{edge:.3g} m") for edge in edges)
         yield f"voxels measure {told}: check voxel_size in [rve.image]"
     if not np.isfinite(result["scatter"]).all():
-        yield "one volume alone has no scatter, and intervals are not known; give several"
+        yield (
+            "one volume alone has no scatter, and intervals are not known; give several, or parts "
+            "of half its size or less"
+        )
 
 
 def is_representative(rve: "xr.Dataset") -> str:

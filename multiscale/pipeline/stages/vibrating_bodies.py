@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.io import write_mode_fields
-from multiscale.laws import HystereticLaw, InterfaceLaw
+from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import Body
 from multiscale.macro.substructures import choose_method, list_elements
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
@@ -31,7 +31,13 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
-from multiscale.pipeline.stages.loaded_bodies import NO_COARSER, body_size, budgeted_laws
+from multiscale.pipeline.stages.loaded_bodies import (
+    NO_COARSER,
+    body_size,
+    budgeted_laws,
+    with_volume_cautions,
+)
+from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage, with_law_cautions
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
@@ -64,6 +70,11 @@ PICTURES = (
 
 BUDGETED = ("frequency", "damping")
 
+NO_VOLUME_ERRORS = (
+    "frequency and damping have no intervals: no law has an error budget, and the errors of "
+    "representative volumes are counted only beside one"
+)
+
 STATED_BED = 2
 """Ratio of the slabs of two beds that tell the error of the finer one."""
 
@@ -83,9 +94,8 @@ def _press(
 ) -> tuple[_Vibrating, list[str]]:
     """Bring bodies with some laws to rest and find their modes; also what is said of the parts."""
     asked = case.vibration
-    assert asked is not None  # the stage runs where the table is
     parts = bodies.build(case, laws)
-    smooth = [replace(cast(Any, law), friction=0.0) for law in laws]  # all have it
+    smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]  # all have a friction
     rest = press_structure(
         parts.assembly,
         parts.path.factors(),
@@ -106,15 +116,14 @@ def _laws(
 ) -> list[InterfaceLaw]:
     """Make beds of many slabs, on the curve of unloading where cells have measured one."""
     asked = case.vibration
-    assert asked is not None  # the stage runs where the table is
     normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    made = []
-    own: Any
-    for own, law in zip(bodies.sliders(case, laws, normal, asked.slabs), laws, strict=True):
+    made = bodies.sliders(case, laws, normal, asked.slabs)
+    for number, law in enumerate(laws):
         if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
+            bed = cast(Sliders, made[number])  # a law of cells is one
             branch = (float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent"))
-            own = replace(own, normal=HystereticLaw(own.normal, *branch))
-        made.append(own)
+            unloading = HystereticLaw(cast(NormalLaw, bed.normal), *branch)
+            made[number] = replace(bed, normal=unloading)
     few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
     return change_friction(made, few)
 
@@ -122,7 +131,6 @@ def _laws(
 def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
-    assert asked is not None  # the stage runs where the table is
     bodies = bodies.with_volumes(found, job.read_rve)
     laws = bodies.read_laws(case, found, job.read_law)
     still, facts = _press(bodies, case, _laws(bodies, case, laws, Change()))
@@ -142,8 +150,11 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
     result = with_law_cautions(result, case, found, known)
     result = with_cautions(result, *bodies.assumed(case))
+    result = with_volume_cautions(result, bodies)
     if any(law is not None and "error_half_width" in law for law in laws):
         result = _with_budget(result, bodies, case, laws, still, job)
+    elif any(body.porous for body in bodies.bodies):
+        result = with_cautions(result, NO_VOLUME_ERRORS)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
     pinned = "without friction" if not asked.preload_friction else "with friction"
     facts += [
@@ -205,7 +216,7 @@ def _with_budget(
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
     solve = partial(_solve_changed, bodies, case, laws, still)
-    return with_joint_budget(rest, found, solve, asked, coarser, job)
+    return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.volume_errors())
 
 
 def _at(name: str, steps: np.ndarray, result: "xr.Dataset") -> np.ndarray:
@@ -222,7 +233,6 @@ def _solve_changed(
 ) -> "xr.Dataset":
     """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
     asked = case.vibration
-    assert asked is not None  # the stage runs where the table is
     other = bodies if change.structure is None else change.structure
     assert isinstance(other, Bodies)  # of the same kind
     still, _ = _press(other, case, _laws(bodies, case, laws, change))
@@ -252,7 +262,6 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
     asked = case.vibration
-    assert asked is not None  # the stage runs where the table is
     reached = asked.reach(np.ones(max(asked.modes)))
     grid = sum(one.curve()[0].size for one in reached.values())
     cycles = 4 * asked.steps * len(asked.modes) * len(asked.modal_amplitudes or asked.amplitudes)
@@ -356,7 +365,7 @@ VIBRATING_BODIES = structure_stage(
     _tabulate,
     write_mode_fields,
     reads={"strict", "structure", "interface", "statics", "vibration"},
-    takes=(FITTED_LAW,),
+    takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
     schema=VIBRATION,
     question="Which frequency and damping do the bodies have, and how do both change with the "
     "amplitude?",
