@@ -544,6 +544,9 @@ def _refuse_both(verbose: bool, quiet: bool) -> None:
         raise typer.BadParameter("--quiet and --verbose exclude each other")
 
 
+LINES = 20  # of progress, for each kind of parts
+
+
 @contextmanager
 def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
     """Show progress on standard error: a bar on a terminal, lines elsewhere; or the log instead."""
@@ -560,11 +563,15 @@ def _shown(verbose: bool, quiet: bool) -> Iterator["ShowProgress"]:
 
 
 def _lines() -> "ShowProgress":
-    """Print a line for each part, with the time left."""
+    """Print a line for each part, or for each twentieth of many, with the time left."""
     begin: dict[str, tuple[int, float]] = {}
+    shown: dict[str, int] = {}
 
     def tell(finished: int, total: int, parts: str) -> None:
         first, since = begin.setdefault(parts, (finished, perf_counter()))
+        if finished < total and shown.get(parts) == LINES * finished // total:
+            return
+        shown[parts] = LINES * finished // max(total, 1)
         left = ""
         if first < finished < total:
             each = (perf_counter() - since) / (finished - first)

@@ -333,7 +333,7 @@ def tabulate_budget(result: "xr.Dataset") -> Table:
     total = (say_error(value) for value in one["error_total"].values)
     beside = f"without what is not known: {unknown}" if (unknown := result.attrs["unknown"]) else ""
     rows.append(("total", *total, f"terms add as squares; {beside}".removesuffix("; ")))
-    return ("error (%) at", *step_labels(one), "rests on"), rows
+    return ("error (%) at", *step_labels(one, unit=" MPa"), "rests on"), rows
 
 
 def tabulate_cycles(result: "xr.Dataset") -> Table:

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import ConvergenceError
-from multiscale.macro.substructures import JointSize, choose_method
+from multiscale.macro.substructures import JointSize, Method, choose_method
 from multiscale.macro.substructures.method_choice import MethodChoice
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "choose_solver",
+    "counting",
     "require_converged",
     "require_known",
     "solver_needs",
@@ -67,6 +69,14 @@ def choose_solver(case: Case, size: JointSize, team: "ProcessGroup | None" = Non
     """Choose the solver of bodies; ``[substructures]`` and many processes ask for LATIN."""
     asks = case.substructures is not None or (team is not None and team.size > 1)
     return choose_method(size, case.cut.method(team) if asks else None)
+
+
+def counting(method: Method, job: Job, steps: int) -> Method:
+    """Return the method that shows which of so many load steps are finished."""
+    done = count(1)
+    one: Any = method  # a dataclass
+    told: Method = replace(one, after_step=lambda: job.progress(next(done), steps, "load steps"))
+    return told
 
 
 def solver_needs(chosen: MethodChoice, size: JointSize, slabs: int) -> Needs:

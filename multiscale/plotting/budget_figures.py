@@ -21,9 +21,8 @@ UNKNOWN = 0.15
 SMALLEST_SHARE = 0.02
 """Ratio to the largest total below which a bar has no caption."""
 
-
 PRESSURES = ("nominal_pressure", "fit_pressure", "preload")
-"""Variables with the pressures of the steps of a budget."""
+"""Variables that tell the pressure of a step; steps of named loads have none."""
 
 
 def plot_error_budget(
@@ -76,7 +75,8 @@ def plot_error_budget(
     ax.set_xticks(at, step_labels(one))
     ax.set_ylim(0.0, 1.2 * (top or 1.0) + above)
     ax.grid(visible=False, axis="x")
-    ax.set(xlabel="" if _pressure(one) is None else "mean pressure")
+    if any(name in one.variables for name in PRESSURES):
+        ax.set(xlabel="mean pressure (MPa)")
     ax.set_ylabel(f"95 % half-width of {chosen.replace('_', ' ')} (%)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize="small")
     return ax
@@ -88,15 +88,9 @@ def estimated_steps(budget: "xr.Dataset", quantity: str) -> "xr.Dataset":
     return one.isel(step=np.flatnonzero(one["error_half_width"].notnull().any("error_term")))
 
 
-def step_labels(budget: "xr.Dataset") -> list[str]:
-    """Pressures of the steps, or numbers of steps without a pressure."""
-    pressure = _pressure(budget)
-    if pressure is None:
-        return [f"step {step}" for step in budget["step"].values]
-    return [f"{1e-6 * value:.3g} MPa" for value in pressure]
-
-
-def _pressure(budget: "xr.Dataset") -> np.ndarray | None:
-    """Pressures of the steps, Pa, from the first of three variables; none if it has none."""
-    names = [name for name in PRESSURES if name in budget.variables]
-    return budget[names[0]].to_numpy() if names else None
+def step_labels(budget: "xr.Dataset", *, unit: str = "") -> list[str]:
+    """Pressures of the steps, MPa, from the first of three variables; else numbers of the steps."""
+    for name in PRESSURES:
+        if name in budget.variables:
+            return [f"{1e-6 * value:.3g}{unit}" for value in budget[name].values]
+    return [f"step {step}" for step in budget["step"].values]

@@ -10,7 +10,15 @@ from multiscale.errors import ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, Interface, LatinMethod, bodies, solve_interface
+from multiscale.macro import (
+    AssembledNewton,
+    Body,
+    Interface,
+    LatinMethod,
+    NewtonSchur,
+    bodies,
+    solve_interface,
+)
 from multiscale.macro.substructures import (
     JointLoading,
     assemble,
@@ -110,6 +118,14 @@ def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(sol
     assert np.isnan(result.displacement[1:]).all()
     assert "the steps end before step 1: no equilibrium" in result.attrs["failure"]
     np.testing.assert_allclose(say_slide(result), [1.5 * 1600.0, 1600.0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("method", [AssembledNewton, LatinMethod, NewtonSchur])
+def test_every_method_tells_of_every_step_that_converged(method):
+    law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
+    problem, told = stacked_blocks(law, 1, (1.0, 2.0)), []
+    result = method(after_step=lambda: told.append(1)).solve(problem, np.eye(2))
+    assert len(told) == int(result.converged.sum()) == 2
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from multiscale.plotting import plot_error_budget
+from multiscale.plotting.budget_figures import step_labels
 from multiscale.upscaling import error_budget, fit_law, with_budget
 from tests.upscaling.responses import exponential_gaps, response_of
 
@@ -42,7 +43,7 @@ def test_bars_stack_up_to_the_total(axes, carried):
     assert names[2].startswith("not known: ")
     assert "scale separation" in names[2]
     assert ax.get_ylabel() == "95 % half-width of stiffness (%)"
-    assert ax.get_xticklabels()[0].get_text() == "5 MPa"
+    assert ax.get_xticklabels()[0].get_text() == "5"
 
 
 def test_a_total_that_lacks_a_term_is_hatched_under_the_word_unknown(axes):
@@ -51,3 +52,11 @@ def test_a_total_that_lacks_a_term_is_hatched_under_the_word_unknown(axes):
     assert [text.get_text() for text in ax.texts] == 8 * ["unknown"]
     assert max(bar.get_height() for bar in ax.patches if not bar.get_hatch()) == 0.0
     assert max(bar.get_height() for bar in ax.patches if bar.get_hatch()) > 0.0
+
+
+def test_steps_of_loads_have_numbers_and_no_pressure():
+    law = fit_law(response_of(exponential_gaps(8)), n_samples=0)
+    pressed = error_budget(response_of(exponential_gaps(8)), law)
+    assert step_labels(pressed, unit=" MPa")[0].endswith(" MPa")
+    loaded = pressed[["error_half_width"]].reset_coords(drop=True).assign_coords(step=range(8))
+    assert step_labels(loaded, unit=" MPa")[:2] == ["step 0", "step 1"]

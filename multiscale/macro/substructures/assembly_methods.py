@@ -1,5 +1,6 @@
 """One assembly, three ways to solve it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -33,6 +34,7 @@ class AssembledNewton:
     tolerance: float = 1e-10
     max_iterations: int = 100
     parts: tuple[int, int] = (1, 1)
+    after_step: Callable[[], object] | None = None
 
     def solve(
         self,
@@ -49,6 +51,7 @@ class AssembledNewton:
             near=near,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
+            after_step=self.after_step,
         )
 
 
@@ -66,6 +69,7 @@ class LatinMethod:
     tolerance: float = 1e-8
     max_iterations: int = 400
     team: ProcessGroup | None = None
+    after_step: Callable[[], object] | None = None
 
     def solve(
         self,
@@ -83,6 +87,7 @@ class LatinMethod:
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
             team=self.team,
+            after_step=self.after_step,
         )
 
 
@@ -100,6 +105,7 @@ class NewtonSchur:
     tolerance: float = 1e-10
     max_iterations: int = 100
     team: ProcessGroup | None = None
+    after_step: Callable[[], object] | None = None
 
     def solve(
         self,
@@ -116,6 +122,7 @@ class NewtonSchur:
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
             team=self.team,
+            after_step=self.after_step,
         )
 
 

@@ -50,6 +50,7 @@ def solve_latin(
     max_iterations: int = 400,
     team: ProcessGroup | None = None,
     callback: Callable[[int, float, LatinIterate], None] | None = None,
+    after_step: Callable[[], object] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
 
@@ -78,6 +79,7 @@ def solve_latin(
     team : ProcessGroup, optional
         Processes that share the substructures; all call this function, and all get the result.
     callback : callable, optional, called as ``callback(iteration, residual, iterate)``
+    after_step : callable, optional, called after every step that converged
 
     Returns
     -------
@@ -126,6 +128,8 @@ def solve_latin(
             columns.append(columns[-1] | {"converged": 0, "failure": failure})
         if not columns[-1]["converged"]:
             break
+        if after_step is not None:
+            after_step()
     return assemble_result(
         problem,
         factors,

@@ -33,6 +33,7 @@ def solve_schur(
     max_iterations: int = 100,
     team: ProcessGroup | None = None,
     callback: Callable[[int, float, Newton], None] | None = None,
+    after_step: Callable[[], object] | None = None,
 ) -> "xr.Dataset":
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
@@ -49,6 +50,7 @@ def solve_schur(
         Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
         the order of the substructures (of this process), ``state.displacement()`` of all
         unknowns, m. All processes give one, or none.
+    after_step : callable, optional, called after every step that converged
 
     Returns
     -------
@@ -91,6 +93,8 @@ def solve_schur(
         columns.append(_solve_step(method, factor, tolerance, max_iterations, callback))
         if not columns[-1]["converged"]:
             break
+        if after_step is not None:
+            after_step()
     return assemble_result(
         problem,
         factors,

@@ -1,6 +1,6 @@
 """Newton's method for a cut structure of bodies, in one piece."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -30,6 +30,7 @@ def solve_whole(
     near: "xr.Dataset | None" = None,
     tolerance: float = 1e-10,
     max_iterations: int = 100,
+    after_step: Callable[[], object] | None = None,
 ) -> "xr.Dataset":
     """Solve elastic bodies in one piece: the slow twin of LATIN and Newton-Schur on large cuts.
 
@@ -43,6 +44,7 @@ def solve_whole(
         did in it.
     tolerance, max_iterations
         See :func:`~multiscale.macro.monolithic.solve_interface`.
+    after_step : callable, optional, called after every step that converged
 
     Returns
     -------
@@ -118,6 +120,8 @@ def solve_whole(
         )
         if not solution.converged:
             break
+        if after_step is not None:
+            after_step()
         u, before = solution.value, -response.traction[0]
         state = law.sliding(solution.jump, state).state
     return assemble_result(problem, factors, columns, after)

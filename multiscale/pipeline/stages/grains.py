@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["GRAINS"]
 
 GRAIN_TIME, RIGID = 1e-5, 5.0  # s of a grain in a step, times more sweeps of rigid contacts, about
-PARTS = 20  # of a motion, after each of which the progress is shown
 
 
 def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
@@ -35,13 +34,8 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Datas
         accuracy=motion.accuracy,
         solver=motion.solver,
         n_frames=motion.frames,
-        callback=lambda step, residual: _tell(job, step + 1, steps),
+        callback=lambda step, _: job.progress(step + 1, max(step + 1, steps), "time steps"),
     )
-
-
-def _tell(job: Job, step: int, steps: int) -> None:
-    if step % max(1, steps // PARTS) == 0:
-        job.progress(step, max(step, steps), "time steps")
 
 
 def _needs(given: Granulate, case: Case) -> Needs:

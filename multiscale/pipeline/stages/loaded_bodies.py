@@ -40,6 +40,7 @@ from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
+    counting,
     require_known,
     solver_needs,
     structure_stage,
@@ -100,8 +101,9 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     method = chosen.taken.method
     require_held(parts.assembly)
     structure = condense_assembly(parts.assembly, method)
+    watched = counting(method, job, len(parts.path.factors()))
     result = structure.restore(
-        follow_cut_loads(structure.small, parts.path, method=method, extrapolate=case.extrapolate)
+        follow_cut_loads(structure.small, parts.path, method=watched, extrapolate=case.extrapolate)
     )
     known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
     result = with_law_cautions(result, case, found, known)

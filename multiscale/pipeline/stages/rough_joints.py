@@ -47,6 +47,7 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section, of_stiffness
 from multiscale.pipeline.structure_stage import (
     choose_solver,
+    counting,
     require_known,
     solver_needs,
     structure_stage,
@@ -95,7 +96,8 @@ def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Da
     chosen = choose_solver(case, _size(bodies, case), job.team)
     method = chosen.taken.method
     joint = condense_assembly(assembly, method)
-    followed = follow_joint(joint.small, loading, method=method)
+    watched = counting(method, job, _count_steps(case))
+    followed = follow_joint(joint.small, loading, method=watched)
     result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
     result = with_contact(joint.restore(result), dataset)
     result = with_law_cautions(result, case, found, {"its law": dataset})
