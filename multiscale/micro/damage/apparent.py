@@ -61,8 +61,6 @@ def measure_volume(
         Follows ``RVE_VOLUMES``, with one realisation. The attribute ``ended`` says which stiffness
         is lost, or is unknown as its solve did not converge.
     """
-    found = max_damage(rve, level=level, sections=sections, slab=slab, refine=False)
-    damage = found["damage"]
     image = voxelise(rve, voxels) if isinstance(rve, Cavities) else rve
     stiffness, ended = np.full((len(SIDES), 6, 6), np.nan), []
     coarse = np.full((6, 6), np.nan)
@@ -91,6 +89,8 @@ def measure_volume(
             coarse = solve("periodic", halved=True)
         except ConvergenceError as error:
             ended.append(f"elements twice as large: {error}")
+    found = max_damage(rve, level=level, sections=sections, slab=slab, refine=False)
+    damage = found["damage"]
     values = {
         "share": [share],
         "porosity": [image.porosity],
