@@ -42,10 +42,10 @@ class Asperities:
 
     .. math:: F(d) = \varrho(d)\, \tfrac43 E^* \sqrt R\, d^{3/2},    \tag{1}
 
-    with :math:`E^* = E / (2 (1 - \nu^2))`. The ratio :math:`\varrho` of the force to that of Hertz
-    is 1 while the asperity is elastic; above about 1.9 of the approach at yield it follows from the
-    flattening of a sphere with bilinear hardening [1]_, [2]_, from where this force falls below
-    Hertz's, so that it is continuous, up to an approach of R, and stays constant beyond. An
+    with :math:`E^* = E / (2 (1 - \nu^2))`. The ratio :math:`\varrho` of the force to Hertz's
+    force is 1 while the asperity is elastic; above about 1.9 of the approach at yield it follows
+    from the flattening of a sphere with bilinear hardening [1]_, [2]_, from where this force falls
+    below Hertz's, so that it is continuous, up to an approach of R, and stays constant beyond. An
     asperity that has been pressed by at most :math:`d_m` unloads, and loads again, as a flatter
     sphere [3]_, which meets (1) at :math:`d_m`,
 

@@ -191,7 +191,7 @@ class MeshedBody(Settings):
 
     @property
     def porous(self) -> bool:
-        """Whether its stiffness is that of a representative volume."""
+        """Whether a representative volume gives its stiffness."""
         return self.youngs_modulus is None
 
     @property

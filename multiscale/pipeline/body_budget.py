@@ -240,7 +240,7 @@ def _volume_budget(
     error: RveError,
     coarser: Mapping[float, np.ndarray],
 ) -> "xr.Dataset":
-    """Carry what is unknown of a volume to answers, by their change over that of its parameter."""
+    """Carry errors of a volume to answers, by their change over the change of its parameter."""
     nothing = Term("nothing: the volume is elastic", np.zeros(value.shape))
     terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS}
     terms |= {name: Term(error.how[name], change * half) for name, half in error.half_width.items()}

@@ -216,7 +216,7 @@ class RveSettings(Settings):
 
     @property
     def grid(self) -> tuple[int, int, int]:
-        """Voxels along x, y and z; of an image, those of its file."""
+        """Voxels along x, y and z; of an image as in its file."""
         if self.size is None:
             x, y, z = self.read_volume().void.shape
             return x, y, z
@@ -317,7 +317,7 @@ class RveSettings(Settings):
 def _window(
     whole: Cavities | VoxelImage, share: float, corner: Sequence[int]
 ) -> Cavities | VoxelImage:
-    """Cut a part at a corner of a volume; its sides are those of a cut."""
+    """Cut a part at a corner of a volume; its sides are cuts."""
     if isinstance(whole, VoxelImage):
         n = [max(1, round(share * k)) for k in whole.void.shape]
         start = [far * (k - part) for far, k, part in zip(corner, whole.void.shape, n, strict=True)]

@@ -182,12 +182,15 @@ def test_a_damaged_body_bears_its_stress_on_what_is_left(cube):
 
 def test_what_is_left_of_an_element_bears_the_whole_load(cube):
     """The structure is solved again with cracked elements; here that has a closed form."""
-    pairs = ("feedback = false", "feedback = false\nscatter = 0.04"), ('"210 MPa"', '"225 MPa"')
+    pairs = (
+        ("feedback = false", "feedback = false\nscatter = 0.04\ntolerance = 0.2"),
+        ('"210 MPa"', '"225 MPa"'),
+    )
     found = solve(cube, *pairs)
     assert int(found["solves"]) > 5
     cycle = 225e6 * np.array([1.0, -1.0])[:, None, None] * np.eye(6)[0]
     alone = local_fatigue(
-        lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=0.04
+        lambda cracked: cycle / (1.0 - cracked[:, None]), 1, MATERIAL, scatter=0.04, tolerance=0.2
     )
     for name in ("cycles_to_first", "cycles_to_crack"):
         assert float(found[name]) == pytest.approx(float(alone[name]), rel=1e-6)

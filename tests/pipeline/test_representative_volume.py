@@ -111,7 +111,8 @@ def test_a_listed_pore_has_the_damage_of_its_section(tmp_path):
     assert "one volume alone has no scatter" in rve.attrs["cautions"]
 
 
-@pytest.mark.slow  # validation 3.1: through cylinders along n have D(n) = porosity and E (1 - D) exactly
+# validation 3.1: through cylinders along n have D(n) = porosity and E (1 - D) exactly
+@pytest.mark.slow
 def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monkeypatch):
     tifffile = pytest.importorskip("tifffile")
     void = np.zeros((8, 8, 8), dtype=np.uint8)

@@ -107,7 +107,7 @@ class BoltSection:
     r"""Cut across the meshed shank of a bolt, where its force acts.
 
     With the mean :math:`\bar u_1` of the displacement along the axis over the nodes of side 1, and
-    the displacement s of the middle of side 2, the nodes of side 2 move as those of side 1 do, but
+    the displacement s of the middle of side 2, the nodes of side 2 move as the nodes of side 1, but
     along the axis by
 
     .. math:: u_2 = u_1 - \bar u_1 + s.    \tag{1}

@@ -136,6 +136,10 @@ class TangentModes:
         """Frequencies, Hz."""
         return np.asarray(np.sqrt(self.square) / (2.0 * np.pi))
 
+    def nodal(self, problem: CutProblem) -> np.ndarray:
+        """Displacement of all nodes in the shapes, shape (modes, nodes, 3), kg^-1/2."""
+        return np.stack([problem.displacement(one) for one in self.shape.T])
+
 
 def tangent_modes(
     problem: CutProblem, stiffness: csr_array, mass: csr_array, count: int
@@ -163,7 +167,7 @@ def tangent_modes(
     Notes
     -----
     With the free rigid motions R, :math:`R^T M R = 1`, and the stiffness :math:`\hat K` held at as
-    many unknowns as there are motions, modes are those of the largest eigenvalues of
+    many unknowns as there are motions, modes belong to the largest eigenvalues of
     :math:`P \hat K^{-1} P^T M`, :math:`P = 1 - R R^T M`: loads that balance each other find no
     reaction where it is held.
     """

@@ -53,7 +53,7 @@ def vibrate(
         mode: follow_backbone(rest, modes, load, mode, asked, count)
         for mode, asked in amplitudes.items()
     }
-    shape = np.stack([rest.free.displacement(one) for one in modes.shape.T])
+    shape = modes.nodal(rest.free)
     largest = np.linalg.norm(shape, axis=2).max(axis=1)
     curves, q = list(found.values()), [np.array(one.values) for one in amplitudes.values()]
     joint = np.concatenate([one.damping for one in curves])
@@ -83,7 +83,7 @@ def vibrate(
     told = [
         f"mode {mode + 1}: contact opens at amplitudes from "
         f"{asked.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule does "
-        f"not hold: the loss is that of a full cycle, and both directions differ"
+        f"not hold: a full cycle tells the loss, and both directions differ"
         for (mode, asked), curve in zip(amplitudes.items(), curves, strict=True)
         if curve.opens.any()
     ]
@@ -95,7 +95,7 @@ def vibrate(
     if any(one.sheared for one in curves):
         told.append(
             "the preload leaves shear in the joints, so that both directions differ and Masing's "
-            "rule does not hold: frequency and loss are those of full cycles; a preload without "
+            "rule does not hold: full cycles tell frequency and loss; a preload without "
             "friction leaves none"
         )
     result = with_cautions(result, str(rest.path.attrs.get("cautions", "")), *told)

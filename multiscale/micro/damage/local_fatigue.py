@@ -104,7 +104,7 @@ def first_cracks(
 ) -> np.ndarray:
     """Return the cycles at which the weakest inclusion of every element cracks, unless others do.
 
-    ``stress`` has the shape (corners, elements, 6), Pa; the other parameters are those of
+    ``stress`` has the shape (corners, elements, 6), Pa; the other parameters stand with
     :func:`local_fatigue`. Infinite where it stays elastic or does not crack by ``max_cycles``.
     """
     weakest = limit_factors(scatter)[:1]

@@ -337,8 +337,10 @@ def _answer(life: "xr.Dataset") -> str:
     body = life.attrs["body"]
     if int(life["run_out"]):
         share = 100.0 * float(life["cracked_share"].max())
-        told = f"up to {share:.3g} % of an element crack and the others" if share else "all"
-        return f"No element of {body} cracks through: of its inclusions {told} stay elastic."
+        told = "all inclusions"
+        if share:
+            told = f"up to {share:.3g} % of the inclusions of an element crack, and the others"
+        return f"No element of {body} cracks through: {told} stay elastic."
     cycles = float(life["cycles_to_crack"])
     if np.isnan(cycles):
         done = float(life["cycles"][-1])

@@ -167,8 +167,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
 
 def _largest(still: _Vibrating) -> np.ndarray:
     """Largest displacement of a node in the shape of every mode, kg^-1/2."""
-    shapes = np.stack([still.rest.free.displacement(one) for one in still.modes.shape.T])
-    return np.asarray(np.linalg.norm(shapes, axis=2).max(axis=1))
+    return np.asarray(np.linalg.norm(still.modes.nodal(still.rest.free), axis=2).max(axis=1))
 
 
 def _with_budget(
