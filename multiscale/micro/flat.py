@@ -13,6 +13,7 @@ from multiscale.numerics.vectors import PARTS, dot
 __all__ = ["FlatSolution", "solve_flat"]
 
 _REFRESH = 25  # iterations after which rounding in the response is wiped out
+_ROUNDING = 1e-12  # share of a square that may be rounding of a difference
 _MATH = {
     "reassoc",
     "contract",
@@ -140,8 +141,9 @@ def solve_flat(
         step = length / curvature
         if iteration % 2:  # in the tangent of the box, and of the load
             mean = raised / free if load is not None and free > 0.0 else 0.0
-            along, squared = along - mean * across, squared - mean * raised
-            step = along / squared if along > 0.0 else step
+            along, tangent = along - mean * across, squared - mean * raised
+            if along > 0.0 and tangent > _ROUNDING * squared:
+                step = along / tangent
     value = force.reshape(shape)
     return FlatSolution(value, status, tuple(residuals), approach=delta)
 

@@ -67,7 +67,7 @@ def odd_gaps(response: "xr.Dataset", found: "Observations") -> Iterator[str]:
     p = [readable(f"{one:.3g} Pa") for one in found.pressure]
     most = np.sqrt(1.0 / np.where(area > 0.0, area, np.nan) - 1.0)
     if np.any(share > most + ROUND_OFF):
-        j = int(np.nanargmax(share - most))
+        j = int(np.nanargmax(share / np.maximum(most, ROUND_OFF)))
         yield (
             f"the mean gap of {share[j]:.3g} rms heights at {p[j]} is larger than {most[j]:.3g}, "
             f"the most that any surface leaves that touches in {100.0 * area[j]:.3g} % of its "

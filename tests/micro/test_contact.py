@@ -11,6 +11,7 @@ from multiscale.micro.elastic_contact import ElasticBody
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.lateral_fft import SurfaceFilter
 from tests.support import egg_box, rough_square
 
 
@@ -314,3 +315,16 @@ def test_a_refused_cell_says_why(changes, message):
 def test_a_refused_path_says_why(arguments, message):
     with pytest.raises(CaseError, match=message):
         Path(**arguments)
+
+
+@pytest.mark.parametrize("load", [0.3, 1.0, 3.0])
+def test_nodes_that_are_alike_leave_no_step_in_the_tangent_of_the_load(load):
+    """Their forces can only change together, and the load forbids it, but for rounding."""
+    x = np.cos(2.0 * np.pi * np.arange(8) / 8)
+    waves = np.hypot(np.fft.fftfreq(8, 1 / 8)[:, None], np.arange(5))
+    waves[0, 0] = 0.5
+    gap = 1.0 - x[:, None] * x
+    tight = {"load": load, "tolerance": 1e-12}
+    found = solve_flat(SurfaceFilter(1.0 / waves), gap, np.ones((8, 8)), **tight).unwrap()
+    np.testing.assert_allclose(found, found.T, atol=1e-9 * load)
+    assert np.sum(found) == pytest.approx(load, rel=1e-12)
