@@ -538,7 +538,10 @@ class Bodies(StructureKind):
         raise CaseError("homogenise in [substructures] takes no bodies of the user")
 
     def quick(self, case: "Case") -> Self:
-        """Return the same bodies, coarser geometries, and quick runs of the cases they name."""
+        """Return the same bodies of coarser geometries, and quick runs of the cases they name.
+
+        Meshes that are read cannot be made coarser: their elements are of first order.
+        """
         interfaces = tuple(
             one.model_copy(update={"quick": one.law is not None}) for one in self.interfaces
         )
@@ -547,6 +550,7 @@ class Bodies(StructureKind):
                 update={
                     "quick": one.rve is not None,
                     "element": one.element and QUICK_ELEMENT * one.element,
+                    "order": one.order if one.element else 1,
                 }
             )
             for one in self.bodies

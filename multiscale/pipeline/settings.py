@@ -662,7 +662,7 @@ class Case(Settings):
     def quick(self) -> Self:
         """Return the same case with coarser and fewer cells, elements, grains and steps.
 
-        There is no target. A structure from files stays as it is.
+        There is no target. Meshes and links from files stay as they are.
         """
         changes = {name: getattr(self, name).quick() for name in WITH_QUICK if self._has(name)}
         changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)

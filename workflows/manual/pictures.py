@@ -22,6 +22,7 @@ from pathlib import Path
 from time import perf_counter
 
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -45,6 +46,7 @@ SHOWN = {
     ),
     "seal": lambda run, ax: plotting.plot_flow_channels(run["fields"], ax=ax),
     "porous_bracket": lambda run, ax: plotting.plot_body_stress(run["macro_result"], ax=ax),
+    "brake_reuss": lambda run, ax: draw_beam(run["vibration"], ax),
     "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
     "tensegrity_grid": plotting.plot_sorted_tensions,
     "tensegrity_substructures": plotting.plot_deformed_links,
@@ -65,6 +67,10 @@ SHOWN = {
     "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),
     "three_ways": partial(plotting.plot_work_precision, scene="rough wave"),
 }
+PUBLISHED = {1e-7: 0.0873, 2.43e-6: 0.1636, 8.94e-6: 0.615, 6.99e-5: 3.063}
+"""Damping of the first bending mode of the Brake-Reuss beam, % of critical, at modal amplitudes,
+kg^1/2 m: J. H. Porter and M. R. W. Brake, Mech. Syst. Signal Process. 192 (2023) 110210."""
+
 LEFT = {
     "damage_to_joint": "woehler.nc",
     "ploughing": "sliding_response.nc",
@@ -138,6 +144,17 @@ def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
     few = Image.open(drawn).convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
     few.save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())
+
+
+def draw_beam(result: xr.Dataset, ax: Axes) -> None:
+    """Draw the damping of the first mode of the Brake-Reuss beam, and the published one."""
+    plotting.plot_backbone(result, quantity="damping", ax=ax)
+    first = result.isel(step=0)
+    lever = float(first["largest_displacement"] / first["modal_amplitude"])
+    x = [1e6 * lever * amplitude for amplitude in PUBLISHED]  # um
+    ax.plot(x, list(PUBLISHED.values()), "kx", label="Porter and Brake")
+    ax.set_yscale("log")
+    ax.legend(fontsize="small")
 
 
 def draw_answers(joint: xr.Dataset) -> Figure:

@@ -58,6 +58,11 @@ if TYPE_CHECKING:
 
 __all__ = ["LOADED_BODIES", "body_size", "budgeted_laws", "with_volume_cautions"]
 
+KEPT = (
+    "--quick keeps meshes that are read from files, which it cannot make coarser, and takes "
+    "elements of first order on them"
+)
+
 NO_COARSER = (
     "intervals do not count the error of the meshes, which is not known: give every body a coarser "
     "mesh, of elements twice as large"
@@ -348,8 +353,7 @@ LOADED_BODIES = structure_stage(
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
     prepare=lambda bodies, case: bodies.try_to_build(case),
     check=partial(require_known, answer="load_displacement"),
-    kept="--quick keeps the meshes of bodies that are read from files, which it cannot make "
-    "coarser",
+    kept=KEPT,
     more=_sections,
     pictures=PICTURES,
     answers=ANSWERS,

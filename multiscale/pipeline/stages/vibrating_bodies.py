@@ -32,6 +32,7 @@ from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_section
 from multiscale.pipeline.stages.loaded_bodies import (
+    KEPT,
     NO_COARSER,
     body_size,
     budgeted_laws,
@@ -285,8 +286,8 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
 def _tabulate(result: "xr.Dataset") -> Table:
     """Head and rows of the amplitudes of all modes."""
     along = length_unit(result["largest_displacement"].values[-1:])
-    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "kg^1/2 m", "Hz", "fall (Hz)")
-    head += ("damping (%)", "slip (%)", "opens")
+    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)", "Hz")
+    head += ("fall (Hz)", "damping (%)", "slip (%)", "opens")
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
@@ -369,7 +370,7 @@ VIBRATING_BODIES = structure_stage(
     question="Which frequency and damping do the bodies have, and how do both change with the "
     "amplitude?",
     prepare=lambda bodies, case: bodies.try_to_build(case, require_joined),
-    kept="--quick keeps the meshes of the bodies, which it cannot make coarser",
+    kept=KEPT,
     more=_sections,
     pictures=PICTURES,
     answer=_answer,
