@@ -5,7 +5,7 @@ from numpy.linalg import norm
 
 from multiscale.nonsmooth.block_system import factorise_blocks
 from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.progress import Recorder
+from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.projections import project_friction_cone
 from multiscale.numerics.anderson import Anderson
 
@@ -24,7 +24,7 @@ GROWTH = 1.5
 def admm(
     problem: ScaledFriction,
     reaction: np.ndarray,
-    progress: Recorder,
+    progress: Progress,
     max_iterations: int = 4000,
     memory: int = 10,
 ) -> np.ndarray:

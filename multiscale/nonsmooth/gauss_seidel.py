@@ -11,7 +11,7 @@ import numpy as np
 from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.one_contact import solve_one_contact
-from multiscale.nonsmooth.progress import Recorder
+from multiscale.nonsmooth.progress import Progress
 from multiscale.numerics.compiled import compiled, prange, thread_count
 
 __all__ = ["gauss_seidel", "sweep", "sweep_coloured"]
@@ -24,7 +24,7 @@ MANY = 3000
 
 
 def gauss_seidel(
-    problem: ScaledFriction, reaction: np.ndarray, progress: Recorder, max_iterations: int = 20000
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 20000
 ) -> np.ndarray:
     r"""Solve a friction problem by sweeps over its contacts.
 

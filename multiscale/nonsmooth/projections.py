@@ -1,30 +1,8 @@
-r"""Euclidean projections onto the sets of contact mechanics.
-
-Every function takes arrays with the component axis first, normal component in row 0.
-"""
+"""Euclidean projection onto Coulomb's cone."""
 
 import numpy as np
 
-__all__ = ["project_ball", "project_friction_cone"]
-
-
-def project_ball(vector: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-    r"""Projection onto the ball of a radius around the origin.
-
-    Parameters
-    ----------
-    vector : ndarray, shape (d, ...), points, in any unit
-    radius : ndarray, shape (...), or float
-        Radius, in the unit of ``vector``; a negative one counts as zero.
-
-    Returns
-    -------
-    ndarray, shape (d, ...), ``vector`` where it lies inside, else the nearest point of the sphere
-    """
-    length = np.sqrt(np.sum(vector**2, axis=0))
-    radius = np.maximum(radius, 0.0)
-    inside = length <= radius
-    return np.asarray(vector * np.where(inside, 1.0, radius / np.where(inside, 1.0, length)))
+__all__ = ["project_friction_cone"]
 
 
 def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
