@@ -1,12 +1,11 @@
-"""The exact solver of one contact, the projections and the residuals of the law."""
+"""The exact solver of one contact, the projection and the residuals of the law."""
 
 import numpy as np
 import pytest
 
-from multiscale.nonsmooth.coulomb import natural_map
+from multiscale.nonsmooth.coulomb import natural_map, project_friction_cone
 from multiscale.nonsmooth.friction_problem import natural_map_squares
 from multiscale.nonsmooth.one_contact import solve_one_contact
-from multiscale.nonsmooth.projections import project_friction_cone
 from tests.support import alart_curnier
 
 
