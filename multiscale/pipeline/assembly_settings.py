@@ -304,13 +304,23 @@ class Bodies(StructureKind):
         return share, error
 
     def volume_errors(self) -> "list[tuple[RveError, Self]]":
-        """List what is unknown of volumes, and the structure with each parameter stretched."""
+        """List what is unknown of volumes, and the structure with each parameter stretched.
+
+        Bodies of one volume err alike; the one that holds the fewest volumes tells by how much.
+        """
         listed = []
-        for at, body in enumerate(self.bodies):
-            if isinstance(body, PorousBody):
-                changed = body.model_copy(update={"factor": 1.0 + STRETCH})
-                bodies = (*self.bodies[:at], changed, *self.bodies[at + 1 :])
-                listed.append((body.error(body.load()), self.model_copy(update={"bodies": bodies})))
+        porous = [one for one in self.bodies if isinstance(one, PorousBody)]
+        for volume in dict.fromkeys(one.rve for one in porous):
+            alike = {one.name: one for one in porous if one.rve == volume}
+            errors = [one.error(one.load()) for one in alike.values()]
+            worst = max(errors, key=lambda error: error.half_width[FEW_CELLS])
+            name = f"volume of {' and '.join(alike)}"
+            bodies = tuple(
+                one.model_copy(update={"factor": 1.0 + STRETCH}) if one.name in alike else one
+                for one in self.bodies
+            )
+            changed = self.model_copy(update={"bodies": bodies})
+            listed.append((replace(worst, name=name), changed))
         for at, one in enumerate(self.interfaces):
             if one.surface_damage:
                 less = 1.0 - (1.0 - one.damage) * (1.0 - STRETCH)

@@ -296,7 +296,8 @@ class StackedBlocks(RoughBodies):
 
     def quick(self, case: "Case") -> Self:
         """Return the same blocks with four elements along an edge."""
-        return self.model_copy(update={"elements": fewer(self.elements)})
+        update = {"elements": fewer(self.elements), "quick_rve": self.rve is not None}
+        return self.model_copy(update=update)
 
 
 class LapJoint(RoughBodies):
@@ -372,4 +373,5 @@ class LapJoint(RoughBodies):
 
     def quick(self, case: "Case") -> Self:
         """Return the same joint with elements no finer than a quarter of the overlap."""
-        return self.model_copy(update={"element": max(self.element, self.overlap / QUICK_ELEMENTS)})
+        element = max(self.element, self.overlap / QUICK_ELEMENTS)
+        return self.model_copy(update={"element": element, "quick_rve": self.rve is not None})
