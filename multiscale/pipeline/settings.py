@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
-from multiscale.pipeline.body_settings import Blocks, LapJoint, Plate, StackedBlocks
+from multiscale.pipeline.body_settings import Blocks, Plate
 from multiscale.pipeline.case_tables import (
     ABSENT,
     POINTS_PER_WAVE,
@@ -40,6 +40,7 @@ from multiscale.pipeline.joint_settings import (
     RoughInterface,
     Substructures,
 )
+from multiscale.pipeline.jointed_bodies import LapJoint, StackedBlocks
 from multiscale.pipeline.link_settings import (
     CableNet,
     Dynamics,
@@ -498,7 +499,7 @@ class Case(Settings):
         """Tables that are given, and what the structure, its cut and the cells ask for."""
         solved = self.structure is not None and self.vibration is None
         asked = {self.structure.stage} if self.structure is not None and solved else set()
-        condensed = {"homogenise"} if self.cut.homogenise else set()
+        condensed = {"homogenise"} if self.cut.homogenise and solved else set()
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
         again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
         control = {"micro.control"} if self.controlled else set()
@@ -576,10 +577,9 @@ class Case(Settings):
         MultiscaleError
             If there is no law, or it is refused.
         """
-        law = (
+        return (
             found[INTERFACE_LAW.name] if self.has_cells else (self.interface or LawSource()).open()
         )
-        return law if self.structure is None else self.structure.complete_law(law, self)
 
     def from_structure(self, law: Path | None) -> Self:
         """Return the part of the case that begins at the structure, with the law of a file.

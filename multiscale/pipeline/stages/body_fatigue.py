@@ -44,7 +44,7 @@ from multiscale.pipeline.stage import (
     Summary,
     format_table,
 )
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, body_size
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_fatigue_field
 from multiscale.plotting.figure import on_axes
@@ -153,10 +153,10 @@ class _Cycled:
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the inclusions of a body from the cycles that the stage before has solved."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
-    bodies = case.structure.with_volumes(found, job.read_rve)
+    bodies = case.structure.with_volumes(case, found, job.read_rve)
     table, result = case.fatigue, found[MACRO_RESULT.name]
     laws = bodies.read_laws(case, found, job.read_law)
-    method = choose_solver(case, body_size(bodies, case), job.team).taken.method
+    method = choose_solver(case, bodies.joint_size(case), job.team).taken.method
     names = [one.name for one in bodies.bodies]
     number = names.index(table.body or names[0])
     cycled = _Cycled(bodies, case, laws, method, number)
@@ -406,7 +406,7 @@ def _needs(case: Case) -> Needs:
     names = [one.name for one in bodies.bodies]
     body = bodies.bodies[names.index(case.fatigue.body or names[0])]
     inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
-    seconds = again * choose_solver(case, body_size(bodies, case)).taken.seconds
+    seconds = again * choose_solver(case, bodies.joint_size(case)).taken.seconds
     told = f"{inclusions} inclusions, and about {again} solves as they crack"
     return Needs(
         memory=8 * STATES * STATE_SIZE * inclusions,
