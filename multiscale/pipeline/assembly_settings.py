@@ -204,7 +204,12 @@ class Bodies(StructureKind):
                 f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of "
                 f"them"
             )
-        if case.rve is not None and not takers:
+        if case.growth is not None and (case.cycles or case.vibration or not self.is_one):
+            raise ValueError(
+                "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
+                "[growth], or the others"
+            )
+        if case.rve is not None and not takers and case.growth is None:
             raise ValueError(
                 "every body has moduli or an rve of its own, and none takes the [rve] of this case"
             )
@@ -257,6 +262,11 @@ class Bodies(StructureKind):
                 f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
                 f"youngs_modulus and poissons_ratio in place of a representative volume"
             )
+
+    @property
+    def is_one(self) -> bool:
+        """Whether there is one body, without interfaces and bolts."""
+        return len(self.bodies) == 1 and not self.interfaces and not self.bolts
 
     def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
         """Return the path over the loads, whose resultants at the factor one are given, N."""

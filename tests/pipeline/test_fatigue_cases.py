@@ -14,7 +14,7 @@ from multiscale.micro.damage import (
     two_scale_fatigue,
 )
 from multiscale.pipeline import load_case, run
-from multiscale.plotting import plot_fatigue_field
+from multiscale.plotting import plot_element_field
 from multiscale.schema import FATIGUE_LIFE
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
 from tests.pipeline.test_body_cases import write_scattered_law
@@ -149,7 +149,7 @@ def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     np.testing.assert_allclose(found["crack_position"], 0.005)
     drawn = meshio.read(next((cube / "out" / "fields").glob("fatigue_life-*.vtu")))
     np.testing.assert_allclose(drawn.cell_data["damage"], 0.3)
-    ax = plot_fatigue_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
+    ax = plot_element_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
     np.testing.assert_allclose(ax.collections[0].get_array(), 210.0)
     inner, outer = (found[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))
     assert outer[0] < inner[0] < life < inner[1] < outer[1]

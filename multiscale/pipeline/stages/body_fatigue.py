@@ -46,7 +46,7 @@ from multiscale.pipeline.stage import (
 )
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, body_size
 from multiscale.pipeline.structure_stage import choose_solver
-from multiscale.plotting import plot_fatigue_field
+from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, with_cautions
 from multiscale.upscaling import Dependence, changed_laws, shear_errors, structure_budget
@@ -384,7 +384,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     life = found[FATIGUE_LIFE.name]
 
     def draw(name: str, near: bool) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot_fatigue_field(life, name, near=near, ax=ax))
+        return on_axes(lambda ax: plot_element_field(life, name, near=near, ax=ax))
 
     pictures = {
         "fatigue_amplitude": draw("equivalent_amplitude", False),
