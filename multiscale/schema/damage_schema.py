@@ -173,6 +173,7 @@ FATIGUE_LIFE = Schema(
             ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
         ),
         "crack_position": Variable(("component",), "m", "middle of the element that cracks"),
+        "mesh_error": _number("1", "change of the logarithm of the first life on coarser meshes"),
         "crack_distance": _number("m", "distance of first cracks in all changes for the intervals"),
         "cycles_to_crack_mean_law": _LIMITS("1", "95 % interval of the life of the mean part"),
         "cycles_to_crack_one_part": _LIMITS("1", "95 % interval of the life of the next part"),

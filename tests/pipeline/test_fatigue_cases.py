@@ -174,6 +174,27 @@ def test_a_plate_cracks_beside_its_hole(tmp_path):
     assert float(found["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
 
 
+@pytest.mark.slow
+def test_the_interval_of_a_plate_counts_its_mesh(tmp_path):
+    """The change from twice the element size bounds the distance to half of it."""
+    lives, changes = [], []
+    for along in (12, 24, 48):
+        folder = tmp_path / f"{along}"
+        folder.mkdir()
+        write_body(folder / "part.msh", holed_plate(5 * along // 6, along))
+        write_body(folder / "coarse.msh", holed_plate(5 * along // 12, along // 2))
+        mesh = ('unit = "mm"', 'unit = "mm"\ncoarser = "coarse.msh"')
+        found = solve(folder, mesh, ('"210 MPa"', '"120 MPa"'))
+        lives.append(float(found["cycles_to_crack"]))
+        changes.append(float(found["mesh_error"]))
+        low, high = found["cycles_to_crack_mean_law"].to_numpy()
+        assert low < lives[-1] * np.exp(-changes[-1]) < lives[-1] * np.exp(changes[-1]) < high
+    finer = np.abs(np.log(np.array(lives[1:]) / lives[:-1]))
+    np.testing.assert_allclose(finer, changes[1:], rtol=1e-6)
+    assert np.all(finer < changes[:-1])
+    assert np.all(np.diff(changes) < 0.0)
+
+
 def test_a_damaged_body_bears_its_stress_on_what_is_left(cube):
     pairs = ('"210 MPa"', '"105 MPa"'), ('bottom = "z" }', 'bottom = "z" }\ndamage = 0.5')
     life = float(solve(cube, *pairs)["cycles_to_crack"])

@@ -83,7 +83,7 @@ def mesh_stiffness(
         )
     check_sides(sides)
     check_moduli(youngs_modulus, poissons_ratio)
-    lame, shear = lame_parameters(1.0, poissons_ratio)  # over Young's modulus
+    lame, shear = map(float, lame_parameters(1.0, poissons_ratio))  # over Young's modulus
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
     mesh = mesh_cavities(rve, element_size)
