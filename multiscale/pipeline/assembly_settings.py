@@ -203,6 +203,11 @@ class Bodies(StructureKind):
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
         check_materials(self.bodies, case)
+        if case.growth is not None and (case.cycles or case.vibration or not self.is_one):
+            raise ValueError(
+                "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
+                "[growth], or the others"
+            )
         for number, one in enumerate(self.interfaces):
             faces = one.sides[one.sides[0] == GROUNDED :]
             if one.surface_damage and not any(
@@ -255,6 +260,11 @@ class Bodies(StructureKind):
             body, face = self.place(meshes, f"interface {number}", joint.sides[1])
             points += np.unique(meshes[body].facets[:, meshes[body].boundaries[face]]).size
         return JointSize(3 * nodes, points, len(meshes), len(self.path(case, ()).factors()))
+
+    @property
+    def is_one(self) -> bool:
+        """Whether there is one body, without interfaces and bolts."""
+        return len(self.bodies) == 1 and not self.interfaces and not self.bolts
 
     def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
         """Return the path over the loads, whose resultants at the factor one are given, N."""
@@ -575,7 +585,7 @@ def check_materials(bodies: Sequence[MeshedBody], case: "Case") -> None:
         raise ValueError(
             f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of them"
         )
-    if case.rve is not None and not takers:
+    if case.rve is not None and not takers and case.growth is None:
         raise ValueError(
             "every body has moduli or an rve of its own, and none takes the [rve] of this case"
         )

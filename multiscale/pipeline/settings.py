@@ -31,6 +31,7 @@ from multiscale.pipeline.grain_settings import (
     ShearCell,
     Silo,
 )
+from multiscale.pipeline.growth_settings import GrowthSettings
 from multiscale.pipeline.joint_settings import (
     Cycles,
     JointLaw,
@@ -151,6 +152,7 @@ class Case(Settings):
         None, description="Target of a planner, which then chooses the cells."
     )
     rve: RveSettings = ABSENT
+    growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
     interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
     statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
@@ -191,6 +193,13 @@ class Case(Settings):
             self._check_cells()
         if self.structure is not None:
             self._check_structure(self.structure)
+        if self.growth is not None and self.rve is None:
+            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
+        if self.growth is not None and self.structure and not self.structure.may_tire:
+            raise ValueError(
+                '[growth] cracks a body of [structure] kind = "bodies"; leave out one of them, or '
+                "give such a structure"
+            )
         if self.fatigue is not None and not (self.structure and self.structure.may_tire):
             raise ValueError(
                 '[fatigue] follows the elements of [structure] kind = "bodies"; leave it out, or '
@@ -643,13 +652,14 @@ class Case(Settings):
         """
         if self.rve is None:
             raise CaseError(f"{self.title}: the case has no [rve], and so no representative volume")
-        others = set(type(self).model_fields) - {"title", "rve", "elastic", "strict"}
+        others = set(type(self).model_fields) - {"title", "rve", "growth", "elastic", "strict"}
         return self.model_copy(update=dict.fromkeys(others))
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
         after = (
             "rve",
+            "growth",
             "structure",
             "substructures",
             "fatigue",

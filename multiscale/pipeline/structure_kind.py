@@ -23,7 +23,7 @@ class StructureKind(Settings):
     asks : tuple of tuple of str, the tables that go with it: all of one of these sets
     models : mapping of str to type, models of those tables whose keys depend on the kind
     may_be_cut : bool, whether ``[substructures]`` may cut it
-    may_tire : bool, whether ``[fatigue]`` may follow its elements
+    may_tire : bool, whether ``[fatigue]`` and ``[growth]`` may follow its elements
     of_bodies : bool, whether it is made of the materials of ``[body_1]`` and ``[body_2]``
     """
 
