@@ -132,7 +132,8 @@ def _rows_of_preloads(
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         preload = f"{1e-6 * float(step['preload']):.4g}"
-        if missing := _missing(step):
+        if not int(step["converged"]) or ("known" in step and np.isnan(step["approach"])):
+            missing = "unknown" if int(step["converged"]) else "not converged"
             rows.append(padded((preload, missing), head))
             continue
         row = (
@@ -198,9 +199,7 @@ def say_error(total: float) -> str:
     """Total of an error budget in per cent, or that a term it must hold could not be computed."""
     if not np.isfinite(total):
         return "unknown"
-    if total >= 1.0:
-        return f"{100.0 * total:.0f}"
-    return f"{100.0 * total:.2g}" if total > ROUNDING else "0"
+    return f"{100.0 * total:{'.0f' if total >= 1.0 else '.2g'}}" if total > ROUNDING else "0"
 
 
 def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
@@ -217,13 +216,6 @@ def say_value(step: "xr.Dataset", name: str, unit: Unit) -> str:
 def say_beside(error: str) -> str:
     """Write an error behind its answer; nothing if there is none."""
     return {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
-
-
-def _missing(step: "xr.Dataset") -> str:
-    """Why a step has no answer; empty if it has."""
-    if not int(step["converged"]):
-        return "not converged"
-    return "unknown" if "known" in step and np.isnan(step["approach"]) else ""
 
 
 def padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
@@ -253,12 +245,11 @@ def tabulate_links(result: "xr.Dataset") -> Table:
     rows: list[tuple[str, ...]] = []
     for k in _steps_shown(result):
         step = result.isel(step=k)
-        at = f"{float(step[along]):.4g}"
-        if not int(step["converged"]):
-            rows.append((at, "not converged", "", f"{float(step['residual']):.1e}"))
-            continue
-        slack, largest = int((step["slack"] > 0.0).sum()), float(step["tension"].max())
-        rows.append((at, f"{slack}", f"{1e-3 * largest:.4g}", f"{float(step['residual']):.1e}"))
+        found = ("not converged", "")
+        if int(step["converged"]):
+            slack, largest = int((step["slack"] > 0.0).sum()), float(step["tension"].max())
+            found = (f"{slack}", f"{1e-3 * largest:.4g}")
+        rows.append((f"{float(step[along]):.4g}", *found, f"{float(step['residual']):.1e}"))
     return (name, "slack links", "largest tension (kN)", "residual"), rows
 
 
@@ -367,16 +358,12 @@ def list_cycles(result: "xr.Dataset") -> list[str]:
     missing, last = "unknown" if result["converged"].values.all() else "not closed", result.sizes
     told = []
     for k, loss in enumerate(result["cycle_energy"].values):
-        if np.isnan(loss):
-            told.append(f"cycle {k}: {missing}")
-            continue
         one = result.isel(cycle=k)
-        beside = (
-            say_intervals(_intervals(one, "cycle_energy", 1e3)) if k + 1 == last["cycle"] else ""
-        )
-        told.append(f"cycle {k}: {_value(one, 'cycle_energy', 1e3)} mJ lost{beside}")
-    if "slipping_load" in result and not np.isnan(result["slipping_load"].values[-1]):
-        end = result.isel(step=-1)
+        intervals = _intervals(one, "cycle_energy", 1e3) if k + 1 == last["cycle"] else ()
+        lost = f"{_value(one, 'cycle_energy', 1e3)} mJ lost{say_intervals(intervals)}"
+        told.append(f"cycle {k}: {missing if np.isnan(loss) else lost}")
+    end = result.isel(step=-1)
+    if "slipping_load" in result and not np.isnan(end["slipping_load"]):
         told.append(
             f"At the amplitude, contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
             f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"

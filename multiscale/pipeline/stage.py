@@ -152,11 +152,6 @@ def _nothing(*_: object) -> tuple[()]:
     return ()
 
 
-def _itself(dataset: "xr.Dataset") -> "xr.Dataset":
-    """Return a dataset whose variables are the answers already."""
-    return dataset
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shown:
     """A dataset of a run or a sweep, in a file named after its schema, and how it is shown.
@@ -231,7 +226,7 @@ class Stage(Shown):
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
     answers: tuple[StageAnswer, ...] = ()
-    compared: Callable[["xr.Dataset"], "xr.Dataset"] = _itself
+    compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda dataset: dataset
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""

@@ -284,7 +284,8 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
     answering = _answering(case)
     values = answering.compared(found[answering]).reset_coords()
     answers = tuple(one.name for one in answering.answers if one.name in values)
-    names = [name for one in answers for name in _with_intervals(one) if name in values]
+    kinds = ("", "_mean_law", "_one_part")
+    names = [name for one in answers for kind in kinds if (name := f"{one}{kind}") in values]
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
     return Point(answers, values[names].reset_coords(drop=True).to_dict()["data_vars"], caution)
@@ -293,10 +294,6 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
 def _answering(case: AnyCase) -> Stage:
     """Return the last stage that answers something."""
     return [stage for stage in stages_of(case.tables) if stage.answers][-1]
-
-
-def _with_intervals(name: str) -> tuple[str, str, str]:
-    return name, f"{name}_mean_law", f"{name}_one_part"
 
 
 def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> "xr.Dataset":

@@ -35,7 +35,8 @@ def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
 
 def _list_cautions(result: "xr.Dataset") -> list[str]:
     """Say why points have no result, and what to beware of at others: each with its points."""
-    names, failures = _names(result), [str(one) for one in result["failure"].values]
+    parameters, failures = _parameters(result), [str(one) for one in result["failure"].values]
+    names = [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
     cautions = [str(one) for one in result["caution"].values]
     refused = _places((f"no result: {one.rstrip('.')}", k) for k, one in enumerate(failures) if one)
     beware = _places((line, k) for k, one in enumerate(cautions) for line in one.splitlines())
@@ -62,11 +63,6 @@ def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
     for text, point in found:
         places.setdefault(text, []).append(point)
     return places
-
-
-def _names(result: "xr.Dataset") -> list[str]:
-    parameters = _parameters(result)
-    return [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
 
 
 def _list(names: list[str], at: list[int]) -> str:

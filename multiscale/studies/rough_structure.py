@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -141,7 +141,7 @@ class StructureOutcome:
         Of the structure alone, its law at hand, s; for the other ways the same as ``seconds``.
     solved, reused : int
         Cells solved (one at each load step), and how often a cell solved before served again.
-    response : Dataset, optional, follows ``MICRO_RESPONSE``
+    response : Dataset, follows ``MICRO_RESPONSE``; of the sequential way alone
     """
 
     answers: tuple[Answer, ...]
@@ -149,7 +149,7 @@ class StructureOutcome:
     solve_seconds: float
     solved: int = 0
     reused: int = 0
-    response: "xr.Dataset | None" = None
+    response: Any = None
 
     @property
     def mean_gap(self) -> float:

@@ -90,7 +90,9 @@ def size_term(
         ensembles = [one[quantity] for one in parts]
         mean = np.array([np.nanmean(one[0][0], axis=0) for one in ensembles])
         owner = np.repeat(np.arange(ratios.size), [len(one) for one in ensembles])
-        variance = np.array([_of_mean(values) for one in ensembles for values, _ in one])
+        rows_of = [values for one in ensembles for values, _ in one]
+        count = [np.maximum(np.isfinite(one).sum(axis=0) - 1, 1) for one in rows_of]
+        variance = np.array([np.nanvar(one, axis=0) for one in rows_of]) / count  # of the means
         freedom = np.array([[max(free, 1)] for one in ensembles for _, free in one])
         variance = np.maximum(variance, (1e-9 * mean[owner]) ** 2)
         error = np.sqrt([variance[owner == k].sum(axis=0) for k in range(ratios.size)])
@@ -184,9 +186,3 @@ def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
     slope = (share * mean).sum(axis=0)
     misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
     return share, float(misfit.mean())  # the steps of a cell are not independent
-
-
-def _of_mean(values: np.ndarray) -> np.ndarray:
-    """Variance of the mean of the rows, with as many values as each column has."""
-    n = np.maximum(np.isfinite(values).sum(axis=0) - 1, 1)
-    return np.asarray(np.nanvar(values, axis=0) / n)

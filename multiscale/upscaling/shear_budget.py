@@ -68,9 +68,13 @@ def tangential_terms(
       (1 - e^{-x})` with :math:`x = \kappa K u / (\mu p)`, they change :math:`t / (\mu p)` by
       :math:`x e^{-x} \le 1/e` of it.
     """
+    by_grid = terms["micro discretisation"].half_width
+    grid = np.full(p.size, np.nan)
+    if coarser and by_grid is not None:
+        grid = STEEPEST * np.hypot(by_grid[2], _grid_error({1.0: law, **coarser}, RATIO))
     own = {
         "sampling": _sampling(law, p),
-        "micro discretisation": _grid(terms["micro discretisation"], law, coarser, p),
+        "micro discretisation": grid,
         "friction bed": _distance(law, p),
     }
     told = "largest distance of the sheared cells from the bed over mu p"
@@ -173,16 +177,6 @@ def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
         for one, k, m in zip(fitted_laws(law, range(n)), ratio[1:], mu[1:], strict=True)
     ]
     return np.asarray(np.max(half_range(np.array(traction)), axis=0) / (mu[0] * p))
-
-
-def _grid(
-    term: Term, law: "xr.Dataset", coarser: Mapping[float, "xr.Dataset"], p: np.ndarray
-) -> np.ndarray:
-    """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
-    if not coarser or term.half_width is None:
-        return np.full(p.size, np.nan)
-    error = _grid_error({1.0: law, **coarser}, RATIO)
-    return np.asarray(STEEPEST * np.hypot(term.half_width[2], error))
 
 
 def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:

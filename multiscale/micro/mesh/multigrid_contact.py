@@ -169,8 +169,10 @@ def solve_large_contact(
         if load is not None:
             lowered[held] = -1.0
             if not residuals:  # fair for the active sets that follow, too
-                lowered, count = _lower(body.stiffness, lowered, free, precondition)
-                linear += count
+                nothing = (np.zeros(0), None)
+                lowered, _, linear = _balance(
+                    body.stiffness, lowered, free, precondition, nothing, LOOSE
+                )
         v[held] = gap[active] - delta  # (1)
         v, change, count = _balance(
             body.stiffness, v, free, precondition, (lowered, load), 0.3 * goal
@@ -212,17 +214,6 @@ def solve_large_contact(
     return ContactState(
         v, np.maximum(force, 0.0), delta, active, force, status, tuple(residuals), linear
     )
-
-
-def _lower(
-    stiffness: sparse.csr_array,
-    lowered: np.ndarray,
-    free: np.ndarray,
-    precondition: Callable[[np.ndarray], np.ndarray],
-) -> tuple[np.ndarray, int]:
-    """Let the free unknowns follow the lowered contact nodes."""
-    found, _, count = _balance(stiffness, lowered, free, precondition, (np.zeros(0), None), LOOSE)
-    return found, count
 
 
 def _balance(

@@ -14,7 +14,7 @@ from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table, list_facts, say_error, tabulate_budget
+from multiscale.pipeline.rows import Table, list_facts, say_beside, say_error, tabulate_budget
 from multiscale.pipeline.stage import (
     Datasets,
     Section,
@@ -207,10 +207,7 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
             lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known.")
             continue
         best = _hardest(result.isel(step=at))
-        error = ""
-        if "error_total" in result:
-            said = say_error(float(best["error_total"].squeeze()))
-            error = " ± an unknown error" if said == "unknown" else f" ± {said} %"
+        error = say_beside(say_error(float(best["error_total"].squeeze())))
         lines.append(
             f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
             f"{float(best['braking_force']):.4g} N{error}, "
@@ -228,25 +225,17 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
     force = on_axes(lambda ax: plot_braking_force(result, ax=ax), *WIDE)
     yield Section("Tread block", list_facts(result), *_tabulate(result), {"braking_force": force})
-    yield _budget(result)
     best = int(np.nanargmax(result["braking_force"].values))
-    pressed = on_axes(lambda ax: plot_footprint(result, best, ax=ax))
-    rubbed = on_axes(lambda ax: plot_footprint(result, best, quantity="friction", ax=ax))
     yield Section(
-        "Footprint", figures={"footprint_pressure": pressed, "footprint_friction": rubbed}
-    )
-
-
-def _budget(result: "xr.Dataset") -> Section:
-    """Say of each term of the error budget how large it is and how it was estimated."""
-    if "error_total" not in result:
-        return Section("Error budget", ["Nothing was estimated."])
-    best = int(np.nanargmax(result["braking_force"].values))
-    return Section(
         "Error budget",
         ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
         *tabulate_budget(result.isel(step=[best])),
         notes=True,
+    )
+    pressed = on_axes(lambda ax: plot_footprint(result, best, ax=ax))
+    rubbed = on_axes(lambda ax: plot_footprint(result, best, quantity="friction", ax=ax))
+    yield Section(
+        "Footprint", figures={"footprint_pressure": pressed, "footprint_friction": rubbed}
     )
 
 
@@ -258,11 +247,8 @@ def _tabulate(result: "xr.Dataset") -> Table:
         step = result.isel(step=k)
         warm = float(step["temperature"]) - ZERO_CELSIUS
         at = (f"{warm:.4g}", f"{float(step['sliding_speed']):.3g}")
-        if not int(step["converged"]):
-            rows.append((*at, "not converged", "", ""))
-            continue
         if np.isnan(step["braking_force"]):
-            rows.append((*at, "unknown", "", ""))
+            rows.append((*at, "unknown" if int(step["converged"]) else "not converged", "", ""))
             continue
         band = "none"
         if "braking_force_sample" in result:

@@ -364,7 +364,10 @@ def _lines(found: Datasets) -> list[str]:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     response, fields = found[CELLS.name], open_dataset(out / "fields" / "fields.nc", FIELDS)
-    asked, pressure = _asked_pressure(found), fields["nominal_pressure"].to_numpy()
+    of_cells, pressure = response["nominal_pressure"], fields["nominal_pressure"].to_numpy()
+    result = found.get(MACRO_RESULT.name)
+    preloads = of_cells if result is None else result.get("preload", of_cells)
+    asked = float(np.quantile(preloads.values, 0.5, method="higher"))  # the middle one, Pa
     step = int(np.abs(np.log(pressure / asked)).argmin())
     told = f"The map shows the first cell under {1e-6 * pressure[step]:.4g} MPa"
     if not np.isclose(pressure[step], asked):
@@ -399,15 +402,6 @@ def _roughness(fields: "xr.Dataset") -> Iterator[Section]:
             "bearing_curve": on_axes(lambda ax: plot_bearing_curve(told, ax=ax)),
         },
     )
-
-
-def _asked_pressure(found: Datasets) -> float:
-    """Return the middle one of the preloads of a structure, or else of the pressures, Pa."""
-    result = found.get(MACRO_RESULT.name)
-    response = found[CELLS.name]
-    of_cells = response["nominal_pressure"]
-    asked = of_cells if result is None else result.get("preload", of_cells)
-    return float(np.quantile(asked.values, 0.5, method="higher"))
 
 
 CELLS: Stage = Stage(

@@ -36,10 +36,6 @@ def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     return response.assign_attrs(title=case.title)
 
 
-def _shear(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return run_shear(case.coarser(), job)
-
-
 def _press_needs(case: Case) -> Needs:
     nx, ny = case.coarser().cell.points
     told = f"{case.micro.coarser} of {nx} x {ny} points, for the error of the grid"
@@ -66,6 +62,6 @@ COARSER_SHEAR = Stage(
     schema=COARSER_SHEAR_RESPONSE,
     tables=("micro.coarser", "micro.shear"),
     reads={**BODIES, "micro": {"pressures", "seed", "coarser", "shear"}},
-    run=_shear,
+    run=lambda case, found, job: run_shear(case.coarser(), job),
     needs=_shear_needs,
 )

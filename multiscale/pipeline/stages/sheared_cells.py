@@ -8,7 +8,7 @@ from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Stage
+from multiscale.pipeline.stage import Job, Stage
 from multiscale.schema import SHEAR_RESPONSE
 from multiscale.surfaces.surface import Surface
 
@@ -28,11 +28,6 @@ READS = {
     **dict.fromkeys(("body_1", "body_2", "cell"), True),
     "micro": {"pressures", "seed", "shear"},
 }
-
-
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    """Shear the cells of a case; see :func:`run_shear`."""
-    return run_shear(case, job)
 
 
 def run_shear(case: Case, job: Job) -> "xr.Dataset":
@@ -105,7 +100,7 @@ SHEARED_CELLS = Stage(
     schema=SHEAR_RESPONSE,
     tables=("micro.shear",),
     reads=READS,
-    run=_run,
+    run=lambda case, found, job: run_shear(case, job),
     needs=_needs,
     folders=(FOLDER,),
 )
