@@ -14,7 +14,7 @@ from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
 from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import WIDE, on_axes
-from multiscale.plotting.inspection_figures import (
+from multiscale.plotting.surface_figures import (
     plot_bearing_curve,
     plot_measured_heights,
     plot_spectral_density,

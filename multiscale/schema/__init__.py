@@ -34,8 +34,13 @@ from multiscale.schema.structure_schema import (
     SEAL,
     VIBRATION,
 )
-from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
-from multiscale.schema.sweep_schema import SWEEP
+from multiscale.schema.study_schema import (
+    END_TO_END,
+    STABILITY,
+    STORED_CELLS,
+    SWEEP,
+    WORK_PRECISION,
+)
 
 __all__ = [
     "COARSER_RESPONSE",

@@ -62,13 +62,11 @@ class _Cycles:
     cycle: Callable[[np.ndarray], np.ndarray] | None = None
     held: np.ndarray = field(default_factory=lambda: np.empty(0))
     slow: bool = True
-    setups: int = 0
 
     def precondition(self, free: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the cycle for free unknowns, set up again if the last one was slow."""
         if self.slow or self.cycle is None:
             self.cycle, self.held, self.slow = _cycle(self.body, free), ~free, False
-            self.setups += 1
         cycle, released = self.cycle, self.held & free
         diagonal = self.body.stiffness.diagonal()
 

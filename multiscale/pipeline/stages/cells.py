@@ -40,8 +40,12 @@ from multiscale.pipeline.stage import (
 from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.inspection_figures import plot_bearing_curve, plot_spectral_density
-from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
+from multiscale.plotting.surface_figures import (
+    plot_bearing_curve,
+    plot_contact_map,
+    plot_spectral_density,
+    plot_surface,
+)
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
@@ -55,7 +59,6 @@ __all__ = [
     "caution_steep",
     "count_cells",
     "run_micro",
-    "tabulate_roughness",
     "write_fields",
 ]
 
@@ -121,14 +124,10 @@ def _press(case: Case, job: Job) -> "xr.Dataset":
     response = run_ensemble(
         cells,
         LoadPath(pressure=case.micro.path),
-        executor=job.executor,
-        folder=job.out / "micro",
-        sparing=job.sparing,
-        identity=identity,
         keep_fields=not job.sparing,
         keep_spots=case.micro.spots,
         keep_flow=case.micro.leakage,
-        progress=lambda finished: job.progress(finished, len(cells), "realisations"),
+        **job.ensemble("micro", identity, len(cells), "realisations"),
     )
     if case.yield_stress is not None:
         halved = run_ensemble(
@@ -316,10 +315,12 @@ def _needs(case: Case) -> Needs:
     )
 
 
-def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text: each measured body as map, windows and cells; none if none."""
+def _measured(response: "xr.Dataset") -> Iterator[Section]:
+    """Show each measured body as map, windows and cells, and the waves that its cells leave out."""
+    if "body" not in response.dims:
+        return
     rows: list[tuple[str, ...]] = []
-    for body in response["body"].values if "body" in response.dims else ():
+    for body in response["body"].values:
         one = response.sel(body=body)
         windows = ", ".join(f"{100.0 * share:.2g}" for share in one["filled_share"].values)
         filled = {"map": f"{100.0 * float(one['map_filled_share']):.2g}", "windows": windows}
@@ -335,15 +336,11 @@ def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tu
                     filled.get(stage, ""),
                 )
             )
-    return HEAD, rows
-
-
-def list_cutoffs(response: "xr.Dataset") -> list[str]:
-    """Say of each measured body which waves its cells leave out."""
-    return [
+    lines = [
         f"The cells of {body} keep the waves down to {response.attrs[f'cutoff_{body}']}."
-        for body in (response["body"].values if "body" in response.dims else ())
+        for body in response["body"].values
     ]
+    yield Section("Measured surfaces", lines, HEAD, rows)
 
 
 def count_cells(found: Datasets) -> list[tuple[str, str]]:
@@ -357,9 +354,9 @@ def count_cells(found: Datasets) -> list[tuple[str, str]]:
 
 
 def _lines(found: Datasets) -> list[str]:
-    response = found[CELLS.name]
-    head, rows = tabulate_roughness(response)
-    return format_table(" ".join(list_cutoffs(response)), head, rows) if rows else []
+    measured = _measured(found[CELLS.name])
+    tables = (format_table(" ".join(one.lines), one.head, one.rows) for one in measured)
+    return [line for table in tables for line in table]
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -378,8 +375,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     }
     yield Section("Contact", [f"{told}."], figures=figures)
     yield from _roughness(fields)
-    if list_cutoffs(response):
-        yield Section("Measured surfaces", list_cutoffs(response), *tabulate_roughness(response))
+    yield from _measured(response)
 
 
 def _roughness(fields: "xr.Dataset") -> Iterator[Section]:

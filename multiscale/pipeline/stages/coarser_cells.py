@@ -23,16 +23,9 @@ BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 
 def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     cells = make_cells(case.coarser())
-    response = run_ensemble(
-        cells,
-        Path(pressure=case.micro.pressures),
-        executor=job.executor,
-        folder=job.out / FOLDER,
-        sparing=job.sparing,
-        identity=case.identity(),
-        keep_flow=case.micro.leakage,
-        progress=lambda finished: job.progress(finished, len(cells), "coarser cells"),
-    )
+    kept = job.ensemble(FOLDER, case.identity(), len(cells), "coarser cells")
+    path = Path(pressure=case.micro.pressures)
+    response = run_ensemble(cells, path, keep_flow=case.micro.leakage, **kept)
     return response.assign_attrs(title=case.title)
 
 

@@ -61,16 +61,8 @@ def press_control(case: Case, count: int, job: Job) -> "xr.Dataset":
     whole = -(-count // step)
     way = case.checksum(include={**BODIES, "micro": KEYS}, exclude=OTHERS)
     arguments = [(case, *ends) for ends in pairwise(step * k for k in range(whole + 1))]
-    control = run_realisations(
-        _press_batch,
-        arguments,
-        executor=job.executor,
-        folder=job.out / FOLDER / way[:12],
-        sparing=job.sparing,
-        identity=way,
-        progress=lambda finished: job.progress(step * finished, step * whole, "control cells"),
-        name="cells",
-    )
+    kept = job.ensemble(f"{FOLDER}/{way[:12]}", way, whole, "control cells", each=step)
+    control = run_realisations(_press_batch, arguments, name="cells", **kept)
     return control.isel(realisation=range(count))
 
 

@@ -24,10 +24,11 @@ from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_conductance,
     plot_gap_law,
+    plot_leakage,
     plot_shear_law,
     plot_unloading,
 )
-from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
+from multiscale.plotting.surface_figures import plot_flow_channels
 from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.units import readable, stiffness_unit
 from multiscale.upscaling import (

@@ -47,15 +47,8 @@ def run_shear(case: Case, job: Job) -> "xr.Dataset":
         pressed=own.micro.pressures,
     )
     way = case.checksum(include=READS, exclude={"micro": {"shear": {"realisations"}}})
-    response = run_ensemble(
-        cells,
-        path,
-        executor=job.executor,
-        folder=job.out / FOLDER / way[:12],
-        sparing=job.sparing,
-        identity=way,
-        progress=lambda finished: job.progress(finished, len(cells), "sheared cells"),
-    )
+    kept = job.ensemble(f"{FOLDER}/{way[:12]}", way, len(cells), "sheared cells")
+    response = run_ensemble(cells, path, **kept)
     ended = str(response.attrs.get("ended", "")).splitlines()
     told: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
     return response.assign_attrs(
