@@ -1,13 +1,9 @@
 """Statistics of a surface as rows of text."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from multiscale.schema import Dataset
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["tabulate_statistics"]
 
@@ -15,7 +11,7 @@ LAY = 1.5
 """Ratio of slopes from which a surface has a lay."""
 
 
-def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str, str]]:
+def tabulate_statistics(told: Dataset, *, measured: bool) -> list[tuple[str, str]]:
     """Return names and values of ``SURFACE_STATISTICS`` as rows.
 
     Undefined points, reliable waves and the fit to the spectrum are of a measured surface alone.

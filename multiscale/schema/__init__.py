@@ -25,7 +25,7 @@ from multiscale.schema.damage_schema import (
     RVE_VOLUMES,
     WOEHLER,
 )
-from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
+from multiscale.schema.dataset_schema import COMPONENTS, Dataset, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import (
     GRANULATE,
@@ -78,6 +78,7 @@ __all__ = [
     "VIBRATION",
     "WOEHLER",
     "WORK_PRECISION",
+    "Dataset",
     "Schema",
     "Variable",
     "branch_of",

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import END_TO_END
+from multiscale.schema import END_TO_END, Dataset
 from multiscale.studies.rough_scenes import RoughWave
 from multiscale.studies.rough_structure import (
     CELL_WAVES,
@@ -20,9 +20,6 @@ from multiscale.studies.rough_structure import (
     solve_sequential,
 )
 from multiscale.upscaling import estimate_grid_error
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["CASES", "PARTS", "EndToEndCase", "end_to_end"]
 
@@ -87,7 +84,7 @@ CASES = (
 
 def end_to_end(
     cases: Sequence[EndToEndCase] = CASES, *, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Compare the sequential way with the direct one, and part the difference.
 
     Parameters

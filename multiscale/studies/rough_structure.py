@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, load_shares
 from multiscale.micro import FlatCell, Path, Surface, run_ensemble, self_affine
+from multiscale.schema import Dataset
 from multiscale.studies.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "Answer",
@@ -189,13 +187,13 @@ def solve_sequential(
     return StructureOutcome((answer,), end - begin, end - fitted, solved, 0, response)
 
 
-def laws_of(response: "xr.Dataset") -> tuple[NormalLaw, AreaLaw]:
+def laws_of(response: Dataset) -> tuple[NormalLaw, AreaLaw]:
     """Law of the pressure and of the contact area that a response gives."""
     law = fit_law(response, n_samples=0)
     return law_from_dataset(law), area_from_dataset(law)
 
 
-def answer_of(structure: RoughStructure, response: "xr.Dataset", refined: int = 1) -> Answer:
+def answer_of(structure: RoughStructure, response: Dataset, refined: int = 1) -> Answer:
     """Answer of the structure with the law of a response."""
     law, area = laws_of(response)
     return checked(structure.solve(law, area, refined=refined), law)

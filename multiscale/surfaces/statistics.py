@@ -1,15 +1,11 @@
 """Statistics of a rough surface: heights, slopes, spectrum."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy
 
 from multiscale.errors import CaseError
+from multiscale.schema import Dataset
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["nayak_parameter", "power_spectral_density", "rms_height", "rms_slope", "wavenumbers"]
 
@@ -87,7 +83,7 @@ def breadth(q: np.ndarray, power: np.ndarray) -> float:
     return float(m0 * m4 / m2**2)  # (3)
 
 
-def power_spectral_density(surface: Surface) -> "xr.Dataset":
+def power_spectral_density(surface: Surface) -> Dataset:
     r"""Radially averaged power spectral density of a periodic surface.
 
     Apply :func:`window` to a measured map first.

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,13 +28,10 @@ from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import cell_share, fit_law, law_from_dataset, observe
 from multiscale.upscaling.reading import frictions_at
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["BRAKING", "braking_answer", "solve_treads"]
 
@@ -48,7 +44,7 @@ MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
 
 
-def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     """Brake a tread block at every temperature and speed.
 
     Returns
@@ -130,7 +126,7 @@ def _force(footprint: Footprint) -> float:
     return footprint.braking_force if footprint.solution.converged else np.nan
 
 
-def _missed(law: "xr.Dataset") -> str:
+def _missed(law: Dataset) -> str:
     """Caution against forces where the bell misses the cells."""
     error = float(law.attrs["largest_error_over_peak"])
     if error <= TELLING:
@@ -143,7 +139,7 @@ def _missed(law: "xr.Dataset") -> str:
     )
 
 
-def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exponential:
+def _normal_law(response: Dataset, temperature: float, speed: float) -> Exponential:
     """Exponential law of the mean gaps at one temperature and speed."""
     at = (response["temperature"].values == temperature) & (
         response["sliding_speed"].values == speed
@@ -170,7 +166,7 @@ def _needs(case: TyreCase) -> Needs:
     )
 
 
-def _check(result: "xr.Dataset") -> None:
+def _check(result: Dataset) -> None:
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the tread block did not converge at any speed and temperature:\n"
@@ -195,7 +191,7 @@ def _summary(found: Datasets) -> Summary:
     return Summary(result.attrs["title"], question, braking_answer(result))
 
 
-def braking_answer(result: "xr.Dataset") -> list[str]:
+def braking_answer(result: Dataset) -> list[str]:
     """Say where the force of every temperature is largest."""
     lines = []
     for temperature in np.unique(result["temperature"].values):
@@ -217,7 +213,7 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
     return lines
 
 
-def _hardest(result: "xr.Dataset") -> "xr.Dataset":
+def _hardest(result: Dataset) -> Dataset:
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 
@@ -239,7 +235,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     )
 
 
-def _tabulate(result: "xr.Dataset") -> Table:
+def _tabulate(result: Dataset) -> Table:
     """Return head and rows of text for a tread block: each temperature at its speeds."""
     head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
     rows: list[tuple[str, ...]] = []

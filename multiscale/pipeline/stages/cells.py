@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,13 +45,10 @@ from multiscale.plotting.surface_figures import (
     plot_spectral_density,
     plot_surface,
 )
-from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "CELLS",
@@ -87,7 +83,7 @@ def run_micro(
     executor: Executor | None = None,
     progress: ShowProgress = unseen,
     fields: bool = True,
-) -> "xr.Dataset":
+) -> Dataset:
     """Solve all cells of a case and write their response; finished cells found are kept.
 
     Parameters
@@ -111,14 +107,14 @@ def run_micro(
     return response
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     response = _press(case, job)
     if not job.sparing:
         write_fields(case, job.out, job.out)
     return response
 
 
-def _press(case: Case, job: Job) -> "xr.Dataset":
+def _press(case: Case, job: Job) -> Dataset:
     """Press all cells of a case in the folder of a job."""
     (cells, measured), identity = measured_cells(case), case.identity()
     response = run_ensemble(
@@ -188,7 +184,7 @@ def write_fields(case: Case, cells: Path, out: Path) -> None:
     write_surface_fields(fields, case.cell.size, folder)
 
 
-def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, np.ndarray]:
+def increment_errors(response: Dataset, halved: Dataset) -> dict[str, np.ndarray]:
     """Errors by the increments, relative, from the first realisation with halved ones.
 
     They are of first order: halving them takes out a half.
@@ -201,14 +197,14 @@ def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, 
 
 
 def with_slope_errors(
-    response: "xr.Dataset",
+    response: Dataset,
     pair: FlatCell,
     folder: Path,
     identity: str,
     one: FlatCell | None = None,
     *,
     sparing: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     """Return a response with its errors from slopes, estimated on one of its realisations.
 
     Flat cells are solved to both orders in the slope. The second order errs by about the difference
@@ -235,7 +231,7 @@ def with_slope_errors(
     return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
 
 
-def _increments(response: "xr.Dataset") -> list[str]:
+def _increments(response: Dataset) -> list[str]:
     """Say what the increments leave in cells that flow."""
     names = ("mean_gap_increment_error", "contact_fraction_increment_error")
     if names[0] not in response.variables:
@@ -247,7 +243,7 @@ def _increments(response: "xr.Dataset") -> list[str]:
     ]
 
 
-def caution_steep(response: "xr.Dataset", surface: str, beyond: str) -> list[str]:
+def caution_steep(response: Dataset, surface: str, beyond: str) -> list[str]:
     """Caution against a surface with slopes beyond those for which its cells are right."""
     steepest = float(response["rms_slope"].max())
     if steepest <= STEEP:
@@ -257,7 +253,7 @@ def caution_steep(response: "xr.Dataset", surface: str, beyond: str) -> list[str
     ]
 
 
-def _with_roughness(response: "xr.Dataset", measured: Mapping[str, Measured]) -> "xr.Dataset":
+def _with_roughness(response: Dataset, measured: Mapping[str, Measured]) -> Dataset:
     """Add the roughness of measured bodies from map to cell, and the filled share of windows."""
     if not measured:
         return response
@@ -315,7 +311,7 @@ def _needs(case: Case) -> Needs:
     )
 
 
-def _measured(response: "xr.Dataset") -> Iterator[Section]:
+def _measured(response: Dataset) -> Iterator[Section]:
     """Show each measured body as map, windows and cells, and the waves that its cells leave out."""
     if "body" not in response.dims:
         return
@@ -378,7 +374,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield from _measured(response)
 
 
-def _roughness(fields: "xr.Dataset") -> Iterator[Section]:
+def _roughness(fields: Dataset) -> Iterator[Section]:
     """Show statistics and spectrum of the heights of a cell; nothing of a smooth one."""
     size = (float(fields.attrs["size_x"]), float(fields.attrs["size_y"]))
     surface = Surface(fields["height"].to_numpy().T, size)

@@ -1,7 +1,6 @@
 """Stages: the first cells on half of their points, which tell the error of the grid."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from multiscale.micro import Path, run_ensemble
 from multiscale.needs import Choice, Needs
@@ -10,10 +9,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS, run_shear
-from multiscale.schema import COARSER_RESPONSE, COARSER_SHEAR_RESPONSE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import COARSER_RESPONSE, COARSER_SHEAR_RESPONSE, Dataset
 
 __all__ = ["COARSER_CELLS", "COARSER_SHEAR"]
 
@@ -21,7 +17,7 @@ FOLDER = "micro-coarser"
 BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 
 
-def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _press(case: Case, found: Datasets, job: Job) -> Dataset:
     cells = make_cells(case.coarser())
     kept = job.ensemble(FOLDER, case.identity(), len(cells), "coarser cells")
     path = Path(pressure=case.micro.pressures)

@@ -1,6 +1,6 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import FiniteCell, run_ensemble, shear_path
@@ -9,11 +9,8 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job, Stage
-from multiscale.schema import SHEAR_RESPONSE
+from multiscale.schema import SHEAR_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["FOLDER", "POINT_FRICTION", "SHEARED_CELLS", "run_shear"]
 
@@ -30,7 +27,7 @@ READS = {
 }
 
 
-def run_shear(case: Case, job: Job) -> "xr.Dataset":
+def run_shear(case: Case, job: Job) -> Dataset:
     """Press the cells over the pressures of the law, release them, and shear them.
 
     Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
