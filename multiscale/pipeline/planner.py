@@ -6,7 +6,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from multiscale.pipeline.stage import Job, ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.control_cells import press_control
 from multiscale.pipeline.stages.joint import solve_joint
-from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (
     at_rms_height,
@@ -46,9 +45,6 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
 from multiscale.upscaling.budget_terms import Term, grid_term
 from multiscale.upscaling.cell_size import size_term
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["Plan", "pilot_cases", "plan", "resize"]
 
@@ -87,9 +83,9 @@ class Plan:
     """
 
     case: Case
-    micro_response: "xr.Dataset"
-    interface_law: "xr.Dataset"
-    macro_result: "xr.Dataset | None"
+    micro_response: Dataset
+    interface_law: Dataset
+    macro_result: Dataset | None
     folder: Path
     total: float
     spent: float
@@ -97,7 +93,7 @@ class Plan:
     lines: tuple[str, ...]
 
     @property
-    def datasets(self) -> "tuple[xr.Dataset, xr.Dataset, xr.Dataset | None]":
+    def datasets(self) -> tuple[Dataset, Dataset, Dataset | None]:
         """Response, law and answer; law and answer say what was decided and spent."""
         told = {
             "plan": "\n".join(self.lines),
@@ -257,8 +253,8 @@ class _Ensemble:
     """Cells of one size, and flat ones, of which the first are beside them."""
 
     setting: Setting
-    response: "xr.Dataset"
-    control: "xr.Dataset | None" = None
+    response: Dataset
+    control: Dataset | None = None
     time: float = np.nan  # of a flat cell of this size, s
 
     @property
@@ -276,7 +272,7 @@ class _Known:
     estimate: Estimate
     stored: Pilots | None
     ensembles: Mapping[float, _Ensemble]
-    grids: "Mapping[int, xr.Dataset]"
+    grids: Mapping[int, Dataset]
     costs: CostModel
     grid: int  # of the answer
     flat_costs: CostModel | None = None
@@ -319,7 +315,7 @@ class _Campaign:
         """Return where the cells of a size are."""
         return self.out / f"size{size:+g}-grid{grid:+g}"
 
-    def solve(self, setting: Setting, grid: int) -> "xr.Dataset":
+    def solve(self, setting: Setting, grid: int) -> Dataset:
         """Response of the cells of a setting, at the height of the surface at large.
 
         Cells that are there are kept.
@@ -334,7 +330,7 @@ class _Campaign:
         )
         return self.at_large(response)
 
-    def press(self, setting: Setting) -> "xr.Dataset":
+    def press(self, setting: Setting) -> Dataset:
         """Response of the flat cells of a setting, which are on the coarse grid."""
         folder = self.folder(setting.size, COARSE)
         job = Job(make_folder(folder), self.executor, self.progress)
@@ -364,7 +360,7 @@ class _Campaign:
             control = control.assign_attrs(pairs_apart=1)
         return _Ensemble(setting, response, control, time)
 
-    def at_large(self, response: "xr.Dataset") -> "xr.Dataset":
+    def at_large(self, response: Dataset) -> Dataset:
         """Return a response at the height of the surface at large."""
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
@@ -411,7 +407,7 @@ class _Campaign:
         known = _Known(NOTHING, None, found, grids, costs, grid, flat_costs, sizes)
         return self.estimated(known, last)
 
-    def on_grid(self, grid: int) -> "xr.Dataset":
+    def on_grid(self, grid: int) -> Dataset:
         """Response of first cells of the smallest size on another grid."""
         return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid)
 
@@ -475,7 +471,7 @@ class _Campaign:
             grid_term(response, grids, apart=True),
         )
 
-    def law(self, known: _Known, found: _Ensemble) -> tuple[Case, "xr.Dataset"]:
+    def law(self, known: _Known, found: _Ensemble) -> tuple[Case, Dataset]:
         """Fit the law of cells less their biases, with its budget.
 
         It has no bootstrap samples: their bands would hold the scatter of few cells, and not the
@@ -554,7 +550,7 @@ class _Campaign:
         )
 
 
-def _time(response: "xr.Dataset") -> float:
+def _time(response: Dataset) -> float:
     """Median time of a cell, s: the first one may have compiled kernels."""
     return float(np.median(response["wall_time"].sum("step")))
 

@@ -256,8 +256,25 @@ class Case(Settings):
         self._check_leakage()
         if self.slide is not None:
             self._check_slide(self.slide)
-        target = self.accuracy
-        if target and target.quantity == "joint_stiffness" and self.interface_width is None:
+        if self.accuracy is not None:
+            self._check_target(self.accuracy)
+
+    def _check_target(self, target: AccuracySettings) -> None:
+        """Refuse what a planner does not do, or does by itself."""
+        micro = self.micro
+        for asked, key, planner in (
+            (micro.shear, "[micro.shear]", "presses its cells alone"),
+            (micro.control_realisations, "control_realisations", "chooses their number itself"),
+            (micro.leakage, "leakage", "keeps no gaps of its cells"),
+            (micro.coarser, "coarser", "chooses grids of its own"),
+            (micro.unload is not False, "unload", "loads its cells alone"),
+        ):
+            if asked:
+                where = key if key.startswith("[") else f"{key} in [micro]"
+                raise ValueError(
+                    f"{where} and a target in [accuracy] exclude each other: a planner {planner}"
+                )
+        if target.quantity == "joint_stiffness" and self.interface_width is None:
             raise ValueError(
                 '[accuracy] quantity = "joint_stiffness" needs [structure] kind = "blocks"; ask '
                 'for the "mean_gap", the "contact_fraction" or the "stiffness" of the interface'
@@ -320,11 +337,6 @@ class Case(Settings):
                 "[micro.shear] shears elastic bodies, which forget one shear before the next, and "
                 "a body has a hardness; leave out one of them"
             )
-        if self.accuracy is not None:
-            raise ValueError(
-                "[micro.shear] and a target in [accuracy] exclude each other: a planner presses "
-                "its cells alone"
-            )
         points = shear.points or self.cell.points
         if any(mine > all_cells for mine, all_cells in zip(points, self.cell.points, strict=True)):
             raise ValueError(
@@ -341,11 +353,6 @@ class Case(Settings):
             raise ValueError(
                 f"control in [micro] has flat cells on the surfaces of dearer ones, and the cells "
                 f"are {here}; leave it out"
-            )
-        if self.accuracy is not None and self.micro.control_realisations:
-            raise ValueError(
-                "control_realisations in [micro] and a target in [accuracy] exclude each other: a "
-                "planner chooses their number itself"
             )
         if self.accuracy is not None and self.measured:
             raise ValueError(
@@ -367,21 +374,11 @@ class Case(Settings):
                 "leakage in [micro] is of the gap above a surface, and mesh in [cell] may overhang "
                 "or have pores; leave out one of them"
             )
-        if self.accuracy is not None:
-            raise ValueError(
-                "leakage in [micro] and a target in [accuracy] exclude each other: a planner keeps "
-                "no gaps of its cells"
-            )
 
     def _check_coarser(self) -> None:
         """Refuse cells that half of the points cannot hold, or that a planner chooses."""
         if not self.micro.coarser:
             return
-        if self.accuracy is not None:
-            raise ValueError(
-                "coarser in [micro] and a target in [accuracy] exclude each other: a planner "
-                "chooses grids of its own"
-            )
         shear = self.micro.shear
         grids = {self.cell.points, (shear and shear.points) or self.cell.points}
         for points in sorted(grids):
@@ -428,11 +425,6 @@ class Case(Settings):
             raise ValueError(
                 "unload in [micro] needs conforming cells and the hardness of a body: without "
                 "flow an interface unloads as it was loaded"
-            )
-        if self.micro.unload is not False and self.accuracy is not None:
-            raise ValueError(
-                "unload in [micro] and a target in [accuracy] exclude each other: a planner loads "
-                "its cells alone"
             )
 
     def _check_coating(self) -> None:
@@ -618,21 +610,20 @@ class Case(Settings):
 
     def coarser(self) -> Self:
         """Return the case of the first cells on half of their points."""
-        micro, shear = self.micro, self.micro.shear
-        halved = {"points": tuple(n // 2 for n in self.cell.points)}
-        cell = self.cell.model_copy(
-            update=halved | {"layers": max(FEWEST_LAYERS, self.cell.layers // 2)}
-        )
+
+        def halved(points: tuple[int, int], layers: int) -> dict[str, Any]:
+            return {
+                "points": tuple(n // 2 for n in points),
+                "layers": max(FEWEST_LAYERS, layers // 2),
+            }
+
+        cell, micro, shear = self.cell, self.micro, self.micro.shear
         if shear is not None:
-            points, layers = shear.points or self.cell.points, shear.layers or self.cell.layers
-            shear = shear.model_copy(
-                update={
-                    "points": tuple(n // 2 for n in points),
-                    "layers": max(FEWEST_LAYERS, layers // 2),
-                    "realisations": min(micro.coarser, shear.realisations),
-                }
-            )
+            grid = halved(shear.points or cell.points, shear.layers or cell.layers)
+            fewer = {"realisations": min(micro.coarser, shear.realisations)}
+            shear = shear.model_copy(update=grid | fewer)
         micro = micro.model_copy(update={"realisations": micro.coarser, "shear": shear})
+        cell = cell.model_copy(update=halved(cell.points, cell.layers))
         return self.model_copy(update={"cell": cell, "micro": micro})
 
     def control(self, count: int) -> Self:

@@ -18,31 +18,10 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
-    from multiscale.surfaces.surface import Surface
-
-__all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell", "plot_road"]
+__all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell"]
 
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
-
-
-def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the heights of a road.
-
-    Parameters
-    ----------
-    road : Surface, heights of the road, m
-    """
-    ax = axes_or_current(ax)
-    height = 1e3 * (road.heights - road.heights.mean()).T
-    largest = float(np.abs(height).max())
-    extent = (0.0, 1e3 * road.size[0], 0.0, 1e3 * road.size[1])
-    image = ax.imshow(
-        height, origin="lower", extent=extent, cmap="RdBu_r", vmin=-largest, vmax=largest
-    )
-    ax.set(xlabel="x (mm)", ylabel="y (mm)", title="road, realisation 0")
-    add_colour_bar(image, ax, "height (mm)")
-    return ax
 
 
 def plot_friction_bell(

@@ -27,7 +27,7 @@ from multiscale.schema.damage_schema import (
     VOLUME_GROWTH,
     WOEHLER,
 )
-from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
+from multiscale.schema.dataset_schema import COMPONENTS, Dataset, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import (
     GRANULATE,
@@ -36,8 +36,13 @@ from multiscale.schema.structure_schema import (
     SEAL,
     VIBRATION,
 )
-from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
-from multiscale.schema.sweep_schema import SWEEP
+from multiscale.schema.study_schema import (
+    END_TO_END,
+    STABILITY,
+    STORED_CELLS,
+    SWEEP,
+    WORK_PRECISION,
+)
 
 __all__ = [
     "COARSER_RESPONSE",
@@ -77,6 +82,7 @@ __all__ = [
     "VOLUME_GROWTH",
     "WOEHLER",
     "WORK_PRECISION",
+    "Dataset",
     "Schema",
     "Variable",
     "branch_of",

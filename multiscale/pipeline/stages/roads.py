@@ -17,7 +17,7 @@ from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.toml_model import read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.tyre_figures import plot_road
+from multiscale.plotting.surface_figures import plot_road
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine
 from multiscale.surfaces.surface import Surface
@@ -93,15 +93,8 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
     """Slide rubber over all roads; finished roads that are found are kept."""
     identity = case.identity()
     roads = make_roads(case)
-    response = run_realisations(
-        slide_road,
-        [(case, road) for road in roads],
-        executor=job.executor,
-        folder=job.out / "micro",
-        sparing=job.sparing,
-        identity=identity,
-        progress=lambda finished: job.progress(finished, len(roads), "roads"),
-    )
+    kept = job.ensemble("micro", identity, len(roads), "roads")
+    response = run_realisations(slide_road, [(case, road) for road in roads], **kept)
     return response.assign_attrs(
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",

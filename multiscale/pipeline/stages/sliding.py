@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +15,8 @@ from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer
 from multiscale.plotting.sliding_figures import draw_sliding
-from multiscale.schema import SLIDING_RESPONSE
+from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["SLIDING", "describe_sliding", "make_pair"]
 
@@ -48,7 +44,7 @@ def _pair(case: Case, slide: SlideSettings, surfaces: tuple[Surface, Surface]) -
     return two_bodies(case.cell, surfaces, (lower, upper), slide.friction_coefficient)
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     slide = case.slide
     assert slide is not None  # its table asks for the stage
     response = slide_cell(
@@ -89,7 +85,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Sliding", describe_sliding(response), figures=figures)
 
 
-def describe_sliding(response: "xr.Dataset") -> list[str]:
+def describe_sliding(response: Dataset) -> list[str]:
     """Say the friction of each pressure: its largest value, and where it settles."""
     way = float(response["sliding_distance"][-1])
     lines = []
