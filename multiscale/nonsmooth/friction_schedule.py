@@ -32,7 +32,7 @@ def run_schedule(
     2. A few Newton steps, unless W is so full that a factorisation outweighs many solves.
     3. Alternating directions with acceleration: one factorisation.
     4. The interior point that keeps the normal apart, finished by Newton's method.
-    5. Where W is small, the interior point from another start.
+    5. Where W is small, the interior point from other starts.
     6. Alternating directions without acceleration, slow and patient.
     """
 
@@ -67,7 +67,7 @@ def run_schedule(
         return
     if alternate(60, 10) or split(1.0):  # 3, 4
         return
-    if not large and split(10.0):  # 5
+    if not large and (split(10.0) or split(0.1)):  # 5
         return
     if not alternate(2000, 0):  # 6
         newton(25, 1e-6)
