@@ -143,7 +143,6 @@ def plan(
     is below the target. Sizes and grids change by a factor of two at a time, as each tells how the
     errors fall to the next one.
     """
-    assert case.accuracy is not None
     _check(case)
     campaign = _Campaign(case, out / "plan", executor, progress, surface_at_large(case))
     known, forecast = campaign.begin(), np.nan
@@ -413,7 +412,6 @@ class _Campaign:
 
     def choose(self, known: _Known) -> tuple[Setting, float, _Known]:
         """Choose the cheapest setting, and explore where stored cells do not reach so far."""
-        assert self.case.accuracy is not None
         target = self.case.accuracy.target
         try:
             setting, _ = cheapest(known.estimate, self.settings(known), known.time_of, target)
@@ -500,7 +498,6 @@ class _Campaign:
 
     def estimated(self, known: _Known, found: _Ensemble) -> _Known:
         """Say how wrong the answer of cells is."""
-        assert self.case.accuracy is not None
         chosen, carrier = self.law(known, found)
         quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
@@ -524,7 +521,6 @@ class _Campaign:
 
     def finish(self, known: _Known, lines: tuple[str, ...], forecast: float) -> Plan:
         """Fit the law that is the answer, and solve the joint with it, if there is one."""
-        assert self.case.accuracy is not None
         accuracy, total = self.case.accuracy, known.estimate.total
         found, spent = known.ensembles[known.estimate.setting.size], self.spent()
         chosen, law = self.law(known, found)

@@ -146,10 +146,10 @@ class Case(Settings):
     cell: CellSettings = ABSENT
     micro: MicroSettings = ABSENT
     law: LawSettings = ABSENT
-    slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
+    slide: SlideSettings = Field(ABSENT, description="Slide of the bodies over each other.")
     seal: SealSettings = ABSENT
-    accuracy: AccuracySettings | None = Field(
-        None, description="Target of a planner, which then chooses the cells."
+    accuracy: AccuracySettings = Field(
+        ABSENT, description="Target of a planner, which then chooses the cells."
     )
     rve: RveSettings = ABSENT
     growth: GrowthSettings = ABSENT
@@ -255,11 +255,11 @@ class Case(Settings):
         self._check_control()
         self._check_leakage()
         if self.slide is not None:
-            self._check_slide(self.slide)
+            self._check_slide()
         if self.accuracy is not None:
-            self._check_target(self.accuracy)
+            self._check_target()
 
-    def _check_target(self, target: AccuracySettings) -> None:
+    def _check_target(self) -> None:
         """Refuse what a planner does not do, or does by itself."""
         micro = self.micro
         for asked, key, planner in (
@@ -274,7 +274,7 @@ class Case(Settings):
                 raise ValueError(
                     f"{where} and a target in [accuracy] exclude each other: a planner {planner}"
                 )
-        if target.quantity == "joint_stiffness" and self.interface_width is None:
+        if self.accuracy.quantity == "joint_stiffness" and self.interface_width is None:
             raise ValueError(
                 '[accuracy] quantity = "joint_stiffness" needs [structure] kind = "blocks"; ask '
                 'for the "mean_gap", the "contact_fraction" or the "stiffness" of the interface'
@@ -308,14 +308,14 @@ class Case(Settings):
                 'out, or set geometry = "conforming" or "flat" in [cell]'
             )
 
-    def _check_slide(self, slide: SlideSettings) -> None:
+    def _check_slide(self) -> None:
         """Refuse what cells cannot slide, or not in reasonable time."""
         if self.cell.geometry == "flat":
             raise ValueError(
                 'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] '
                 "out"
             )
-        periods = slide.distance / self.cell.size[0]
+        periods = self.slide.distance / self.cell.size[0]
         if periods > LONGEST:
             raise ValueError(
                 f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "

@@ -7,11 +7,12 @@ A ``response`` follows ``MICRO_RESPONSE``, a ``law`` ``INTERFACE_LAW``, a ``resu
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.units import stiffness_unit
 from multiscale.upscaling import (
     areas_from_dataset,
@@ -20,10 +21,6 @@ from multiscale.upscaling import (
     hysteretic_from_dataset,
     loading_branch,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = [
     "plot_area_law",
@@ -48,7 +45,7 @@ STATISTICS = ("mean", "std")
 """Statistics over realisations, drawn as markers with bars."""
 
 
-def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_gap_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot pressure against mean gap: realisations as markers, the law as a line with its band."""
     ax = axes_or_current(ax)
     response = loading_branch(response)
@@ -64,7 +61,7 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
 
 
 def _draw_law(
-    ax: "Axes", along: np.ndarray, answers: Sequence[np.ndarray], *, sideways: bool = False
+    ax: Axes, along: np.ndarray, answers: Sequence[np.ndarray], *, sideways: bool = False
 ) -> None:
     """Draw the answers of the mean law, the first ones, as a line, and of its samples as a band."""
     mean, *samples = answers
@@ -76,9 +73,7 @@ def _draw_law(
     ax.legend()
 
 
-def plot_unloading(
-    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
-) -> "Axes":
+def plot_unloading(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot pressure against mean gap for unloading from the largest pressure, beside loading."""
     ax = axes_or_current(ax)
     hysteretic = hysteretic_from_dataset(law)
@@ -121,7 +116,7 @@ def plot_unloading(
     return ax
 
 
-def plot_conductance(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_conductance(law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot conductance against mean pressure: thermal, or else electrical, with its band."""
     ax = axes_or_current(ax)
     name, ratio = next(iter(conductance_ratios(law).items()))
@@ -139,7 +134,7 @@ def plot_conductance(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_area_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot contact fraction against mean pressure: realisations, and the law with its band."""
     ax = axes_or_current(ax)
     response = loading_branch(response)
@@ -154,7 +149,7 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
     return ax
 
 
-def plot_leakage(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_leakage(law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot hydraulic apertures of an interface against mean pressure, as far as it is open."""
     ax = axes_or_current(ax)
     pressure = 1e-6 * law["fit_pressure"].to_numpy()
@@ -177,7 +172,7 @@ def plot_leakage(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_shear_law(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_shear_law(law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot tangential traction over full slip against slip: sheared cells beside the bed."""
     ax = axes_or_current(ax)
     pressure, friction = law["shear_pressure"].values, float(law["shear_friction"])
@@ -200,7 +195,7 @@ def plot_shear_law(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_joint_stiffness(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the stiffness of a joint against its preload, with its bands if it has a budget."""
     ax = axes_or_current(ax)
     result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))

@@ -4,19 +4,16 @@ A ``response`` follows ``MICRO_RESPONSE``, with speeds and temperatures, and a `
 ``MACRO_RESULT``, with braking forces and tractions.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import law_band
 from multiscale.upscaling.reading import friction_at
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell"]
 
@@ -25,8 +22,8 @@ BAND_PERCENTILES = (2.5, 97.5)
 
 
 def plot_friction_bell(
-    response: "xr.Dataset", law: "xr.Dataset", pressure: float, *, ax: "Axes | None" = None
-) -> "Axes":
+    response: Dataset, law: Dataset, pressure: float, *, ax: Axes | None = None
+) -> Axes:
     """Plot friction against speed at every temperature: cells as markers, the law with a band.
 
     Parameters
@@ -72,7 +69,7 @@ def plot_friction_bell(
     return ax
 
 
-def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_braking_force(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the braking force of a tread block against its speed at every temperature."""
     ax = axes_or_current(ax)
     for temperature, colour in _temperatures(result):
@@ -98,8 +95,8 @@ def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
 
 
 def plot_footprint(
-    result: "xr.Dataset", step: int, *, quantity: str = "pressure", ax: "Axes | None" = None
-) -> "Axes":
+    result: Dataset, step: int, *, quantity: str = "pressure", ax: Axes | None = None
+) -> Axes:
     """Plot the pressure or friction of a tread block on the road; the block moves to the right.
 
     Parameters
@@ -123,7 +120,7 @@ def plot_footprint(
     return ax
 
 
-def _temperatures(dataset: "xr.Dataset") -> list[tuple[float, str]]:
+def _temperatures(dataset: Dataset) -> list[tuple[float, str]]:
     """List the temperatures of a dataset, K, with colours from cold to warm."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex

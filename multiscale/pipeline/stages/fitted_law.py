@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEA
 from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
 from multiscale.pipeline.stages.sheared_cells import POINT_FRICTION, SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
-from multiscale.plotting.figure import on_axes
+from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_conductance,
@@ -29,7 +29,7 @@ from multiscale.plotting.law_figures import (
     plot_unloading,
 )
 from multiscale.plotting.surface_figures import plot_flow_channels
-from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, Dataset
 from multiscale.units import readable, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
@@ -50,10 +50,6 @@ from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
-
 __all__ = ["FITTED_LAW"]
 
 CLOSED = 1.0 - 1e-6  # share of the area that touches, from which there is no gap left
@@ -62,7 +58,7 @@ EXPORTED = 0.01
 """Error of the pressure between the points of the tables that the page offers."""
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     response, sliding = found[MICRO_RESPONSE.name], found.get(SLIDING.name)
     steady = sliding is not None and bool(np.isfinite(sliding["steady_friction"]).any())
     control = found.get(CONTROL_CELLS.name)
@@ -186,11 +182,11 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Interface law", lines, figures=figures, files=files)
 
 
-def _flow(fields: Path, axis: str, ax: "Axes") -> "Axes":
+def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
     return plot_flow_channels(open_dataset(fields, FIELDS), direction=axis, ax=ax)
 
 
-def _shear(law: "xr.Dataset", of_points: float) -> list[str]:
+def _shear(law: Dataset, of_points: float) -> list[str]:
     """Say what the sheared cells gave, and which friction was put into them."""
     x, y = _say_ratio(law, 0), _say_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
@@ -210,7 +206,7 @@ def _shear(law: "xr.Dataset", of_points: float) -> list[str]:
     return lines
 
 
-def _say_ratio(law: "xr.Dataset", axis: int) -> str:
+def _say_ratio(law: Dataset, axis: int) -> str:
     """Tangential over normal stiffness along an axis, with its 95 % interval if there is one."""
     value, drawn = float(law["shear_stiffness_ratio"][axis]), np.empty(0)
     if law.sizes.get("shear_sample", 0):
@@ -256,7 +252,7 @@ def _summary(found: Datasets) -> Summary:
     return Summary(response.attrs["title"], question, said)
 
 
-def _compared(law: "xr.Dataset") -> "xr.Dataset":
+def _compared(law: Dataset) -> Dataset:
     """Return gap, stiffness and contact at the pressures of the cells, with their total errors."""
     pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
     found = {
