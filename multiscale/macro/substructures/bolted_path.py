@@ -9,8 +9,10 @@ the distance :math:`\delta` of the washers and its value :math:`\delta_0` when t
 so that the pair of forces is :math:`F - k \delta_0` from then on.
 """
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -30,21 +32,36 @@ LOOSE = 1e-9
 """Force of a bolt, relative to the largest of its path, up to which it is none."""
 
 
-class Method(Protocol):
-    """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
+@dataclass(frozen=True)
+class Method(ABC):
+    """A way to solve an assembly.
+
+    Parameters
+    ----------
+    parts : tuple of int, substructures of every body along x and y
+    tolerance, max_iterations, after_step : options of its solver
+    """
 
     name: ClassVar[str]
-    condenses: ClassVar[bool]
+    condenses: ClassVar[bool] = False
     """Whether bodies are condensed onto their joints before it follows a path."""
+
+    parts: tuple[int, int] = (1, 1)
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+    after_step: Callable[[], object] | None = None
 
     @property
     def coarse(self) -> bool:
         """Whether a coarse problem balances the resultants of interfaces."""
+        return not self.condenses
 
     @property
-    def parts(self) -> tuple[int, int]:
-        """Substructures of every body along x and y."""
+    def options(self) -> dict[str, Any]:
+        """All options of its solver."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "parts"}
 
+    @abstractmethod
     def solve(
         self,
         problem: CutProblem,
