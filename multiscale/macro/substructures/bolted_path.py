@@ -83,29 +83,34 @@ def bolt_pull(bolt: CutBolt, n: int) -> np.ndarray:
 
 
 def lock_bolts(
-    problem: CutProblem, tension: np.ndarray, stretch: np.ndarray, factor: float
+    problem: CutProblem,
+    tension: np.ndarray | None = None,
+    stretch: np.ndarray | None = None,
+    factor: float = 1.0,
 ) -> CutProblem:
     """Let the shanks carry what changes; the first load case then stays at its factor.
 
     Parameters
     ----------
-    problem : CutProblem, with bolts that are not locked
-    tension, stretch : ndarray, shape (bolts,)
-        Force of the bolts, N, and distance by which their washers have moved apart, m.
+    problem : CutProblem
+        With bolts that are not locked; returned as it is if it has none.
+    tension, stretch : ndarray, shape (bolts,), optional
+        Force of the bolts, N, and distance by which their washers have moved apart, m; zero if not
+        given, as shanks answer to changes alone.
     factor : float, factor of the first load case, not zero
     """
-    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
-    position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
-    for part in problem.substructures:
-        position[part.unknown], component[part.unknown] = part.position, part.component
+    if not problem.bolts:
+        return problem
+    (position, component), nothing = problem.places(), np.zeros(len(problem.bolts))
     pull, shanks = np.zeros(problem.n), []
-    for bolt, force, apart in zip(problem.bolts, tension, stretch, strict=True):
+    forces, stretches = (nothing if one is None else one for one in (tension, stretch))
+    for bolt, force, apart in zip(problem.bolts, forces, stretches, strict=True):
         pull += (force - bolt.stiffness * apart) * bolt_pull(bolt, problem.n)  # (1)
         ends = np.array(bolt.unknown)
         K = csr_array(bolt.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]]))
         load = np.zeros((2, problem.n_cases))
         shanks.append(Substructure(K, load, ends, position[ends], component[ends]))
-    pull /= factor * shares
+    pull /= factor * problem.shares
     parts = [
         replace(part, load=np.column_stack([pull[part.unknown], part.load[:, 1:]]))
         for part in problem.substructures
@@ -199,7 +204,7 @@ def _say_parted(
     problem: CutProblem, factor: np.ndarray, pressure: np.ndarray, tension: np.ndarray
 ) -> str:
     """Say that a load parts what bolts of given tensions, N, clamp; nothing if it does not."""
-    load = np.concatenate([part.load @ factor for part in problem.substructures])
+    load = problem.load(factor)
     slide = find_slide(problem, load, pressure)
     if slide is None or slide.joints:
         return ""

@@ -22,7 +22,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["LoadPath", "follow_cut_loads", "require_held"]
+__all__ = ["LoadPath", "follow_cut_loads", "refuse_free", "require_held"]
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,15 @@ def require_held(assembly: Assembly) -> None:
     CaseError
         With the bodies and their motions, or as :func:`cut_assembly`.
     """
+    refuse_free(assembly, cut_assembly(assembly))
+
+
+def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None:
+    """Refuse bodies that may move freely in the cut problem of an assembly, with more words."""
     names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
-    if free := say_free_motions(cut_assembly(assembly), names):
+    if free := say_free_motions(problem, names):
         raise CaseError(
-            f"{free}: hold each body by supports, by an interface with friction or by bolts"
+            f"{free}: hold each body by supports, by an interface with friction or by bolts{more}"
         )
 
 
