@@ -14,7 +14,7 @@ import numpy as np
 
 __all__ = ["layered_compliance"]
 
-_DEEP = 24.0  # thickness over wavelength, times 2 pi, from which a layer is a half-space to rounding
+_DEEP = 24.0  # thickness times wavenumber from which a layer is a half-space to rounding
 
 
 def layered_compliance(

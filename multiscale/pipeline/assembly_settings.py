@@ -14,11 +14,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
 from multiscale.macro import Assembly, BoltSection, Interface
 from multiscale.macro.bodies.assembly import GROUND
-from multiscale.macro.substructures import (
-    JointSize,
-    LoadPath,
-    require_held,
-)
+from multiscale.macro.substructures import JointLoading, JointSize, LoadPath, require_held
 from multiscale.pipeline.assembly_parts import (
     GROUNDED,
     BodyBolt,
@@ -48,7 +44,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets
 
-__all__ = ["Bodies", "LoadCycles", "LoadSteps", "OpenLaw", "StructureParts", "check_materials"]
+__all__ = ["Bodies", "LoadCycles", "LoadSteps", "OpenLaw", "StructureParts", "check_bodies"]
 
 PRELOAD = "preload"
 """Name of the tightening of the bolts among the loads."""
@@ -99,13 +95,15 @@ class StructureParts:
     Attributes
     ----------
     assembly : Assembly
-    path : LoadPath or JointLoading
+    path : LoadPath
     facts : tuple of str, what is said of it beside the answer
+    loading : JointLoading, optional, of which the path is the main part
     """
 
     assembly: Assembly
-    path: Any
-    facts: tuple[str, ...]
+    path: LoadPath
+    facts: tuple[str, ...] = ()
+    loading: JointLoading | None = None
 
 
 class Bodies(StructureKind):
@@ -202,7 +200,7 @@ class Bodies(StructureKind):
             )
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
-        check_materials(self.bodies, case)
+        check_bodies(self.bodies, case)
         if case.growth is not None and (case.cycles or case.vibration or not self.is_one):
             raise ValueError(
                 "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
@@ -217,8 +215,6 @@ class Bodies(StructureKind):
                     f"surface_damage of interface {number} is of representative volumes, and "
                     f"neither body has one; leave it out, or give damage"
                 )
-        if case.fatigue is not None:
-            self._check_fatigue(case)
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -227,29 +223,6 @@ class Bodies(StructureKind):
                     missing := own.tell_missing(told, case.strict, f"interface {number}")
                 ):
                     raise ValueError(missing)
-
-    def _check_fatigue(self, case: "Case") -> None:
-        """Refuse a history without a cycle, and a body that does not exist."""
-        if case.cycles is None:
-            raise ValueError(
-                "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
-                "[cycles] with load, amplitude, cycles and steps"
-            )
-        names = [one.name for one in self.bodies]
-        if case.fatigue.body is None and len(names) > 1:
-            raise ValueError(
-                f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
-            )
-        if case.fatigue.body not in (None, *names):
-            raise ValueError(
-                f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
-            )
-        followed = self.bodies[names.index(case.fatigue.body or names[0])]
-        if followed.porous:
-            raise ValueError(
-                f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
-                f"youngs_modulus and poissons_ratio in place of a representative volume"
-            )
 
     def joint_size(self, case: "Case") -> JointSize:
         """Count unknowns, points of interfaces and load steps."""
@@ -578,8 +551,12 @@ class Bodies(StructureKind):
         return self.model_copy(update={"bodies": bodies, "interfaces": interfaces})
 
 
-def check_materials(bodies: Sequence[MeshedBody], case: "Case") -> None:
-    """Refuse bodies without stiffness, volumes that none takes, and vibration without mass."""
+def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
+    """Refuse bodies that lack what the other tables of their case ask for.
+
+    That is stiffness, mass to vibrate, a cycle and a body that fatigue may follow; and a volume
+    that no body takes.
+    """
     takers = [one.name for one in bodies if one.porous and one.rve is None]
     if takers and case.rve is None:
         raise ValueError(
@@ -594,4 +571,30 @@ def check_materials(bodies: Sequence[MeshedBody], case: "Case") -> None:
         raise ValueError(
             f"[vibration] needs the mass of all bodies, and {without[0]} has no density; give it, "
             f'such as "7850 kg/m^3"'
+        )
+    if case.fatigue is not None:
+        _check_fatigue(bodies, case)
+
+
+def _check_fatigue(bodies: Sequence[MeshedBody], case: "Case") -> None:
+    """Refuse a history without a cycle, and a body that does not exist."""
+    if case.cycles is None:
+        raise ValueError(
+            "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
+            "[cycles]"
+        )
+    names = [one.name for one in bodies]
+    if case.fatigue.body is None and len(names) > 1:
+        raise ValueError(
+            f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
+        )
+    if case.fatigue.body not in (None, *names):
+        raise ValueError(
+            f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
+        )
+    followed = bodies[names.index(case.fatigue.body or names[0])]
+    if followed.porous:
+        raise ValueError(
+            f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
+            f"youngs_modulus and poissons_ratio in place of a representative volume"
         )

@@ -88,7 +88,7 @@ class Substructures(Settings):
 
     def method(self, team: "ProcessGroup | None") -> LatinMethod:
         """How elastic bodies are solved."""
-        return LatinMethod(self.parts, self.coarse, **self.stop(team))
+        return LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
 
     def quick(self) -> Self:
         """Return a cut into two parts each way, at most."""

@@ -27,7 +27,7 @@ from multiscale.pipeline.assembly_settings import (
     Bodies,
     OpenLaw,
     StructureParts,
-    check_materials,
+    check_bodies,
 )
 from multiscale.pipeline.body_settings import COARSER, Edges, Elements, Material, fewer
 from multiscale.pipeline.joint_settings import (
@@ -78,6 +78,7 @@ class RoughBodies(StructureKind, Material):
         "cycles": Cycles,
     }
     may_be_cut: ClassVar[bool] = True
+    may_tire: ClassVar[bool] = True
     mesher: ClassVar[tuple[str, ...]] = ()
     """Library that meshes the bodies."""
 
@@ -173,7 +174,7 @@ class RoughBodies(StructureKind, Material):
 
     def check(self, case: "Case") -> None:
         """Refuse damages that are not one for each joint, and friction that nothing tells."""
-        check_materials(self.bodies, case)
+        check_bodies(self.bodies, case)
         if case.has_cells:
             slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
             known = {"friction"} if slid else set()
@@ -233,6 +234,11 @@ class JointedBodies(Bodies):
             law = with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
         return [law] * len(self.interfaces)
 
+    def joint_size(self, case: "Case") -> JointSize:
+        """Count unknowns, points of joints and load steps, about."""
+        size: JointSize = self.source.joint_size(case)
+        return size
+
     def beds(self, case: "Case") -> dict[str, Any]:
         """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""
         return {"pressures": case.statics.joint_pressures, "slabs": self.source.slabs(case)}
@@ -242,7 +248,7 @@ class JointedBodies(Bodies):
         assembly = self.source.build([body.elasticity() for body in self.bodies], laws)
         preloads = case.statics.preloads
         loading = case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
-        return StructureParts(assembly, loading, ())
+        return StructureParts(assembly, loading.path(assembly.areas), loading=loading)
 
     def coarser(self) -> dict[float, Self]:
         """Return the same structure on larger elements, if any, by the ratio of their sizes."""

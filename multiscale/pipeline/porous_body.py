@@ -74,7 +74,7 @@ class PorousBody(MeshedBody):
     def coarsened(self) -> "PorousBody | None":
         """Return the same body with larger elements, if it has them."""
         plain = self.plain.coarsened()
-        return plain and self.model_copy(update={"plain": plain})
+        return None if plain is None else self.model_copy(update={"plain": plain})
 
     def elasticity(self) -> AnisotropicElastic:
         """Make the law of the volume, turned to its axes."""

@@ -202,8 +202,8 @@ class Case(Settings):
             )
         if self.fatigue is not None and not (self.structure and self.structure.may_tire):
             raise ValueError(
-                '[fatigue] follows the elements of [structure] kind = "bodies"; leave it out, or '
-                "give such a structure"
+                '[fatigue] follows the elements of [structure] kind = "bodies", "lap_joint" or '
+                '"stacked_blocks"; leave it out, or give such a structure'
             )
         return self
 

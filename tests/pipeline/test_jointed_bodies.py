@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
 from multiscale.fe.lap_mesh import LapShape, lap_meshes
 from multiscale.io import open_dataset, write_dataset
 from multiscale.pipeline import load_case, run
@@ -154,3 +155,62 @@ def test_blocks_of_a_volume_are_as_stiff_as_its_tensor_and_as_sure(tmp_path):
     largest = float(rve["modulus_error"].sel(rve_error="sampling").max())
     np.testing.assert_allclose(half, largest / 1.02, rtol=0.03)
     assert open_dataset(tmp_path / "pores.nc", RVE).attrs["poissons_ratio"] == 0.3
+
+
+@pytest.mark.slow
+def test_a_block_has_the_life_of_the_same_body(tmp_path):
+    write_law(tmp_path / "law.nc")
+    for name, z in (("lower", 0.0), ("upper", 0.01)):
+        mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1), origin=(0.0, 0.0, z))
+        write_body(tmp_path / f"{name}.msh", mesh)
+    joint = '[interface]\nlaw = "law.nc"\nfriction = 0.9\nstiffness_ratio = 0.8\n'
+    fatigue = """
+[fatigue]
+body = "BODY"
+fatigue_limit = "1.5 MPa"
+strength = "600 MPa"
+damage_strength = "0.0002 MPa"
+threshold = 0.0
+feedback = false
+"""
+    blocks = TWO_BLOCKS.replace('["5 MPa", "20 MPa"]', '["20 MPa"]')
+    blocks = blocks.replace("[interface]\nfriction = 0.2\nstiffness_ratio = 0.8\n", joint)
+    blocks += '[cycles]\nshear = "2 MPa"\ncycles = 2\nsteps = 2\n'
+    body = """
+[[structure.bodies]]
+name = "NAME"
+mesh = "NAME.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+supports = { HELD }
+"""
+    both = [("lower", 'bottom = "clamped"'), ("upper", 'front = "y"')]
+    parts = "".join(body.replace("NAME", name).replace("HELD", held) for name, held in both)
+    loads = """
+[[structure.interfaces]]
+sides = ["lower.top", "upper.bottom"]
+[[structure.loads]]
+name = "press"
+face = "upper.top"
+pressure = "20 MPa"
+[[structure.loads]]
+name = "shear"
+face = "upper.top"
+traction = ["2 MPa", 0, 0]
+[statics]
+steps = [{ press = 1 }]
+[cycles]
+load = "shear"
+cycles = 2
+steps = 2
+"""
+    bodies = f'title = "Bodies"\n[structure]\nkind = "bodies"\n{parts}{loads}{joint}'
+    lives = []
+    for text, name in ((blocks, "body 1"), (bodies, "upper")):
+        case = case_of(tmp_path, text + fatigue.replace("BODY", name))
+        lives.append(float(run(case, tmp_path / name)["fatigue_life"]["cycles_to_first"]))
+    assert np.isfinite(lives[0])
+    assert lives[0] == pytest.approx(lives[1], rel=0.02)  # beds differ
+    with pytest.raises(CaseError, match="there are body 0, body 1; name one by body"):
+        case_of(tmp_path, blocks + fatigue.replace('body = "BODY"\n', ""))

@@ -82,9 +82,10 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     ready = ReadyBodies.of(structure, case, found, job)
     assembly, small = ready.parts.assembly, ready.structure.small
+    loading = cast(JointLoading, ready.parts.loading)  # joints have one
     law = cast("xr.Dataset", ready.laws[0])  # all joints have this one
     watched = counting(ready.method, job, structure.joint_size(case).steps)
-    followed = follow_joint(small, ready.parts.path, method=watched)
+    followed = follow_joint(small, loading, method=watched)
     result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
     result = with_contact(ready.structure.restore(result), law)
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
