@@ -133,9 +133,9 @@ def solve_flat(
             state = force, opening, closes, step, cap
             if load is not None:
                 delta = _approach(*state, load, delta)
-            slope, length, distance, carried, deepest = _project(
-                *state, delta, direction, node, unit, spread
-            )
+            found = _project(*state, delta, direction, node, unit, spread)
+            slope, length, distance, carried = found[:, 1:].sum(axis=0).tolist()
+            deepest = float(found[:, 0].max())
             residual = max(distance / (carried or 1.0), deepest, delta - room) / scale
             if fresh or residual > bound:
                 break
@@ -145,7 +145,7 @@ def solve_flat(
             if residual <= tolerance:
                 status = Status.CONVERGED
                 break
-        curvature = _collect(respond(spread), node, unit, direction, change)
+        curvature = float(_collect(respond(spread), node, unit, direction, change).sum())
         if not curvature > 0.0:
             if fresh:  # these are the forces of the minimum, to rounding
                 status = Status.STALLED
@@ -153,7 +153,8 @@ def solve_flat(
             bound = np.inf
             continue
         share = min(1.0, -slope / curvature)
-        along, across, squared, raised, free = _advance(*state, delta, direction, change, share)
+        found = _advance(*state, delta, direction, change, share)
+        along, across, squared, raised, free = found.sum(axis=0).tolist()
         step = length / curvature
         if iteration % 2:  # in the tangent of the box, and of the load
             mean = raised / free if load is not None and free > 0.0 else 0.0
@@ -180,7 +181,7 @@ def _approach(
     low, high = -np.inf, np.inf
     reach = 0.0
     for _ in range(200):
-        carried, slope = _carry(force, opening, closing, step, cap, delta)
+        carried, slope = _carry(force, opening, closing, step, cap, delta).sum(axis=0).tolist()
         excess = carried - load
         if abs(excess) <= 1e-14 * load:
             break
@@ -197,7 +198,11 @@ def _approach(
 
 @compiled(parallel=True, fastmath=_MATH)
 def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untyped-def]
-    """Load of the forces after a step, in their box, and its derivative by the approach."""
+    """Load of the forces after a step, in their box, and its derivative by the approach, by parts.
+
+    The caller adds what the parts of the vectors return: sums of arrays take longer to compile
+    than all else.
+    """
     n, sums = force.size, np.zeros((PARTS, 2))
     for part in prange(PARTS):
         load, slope = 0.0, 0.0
@@ -207,7 +212,7 @@ def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untype
             load += closing[i] * boxed
             slope += step * closing[i] * closing[i] if moved == boxed else 0.0
         sums[part, 0], sums[part, 1] = load, slope
-    return np.sum(sums[:, 0]), np.sum(sums[:, 1])
+    return sums
 
 
 @compiled(parallel=True, fastmath=_MATH)
@@ -216,8 +221,8 @@ def _project(  # type: ignore[no-untyped-def]
 ):
     """Write the way of the forces to their box after a step, also to the surface, in units.
 
-    Returns its products with the opening and with itself, the forces' product with what is open
-    at them, their sum, and the deepest overlap.
+    Returns, for parts of the vectors, the deepest overlap, the products of the way with the opening
+    and with itself, the forces' product with what is open at them, and their sum.
     """
     n, sums = force.size, np.zeros((PARTS, 5))
     for part in prange(PARTS):
@@ -234,14 +239,14 @@ def _project(  # type: ignore[no-untyped-def]
             overlap = 0.0 if full else -apart
             deepest = max(deepest, overlap)
             distance += force[i] * max(apart, overlap)
-        sums[part] = slope, length, distance, carried, deepest
-    total = np.sum(sums, axis=0)
-    return total[0], total[1], total[2], total[3], np.max(sums[:, 4])
+        sums[part, 0], sums[part, 1], sums[part, 2] = deepest, slope, length
+        sums[part, 3], sums[part, 4] = distance, carried
+    return sums
 
 
 @compiled(parallel=True, fastmath=_MATH)
 def _collect(response, node, unit, direction, change):  # type: ignore[no-untyped-def]
-    """Take the change of the opening from the surface; return its product with the direction."""
+    """Take the change of the opening from the surface; its products with the direction, by parts."""
     n, sums = node.size, np.zeros(PARTS)
     for part in prange(PARTS):
         curvature = 0.0
@@ -249,7 +254,7 @@ def _collect(response, node, unit, direction, change):  # type: ignore[no-untype
             change[i] = unit * response[node[i]]
             curvature += direction[i] * change[i]
         sums[part] = curvature
-    return np.sum(sums)
+    return sums
 
 
 @compiled(parallel=True, fastmath=_MATH)
@@ -258,9 +263,9 @@ def _advance(  # type: ignore[no-untyped-def]
 ):
     """Go a share of the way.
 
-    Returns, over the forces that a step leaves within their box, the products of the change with
-    the direction, of the closing with the direction, and of the change with itself, of the closing
-    with the change and with itself.
+    Returns, for parts of the vectors and over the forces that a step leaves within their box, the
+    products of the change with the direction, of the closing with the direction, and of the change
+    with itself, of the closing with the change and with itself.
     """
     n, sums = force.size, np.zeros((PARTS, 5))
     for part in prange(PARTS):
@@ -275,6 +280,6 @@ def _advance(  # type: ignore[no-untyped-def]
             free += inside * closing[i] * closing[i]
             force[i] += share * direction[i]
             opening[i] += share * change[i]
-        sums[part] = along, across, squared, raised, free
-    total = np.sum(sums, axis=0)
-    return total[0], total[1], total[2], total[3], total[4]
+        sums[part, 0], sums[part, 1], sums[part, 2] = along, across, squared
+        sums[part, 3], sums[part, 4] = raised, free
+    return sums
