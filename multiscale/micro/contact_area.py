@@ -172,10 +172,10 @@ def _shifted(
 
 
 def _fall(low: np.ndarray, here: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Squared slope of the squares along an axis at contact nodes; at an edge their fall or more."""
+    """Squared slope of squares along an axis at contact nodes; at an edge their fall or more."""
     both = (low > 0.0) & (high > 0.0)
     steepest = np.maximum(np.maximum(low, high) - here, here)
-    return np.where(both, 0.5 * (high - low), steepest) ** 2
+    return np.asarray(np.where(both, 0.5 * (high - low), steepest) ** 2)
 
 
 def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:

@@ -246,7 +246,7 @@ def _project(  # type: ignore[no-untyped-def]
 
 @compiled(parallel=True, fastmath=_MATH)
 def _collect(response, node, unit, direction, change):  # type: ignore[no-untyped-def]
-    """Take the change of the opening from the surface; its products with the direction, by parts."""
+    """Take the change of the opening; return its products with the direction, by parts."""
     n, sums = node.size, np.zeros(PARTS)
     for part in prange(PARTS):
         curvature = 0.0

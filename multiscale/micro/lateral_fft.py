@@ -362,7 +362,8 @@ class SurfaceFilter:
             threads = thread_count() if values.size >= MANY else 1
             waves = scipy.fft.rfft2(values, workers=threads)
             waves *= self._single
-            return scipy.fft.irfft2(waves, values.shape, workers=threads, overwrite_x=True)
+            options = {"workers": threads, "overwrite_x": True}
+            return np.asarray(scipy.fft.irfft2(waves, values.shape, **options))
         symbol, transform, found = self.symbol, self._transform, np.empty(values.shape)
 
         def along_y(rows: slice) -> None:

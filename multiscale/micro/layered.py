@@ -76,7 +76,7 @@ def layered_compliance(
             below = stiffness[:, up, up] - stiffness[:, up, low] @ carried
     symbol[1:] = np.linalg.inv(below)[:, 1, 1]
     compliance[shallow] = symbol[place]
-    return compliance
+    return np.asarray(compliance)
 
 
 def _layer_stiffness(q: np.ndarray, thickness: float, lame: float, shear: float) -> np.ndarray:

@@ -218,7 +218,7 @@ class CutProblem:
         return np.asarray(self.sum_up([value]) / np.maximum(self.shares, 1.0))
 
     def load(self, factor: np.ndarray) -> np.ndarray:
-        """Return the forces on all substructures, one after the other, at factors of the cases, N."""
+        """Return the forces on all substructures in turn at factors of the cases, N."""
         return np.concatenate([part.load @ factor for part in self.substructures])
 
     def places(self) -> tuple[np.ndarray, np.ndarray]:
