@@ -18,7 +18,6 @@ from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
-from multiscale.pipeline.body_settings import elasticity
 from multiscale.pipeline.joint_settings import Damage, JointLaw
 from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.toml_model import (
@@ -137,9 +136,6 @@ class MeshedBody(Settings):
     )
     density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
-    stiffness: Path | None = Field(
-        None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."
-    )
     rve: Path | None = Field(
         None,
         description="Representative volume of the body: a dataset `rve`, the folder of a run, or a "
@@ -149,8 +145,8 @@ class MeshedBody(Settings):
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
     rve_axes: tuple[Direction, Direction] | None = Field(
         None,
-        description="Directions of the x and the y axis of the volume, or of `stiffness`, in the "
-        "body; its own axes if not given.",
+        description="Directions of the x and the y axis of the volume in the body; its own axes if "
+        "not given.",
     )
     supports: dict[str, Axes] = Field(
         {},
@@ -162,8 +158,6 @@ class MeshedBody(Settings):
     def _check(self) -> Self:
         if (self.youngs_modulus is None) != (self.poissons_ratio is None):
             raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
-        if self.porous and self.stiffness is not None:
-            raise ValueError("stiffness needs the moduli of the solid beside it; give them")
         if not self.porous and self.rve is not None:
             raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
         if self.rve_axes is not None:
@@ -212,9 +206,8 @@ class MeshedBody(Settings):
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
         """Make its law; of a body whose volume is not known yet, any law."""
-        E, nu = self.youngs_modulus or ANY_MODULUS, self.poissons_ratio or 0.0
-        law = elasticity(E, nu, self.stiffness, self.damage)
-        return law.turned(self.axes) if isinstance(law, AnisotropicElastic) else law
+        E = (1.0 - self.damage) * (self.youngs_modulus or ANY_MODULUS)
+        return Elastic(E, self.poissons_ratio or 0.0)
 
     def coarsened(self) -> "Self | None":
         """Return the same body with larger elements, if it has a coarser mesh or is a geometry."""

@@ -44,7 +44,7 @@ from multiscale.pipeline.toml_model import (
     Ratio,
     Settings,
 )
-from multiscale.schema import DAMAGE_SECTIONS, RVE_STIFFNESS
+from multiscale.schema import DAMAGE_SECTIONS, RVE
 from multiscale.upscaling import law_from_dataset, with_damage
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def elasticity(
     """Make the elasticity of a body of moduli or of a file, 1 - D as stiff."""
     if stiffness is None:
         return Elastic((1.0 - damage) * youngs_modulus, poissons_ratio)
-    sound = open_dataset(stiffness, RVE_STIFFNESS)["stiffness"].values
+    sound = open_dataset(stiffness, RVE)["stiffness"].values
     return AnisotropicElastic((1.0 - damage) * sound)
 
 
@@ -149,7 +149,7 @@ class RoughBodies(StructureKind):
     )
     stiffness: Path | None = Field(
         None,
-        description="Dataset `rve_stiffness` whose tensor replaces the moduli of sound bodies.",
+        description="Dataset `rve` whose tensor replaces the moduli of sound bodies.",
     )
 
     @property

@@ -30,8 +30,7 @@ class AnisotropicElastic(BulkLaw):
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-        Stiffness :math:`C`, Pa, for xx, yy, zz, yz, xz, xy with shear angles, in the order of
-        ``RVE_STIFFNESS``.
+        Stiffness :math:`C`, Pa, for xx, yy, zz, yz, xz, xy with shear angles.
 
     Raises
     ------

@@ -19,7 +19,6 @@ from multiscale.micro.damage import (
     cylinders,
     effective_stiffness,
     ellipsoids,
-    lattice,
     mesh_stiffness,
     penny_cracks,
     plane_damage,
@@ -34,7 +33,7 @@ from tests.closed_forms.elastic_solids import (
     isotropic_stiffness,
     voigt_bound,
 )
-from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, ratio
+from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, lattice, ratio
 from tests.support import observed_rate
 
 SPHERE = 3.0 * (1.0 - NU) * (9.0 + 5.0 * NU) / (2.0 * (7.0 - 5.0 * NU))
