@@ -132,7 +132,7 @@ def joint(law_over_block: float, friction: float, parts: int, method: str = "LAT
     shear = min(0.5 * friction, 0.3) * PRESSURE  # a half would tip the upper block
     loading = JointLoading((PRESSURE,), shear=shear, cycles=1, steps=2)
     cut = load_joint(blocks, loading, method=_method(method, parts))
-    return _fault_of_path(blocks, loading.factors(), cut, law_over_block, parts)
+    return _fault_of_path(blocks, loading.path().factors(), cut, law_over_block, parts)
 
 
 def joint_path(scene: str, law_over_block: float, friction: float, method: str) -> float:

@@ -18,15 +18,13 @@ from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
+from multiscale.pipeline.body_settings import Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw
-from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.toml_model import (
-    Density,
     Factor,
     Length,
     Number,
     Pressure,
-    Ratio,
     Settings,
     must_rise,
     quantity,
@@ -97,7 +95,7 @@ Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
 
 
-class MeshedBody(Settings):
+class MeshedBody(Material):
     """An elastic body with a mesh of its own."""
 
     name: Name = Field(description="Name of the body, without dots.")
@@ -127,27 +125,8 @@ class MeshedBody(Settings):
         description="Order of the elements: 2 puts nodes between the corners of the mesh, which "
         "bending needs where there are few elements through a thickness.",
     )
-    youngs_modulus: Pressure | None = Field(
-        None,
-        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
-    )
-    poissons_ratio: Ratio | None = Field(
-        None, description="Poisson's ratio; together with the modulus."
-    )
-    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
-    rve: Path | None = Field(
-        None,
-        description="Representative volume of the body: a dataset `rve`, the folder of a run, or a "
-        "case, which is run in a folder of its own; the `[rve]` of this case if not given, nor the "
-        "moduli.",
-    )
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
-    rve_axes: tuple[Direction, Direction] | None = Field(
-        None,
-        description="Directions of the x and the y axis of the volume in the body; its own axes if "
-        "not given.",
-    )
     supports: dict[str, Axes] = Field(
         {},
         description='Faces that are held: `"clamped"`, or the axes along which they do not move, '
@@ -156,16 +135,6 @@ class MeshedBody(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.youngs_modulus is None) != (self.poissons_ratio is None):
-            raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
-        if not self.porous and self.rve is not None:
-            raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
-        if self.rve_axes is not None:
-            first, second = np.array(self.rve_axes, dtype=float)
-            norms = np.linalg.norm(first) * np.linalg.norm(second)
-            if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
-                told = " and ".join(f"{list(one)}" for one in self.rve_axes)
-                raise ValueError(f"rve_axes are two directions at right angles, got {told}")
         if (self.element is not None) != (self.mesh.suffix == ".geo"):
             raise ValueError(
                 "a geometry, in a file that ends in .geo, needs the size of its elements by element"
@@ -175,29 +144,6 @@ class MeshedBody(Settings):
         if self.element is not None and self.coarser is not None:
             raise ValueError("coarser belongs to a mesh; a geometry is meshed twice anyway")
         return self
-
-    @property
-    def moduli(self) -> tuple[float, float]:
-        """Young's modulus, Pa, and Poisson's ratio of a body that is not porous."""
-        assert self.youngs_modulus is not None
-        assert self.poissons_ratio is not None
-        return self.youngs_modulus, self.poissons_ratio
-
-    @property
-    def porous(self) -> bool:
-        """Whether a representative volume gives its stiffness."""
-        return self.youngs_modulus is None
-
-    @property
-    def axes(self) -> np.ndarray:
-        """Axes of the representative volume in the body, as columns, shape (3, 3)."""
-        if self.rve_axes is None:
-            return np.eye(3)
-        first, second = np.array(self.rve_axes, dtype=float)
-        first = first / np.linalg.norm(first)
-        second = second - (second @ first) * first
-        second = second / np.linalg.norm(second)
-        return np.stack([first, second, np.cross(first, second)], axis=1)
 
     @property
     def worst_damage(self) -> float:

@@ -22,11 +22,6 @@ from multiscale.plotting.grain_figures import (
     plot_grain_energies,
 )
 from multiscale.plotting.growth_figures import plot_growth
-from multiscale.plotting.inspection_figures import (
-    plot_bearing_curve,
-    plot_measured_heights,
-    plot_spectral_density,
-)
 from multiscale.plotting.interface_figures import (
     MOST_DRAWN,
     load_pictures,
@@ -44,10 +39,10 @@ from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_gap_law,
     plot_joint_stiffness,
+    plot_leakage,
     plot_shear_law,
     plot_unloading,
 )
-from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
 from multiscale.plotting.link_figures import (
     draw_links,
     plot_deformed_links,
@@ -67,13 +62,20 @@ from multiscale.plotting.sliding_figures import (
     plot_sliding_friction,
     plot_steady_friction,
 )
-from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
+from multiscale.plotting.surface_figures import (
+    plot_bearing_curve,
+    plot_contact_map,
+    plot_flow_channels,
+    plot_measured_heights,
+    plot_road,
+    plot_spectral_density,
+    plot_surface,
+)
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.plotting.tyre_figures import (
     plot_braking_force,
     plot_footprint,
     plot_friction_bell,
-    plot_road,
 )
 from multiscale.plotting.vibration_figures import (
     plot_backbone,

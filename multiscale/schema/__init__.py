@@ -26,7 +26,7 @@ from multiscale.schema.damage_schema import (
     VOLUME_GROWTH,
     WOEHLER,
 )
-from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
+from multiscale.schema.dataset_schema import COMPONENTS, Dataset, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import (
     GRANULATE,
@@ -35,8 +35,13 @@ from multiscale.schema.structure_schema import (
     SEAL,
     VIBRATION,
 )
-from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
-from multiscale.schema.sweep_schema import SWEEP
+from multiscale.schema.study_schema import (
+    END_TO_END,
+    STABILITY,
+    STORED_CELLS,
+    SWEEP,
+    WORK_PRECISION,
+)
 
 __all__ = [
     "COARSER_RESPONSE",
@@ -75,6 +80,7 @@ __all__ = [
     "VOLUME_GROWTH",
     "WOEHLER",
     "WORK_PRECISION",
+    "Dataset",
     "Schema",
     "Variable",
     "branch_of",

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -13,13 +13,13 @@ from multiscale.io import write_life_fields
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import Body
 from multiscale.macro.substructures import (
+    LoadPath,
     Method,
     condense_assembly,
     element_corners,
     element_stress,
     follow_cut_loads,
 )
-from multiscale.macro.substructures.closed_cycles import find_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
 from multiscale.micro.damage.inclusion import STATE_SIZE
 from multiscale.micro.damage.local_fatigue import (
@@ -33,6 +33,7 @@ from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
 from multiscale.pipeline.fatigue_settings import FatigueSettings
 from multiscale.pipeline.joint_settings import JointLaw
+from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -44,7 +45,8 @@ from multiscale.pipeline.stage import (
     Summary,
     format_table,
 )
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, body_size
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
@@ -125,9 +127,9 @@ class _Cycled:
             bodies[self.number] = replace(bodies[self.number], share=1.0 - cracked)
         whole = condense_assembly(replace(parts.assembly, bodies=tuple(bodies)), self.method)
         follow = partial(follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate)
-        return self.stress(whole.restore(follow(whole.small, parts.path)), bodies)
+        return self.stress(whole.restore(follow(whole.small, parts.path)), parts.path, bodies)
 
-    def stress(self, result: "xr.Dataset", bodies: Sequence[Body]) -> np.ndarray:
+    def stress(self, result: "xr.Dataset", path: LoadPath, bodies: Sequence[Body]) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
 
         Where the body has a damage of its own, it is the stress of what is left of its sections.
@@ -137,15 +139,12 @@ class _Cycled:
         ConvergenceError
             If a step of the cycle has no answer.
         """
-        case = self.case
-        first = case.statics.substeps * len(case.statics.steps)
-        cycle = find_cycles(first, case.cycles.steps, case.cycles.cycles)[-1]
         nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
-        moved = result["displacement"].to_numpy()[cycle, nodes[0] : nodes[1]]
+        moved = result["displacement"].to_numpy()[path.closed()[-1], nodes[0] : nodes[1]]
         if not np.isfinite(moved).all():
             raise ConvergenceError(
-                f"{case.title}: the life is unknown, as steps of the last cycle have no answer; "
-                f"{result.attrs.get('failure') or result.attrs.get('cautions', '')}"
+                f"{self.case.title}: the life is unknown, as steps of the last cycle have no "
+                f"answer; {result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
         sound = 1.0 - self.bodies.bodies[self.number].damage
         return element_stress(bodies[self.number], moved) / sound
@@ -153,17 +152,17 @@ class _Cycled:
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the inclusions of a body from the cycles that the stage before has solved."""
-    assert isinstance(case.structure, Bodies)  # as the case has checked
-    bodies = case.structure.with_volumes(found, job.read_rve)
+    structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
+    bodies = structure.with_volumes(case, found, job.read_rve)
     table, result = case.fatigue, found[MACRO_RESULT.name]
     laws = bodies.read_laws(case, found, job.read_law)
-    method = choose_solver(case, body_size(bodies, case), job.team).taken.method
+    method = choose_solver(case, structure.joint_size(case), job.team).taken.method
     names = [one.name for one in bodies.bodies]
     number = names.index(table.body or names[0])
     cycled = _Cycled(bodies, case, laws, method, number)
     parts = bodies.build(case, cycled.sliders)
     body, own = parts.assembly.bodies[number], bodies.bodies[number]
-    stress = cycled.stress(result, parts.assembly.bodies)
+    stress = cycled.stress(result, parts.path, parts.assembly.bodies)
     _refuse_static(stress, table, names[number])
     material = table.material(*own.moduli)
 
@@ -408,12 +407,12 @@ def _summary(found: Datasets) -> Summary:
 
 
 def _needs(case: Case) -> Needs:
-    bodies, again = case.structure, SOLVES if case.fatigue.scatter else 0
-    assert isinstance(bodies, Bodies)  # as the case has checked
+    again = SOLVES if case.fatigue.scatter else 0
+    bodies = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
     names = [one.name for one in bodies.bodies]
     body = bodies.bodies[names.index(case.fatigue.body or names[0])]
     inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
-    seconds = again * choose_solver(case, body_size(bodies, case)).taken.seconds
+    seconds = again * choose_solver(case, bodies.joint_size(case)).taken.seconds
     told = f"{inclusions} inclusions, and about {again} solves as they crack"
     return Needs(
         memory=8 * STATES * STATE_SIZE * inclusions,
@@ -426,7 +425,7 @@ BODY_FATIGUE = Stage(
     schema=FATIGUE_LIFE,
     tables=("fatigue",),
     reads={"title", "fatigue"},
-    takes=(LOADED_BODIES,),
+    takes=(ROUGH_JOINTS, LOADED_BODIES),
     run=_run,
     write_fields=write_life_fields,
     needs=_needs,

@@ -49,7 +49,7 @@ def _loaded(bodies: Bodies, case: Case) -> tuple[Body, np.ndarray]:
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
-    bodies = case.structure.with_volumes(found, job.read_rve)
+    bodies = case.structure.with_volumes(case, found, job.read_rve)
     body, load = _loaded(bodies, case)
     mean, *laws = softening_samples(found[VOLUME_GROWTH.name])
     cracked = []

@@ -11,7 +11,7 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.bulk.moduli import COMPONENTS
+from multiscale.laws.bulk.moduli import VOIGT
 from multiscale.micro.damage import (
     Cavities,
     VoxelImage,
@@ -47,7 +47,7 @@ def rotate_stiffness(stiffness, Q):
     place = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
     full = stiffness[place[:, :, None, None], place]
     turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, full, optimize=True)
-    i, j = np.array(COMPONENTS).T
+    i, j = np.array(VOIGT).T
     return turned[i[:, None], j[:, None], i, j]
 
 
