@@ -14,7 +14,7 @@ import pytest
 
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.facets import surface_of
-from multiscale.io import save_law
+from multiscale.io import open_law, save_law
 from multiscale.micro import Surface, self_affine
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
@@ -167,3 +167,9 @@ def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
         cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
         field_data={name: np.array(one) for name, one in groups.items()},
     ).write(path, file_format="gmsh22", binary=False)
+
+
+def joints_of(case, found=None):
+    """Bodies of stacked blocks or a lap joint, and the law of every joint as these take it."""
+    bodies = case.structure.as_bodies(case)
+    return bodies, bodies.read_laws(case, found or {}, open_law)
