@@ -9,7 +9,7 @@ from multiscale.errors import SchemaError
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["BUDGET", "COMPONENTS", "Schema", "Variable", "with_cautions"]
+__all__ = ["BUDGET", "COMPONENTS", "SENSITIVITY", "Schema", "Variable", "with_cautions"]
 
 COMPONENTS = ("n", "t1", "t2")
 """Labels of the dimension ``component``: the normal and the two tangents of the joint."""
@@ -206,6 +206,15 @@ BUDGET = {
     ),
 }
 """Errors that laws and results carry."""
+
+SENSITIVITY = {
+    "sensitivity": Variable(
+        ("parameter", "quantity", "step"),
+        "1",
+        "relative change of the answer if a parameter is larger by its half-width, to first order",
+    )
+}
+"""What results carry of parameters with a half-width of their own."""
 
 
 def with_cautions(dataset: "xr.Dataset", *lines: str) -> "xr.Dataset":

@@ -44,7 +44,7 @@ from multiscale.pipeline.rows import (
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section, of_stiffness
+from multiscale.pipeline.stages.joint import budget_sections, of_stiffness
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     counting,
@@ -235,7 +235,7 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
             "part.",
         ]
         yield Section("Cycles of shear", cycles, *tabulate_cycles(result))
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
 def _compared(result: "xr.Dataset") -> "xr.Dataset":
