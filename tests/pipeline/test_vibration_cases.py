@@ -78,7 +78,11 @@ REFUSED = {
     "twice": ("modes = [1, 2]", "modes = [2, 2]", "modes should name mode 2 once"),
     "cycles": ("[vibration]", '[cycles]\nload = "press"\ncycles = 1\n[vibration]', "takes"),
     "beyond": ("modes = [1, 2]", "modes = [109]", "mode 109 is wanted, and the model has 108"),
-    "too wide": ("friction = 0.2", 'friction = "0.2 +- 200 %"', "half-width behind +-, smaller than"),
+    "too wide": (
+        "friction = 0.2",
+        'friction = "0.2 +- 200 %"',
+        "a positive half-width behind +-",
+    ),
     "no half-width": ("friction = 0.2", 'friction = "0.2 +- ?"', "' ?' is not a quantity"),
     "not joined": ("friction = 0.2", "friction = 0", "the structure as a whole may be free"),
     "far": ('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]', "the preload is unknown: up to 100"),
