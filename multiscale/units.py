@@ -27,10 +27,11 @@ __all__ = [
 ZERO_CELSIUS = 273.15
 """Melting point of ice, K."""
 
-# a plain number, then names with one-digit powers, so that the parser has no expression to compute
+# a plain number, then names with short powers, so that the parser has no expression to compute
 _QUANTITY = re.compile(
     r"\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|[-+]?(?:nan|inf))"
-    r"\s*(?P<unit>(?:[^\W\d]+|%)(?:(?:\^|\*\*)-?\d)?(?:\s*[/*·]\s*[^\W\d]+(?:(?:\^|\*\*)-?\d)?){0,4})?\s*",
+    r"\s*(?P<unit>(?:[^\W\d]+|%)(?:(?:\^|\*\*)-?\d(?:\.5)?)?"
+    r"(?:\s*[/*·]\s*[^\W\d]+(?:(?:\^|\*\*)-?\d(?:\.5)?)?){0,4})?\s*",
     re.IGNORECASE,
 )
 

@@ -14,9 +14,8 @@ import pytest
 
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.facets import surface_of
-from multiscale.io import save_law
+from multiscale.io import open_law, save_law
 from multiscale.micro import Surface, self_affine
-from multiscale.nonsmooth.projections import project_ball
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import fit_law
@@ -48,7 +47,8 @@ def alart_curnier(velocity, reaction, friction, step=1.0):
     """Residual of Coulomb's law after Alart and Curnier: normal and tangent apart."""
     ahead = reaction - step * velocity
     normal = np.maximum(ahead[0], 0.0)
-    tangent = project_ball(ahead[1:], friction * normal)
+    size = np.linalg.norm(ahead[1:], axis=0)
+    tangent = ahead[1:] * np.minimum(1.0, friction * normal / np.where(size > 0.0, size, 1.0))
     return reaction - np.concatenate([normal[None], tangent])
 
 
@@ -167,3 +167,9 @@ def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
         cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
         field_data={name: np.array(one) for name, one in groups.items()},
     ).write(path, file_format="gmsh22", binary=False)
+
+
+def joints_of(case, found=None):
+    """Bodies of stacked blocks or a lap joint, and the law of every joint as these take it."""
+    bodies = case.structure.as_bodies(case)
+    return bodies, bodies.read_laws(case, found or {}, open_law)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -13,8 +14,7 @@ __all__ = [
     "CODES",
     "Code",
     "ContactAnswer",
-    "press_conforming_cell",
-    "press_flat_cell",
+    "press_cell",
     "press_with_contact_mechanics",
     "press_with_tamaas",
 ]
@@ -47,58 +47,44 @@ class ContactAnswer:
     converged: bool
 
 
-def press_flat_cell(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
-    """Press the flat cell, which is exact in depth.
+def press_cell(
+    geometry: Literal["flat", "conforming"],
+    surface: Surface,
+    pressure: float,
+    contact_modulus: float,
+) -> ContactAnswer:
+    """Press a flat cell, which is exact in depth, or a conforming one.
 
     Parameters
     ----------
+    geometry : {"flat", "conforming"}
     surface : Surface, heights of the elastic body under a rigid flat, on a square cell
     pressure, contact_modulus : float, mean pressure and contact modulus, Pa
 
     Notes
     -----
     The cell is as deep as its period, so that its base is not felt: it lowers the compliance of
-    the longest wave by less than 0.1 %.
+    the longest wave by less than 0.1 %. A conforming cell of n points is n/8 but at most 20 layers
+    deep, so that the errors of depth and surface fall together.
     """
-    return _solve_cell(surface, pressure, contact_modulus, "flat", 2)
-
-
-def press_conforming_cell(
-    surface: Surface, pressure: float, contact_modulus: float
-) -> ContactAnswer:
-    """Press the conforming cell, n/8 but at most 20 layers deep; see :func:`press_flat_cell`.
-
-    The number of layers grows with the points, so that the errors of depth and surface fall
-    together.
-    """
-    layers = min(max(surface.heights.shape[0] // 8, 8), 20)
-    return _solve_cell(surface, pressure, contact_modulus, "conforming", layers)
-
-
-def _solve_cell(
-    surface: Surface,
-    pressure: float,
-    contact_modulus: float,
-    geometry: Literal["flat", "conforming"],
-    layers: int,
-) -> ContactAnswer:
     from multiscale.micro import Cell, Path, solve_cell
 
+    flat, points = geometry == "flat", surface.heights.size
+    layers = 2 if flat else min(max(surface.heights.shape[0] // 8, 8), 20)
     modulus = contact_modulus * (1.0 - POISSONS_RATIO**2)
     cell = Cell(surface, surface.size[0], layers, modulus, POISSONS_RATIO, geometry=geometry)
     response = solve_cell(cell, Path(pressure=(pressure,)), tolerance=TOLERANCE)
-    points = surface.heights.size
     return ContactAnswer(
         float(response["mean_gap"].item()),
         float(response["contact_fraction"].item()),
         int(response["linear_iterations"].item()),
-        points if geometry == "flat" else 3 * layers * points,
+        points if flat else 3 * layers * points,
         bool(response["converged"].item()),
     )
 
 
 def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float) -> ContactAnswer:
-    """Solve with Tamaas: boundary elements; arguments and answer as of :func:`press_flat_cell`."""
+    """Solve with Tamaas: boundary elements; arguments and answer as of :func:`press_cell`."""
     import tamaas
 
     class Counter(tamaas.Functional):  # type: ignore[misc]
@@ -134,7 +120,7 @@ def press_with_tamaas(surface: Surface, pressure: float, contact_modulus: float)
 def press_with_contact_mechanics(
     surface: Surface, pressure: float, contact_modulus: float
 ) -> ContactAnswer:
-    """Solve with ContactMechanics; arguments and answer as of :func:`press_flat_cell`."""
+    """Solve with ContactMechanics; arguments and answer as of :func:`press_cell`."""
     from ContactMechanics import PeriodicFFTElasticHalfSpace, make_system
     from SurfaceTopography import Topography
 
@@ -191,8 +177,10 @@ class Code:
 
 
 CODES: Mapping[str, Code] = {
-    "multiscale flat": Code(press_flat_cell, "multiscale"),
-    "multiscale conforming": Code(press_conforming_cell, "multiscale", small_slope=False),
+    "multiscale flat": Code(partial(press_cell, "flat"), "multiscale"),
+    "multiscale conforming": Code(
+        partial(press_cell, "conforming"), "multiscale", small_slope=False
+    ),
     "Tamaas": Code(press_with_tamaas, "tamaas"),
     "ContactMechanics": Code(press_with_contact_mechanics, "ContactMechanics"),
 }

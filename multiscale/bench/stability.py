@@ -7,7 +7,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import product
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,7 @@ from multiscale.bench import STABILITY_FILE
 from multiscale.bench.trials import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
-from multiscale.schema import STABILITY
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import STABILITY, Dataset
 
 __all__ = ["OUTCOMES", "StabilityCase", "check_stability", "stability_cases", "tabulate_stability"]
 
@@ -67,8 +64,8 @@ def check_stability(
     *,
     jobs: int = 1,
     report: Callable[[str], None] = lambda line: None,
-    keep: "Callable[[xr.Dataset], None]" = lambda found: None,
-) -> "xr.Dataset":
+    keep: Callable[[Dataset], None] = lambda found: None,
+) -> Dataset:
     """Run cases in processes of their own, with one thread for kernels.
 
     Parameters
@@ -108,7 +105,7 @@ class _Outcome(NamedTuple):
     sentence: str = ""
 
 
-def _join(cases: list[StabilityCase], found: list[_Outcome]) -> "xr.Dataset":
+def _join(cases: list[StabilityCase], found: list[_Outcome]) -> Dataset:
     """Arrange the outcomes of the first cases."""
     done = cases[: len(found)]
     return STABILITY.build(
@@ -177,7 +174,7 @@ def _run(case: StabilityCase) -> _Outcome:
     return _Outcome(0, residual, seconds, f"residual {residual:.1e} above {case.tolerance:g}")
 
 
-def tabulate_stability(stability: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_stability(stability: Dataset) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows: outcomes and largest residual of every family, and of all."""
     families = stability["family"].values
     groups = {str(family): families == family for family in dict.fromkeys(families)}

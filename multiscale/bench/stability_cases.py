@@ -132,7 +132,7 @@ def joint(law_over_block: float, friction: float, parts: int, method: str = "LAT
     shear = min(0.5 * friction, 0.3) * PRESSURE  # a half would tip the upper block
     loading = JointLoading((PRESSURE,), shear=shear, cycles=1, steps=2)
     cut = load_joint(blocks, loading, method=_method(method, parts))
-    return _fault_of_path(blocks, loading.factors(), cut, law_over_block, parts)
+    return _fault_of_path(blocks, loading.path().factors(), cut, law_over_block, parts)
 
 
 def joint_path(scene: str, law_over_block: float, friction: float, method: str) -> float:
@@ -391,7 +391,7 @@ def voids(modulus: float, porosity: float) -> float:
 
     from multiscale.laws.bulk.moduli import lame_parameters
     from multiscale.micro.damage import effective_stiffness, random_spheres, voxelise
-    from multiscale.micro.damage.mesh_stiffness import solve_periodic
+    from multiscale.micro.damage.mesh_stiffness import solve_sides
 
     n = 12
     image = voxelise(random_spheres((1.0, 1.0, 1.0), 0.13, porosity=porosity, seed=1), n)
@@ -402,7 +402,7 @@ def voids(modulus: float, porosity: float) -> float:
     basis = Basis(mesh, ElementHex1())
     number = np.ravel_multi_index(tuple(np.rint(n * basis.doflocs).astype(int) % n), (n, n, n))
     lame, shear = (value * share for value in lame_parameters(1.0, POISSON))
-    exact = YOUNG * solve_periodic(basis, number, lame, shear).energy  # of 1 m3
+    exact = YOUNG * solve_sides(basis, number, lame, shear).energy  # of 1 m3
     return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 

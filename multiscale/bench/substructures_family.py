@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +30,7 @@ from multiscale.macro.substructures import (
     solve_whole,
     split_grid,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = [
     "CUT_METHODS",
@@ -180,7 +178,7 @@ def solve_scene(scene: CutScene, method: str, reference: CutAnswer | None = None
 
 
 def _answer(
-    problem: CutProblem, result: "xr.Dataset", history: Sequence[tuple[float, float]] = ()
+    problem: CutProblem, result: Dataset, history: Sequence[tuple[float, float]] = ()
 ) -> CutAnswer:
     """Tension of the links, or displacement of the unknowns, that a solver of a cut has found."""
     value = (

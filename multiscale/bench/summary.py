@@ -1,14 +1,10 @@
 """Runs as tables, of a family, and of all with the cheapest way to an answer of an accuracy."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.schema import WORK_PRECISION
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import WORK_PRECISION, Dataset
 
 __all__ = ["TARGETS", "join_families", "tabulate_cheapest", "tabulate_runs"]
 
@@ -45,7 +41,7 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
 """Heading, format and factor of each variable."""
 
 
-def tabulate_runs(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def tabulate_runs(work_precision: Dataset) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of the runs of ``WORK_PRECISION``, without columns not measured."""
     columns = {name: column for name, column in COLUMNS.items() if name in work_precision}
     head = ("scene", "code", *(heading for heading, _, _ in columns.values()))
@@ -62,7 +58,7 @@ def tabulate_runs(work_precision: "xr.Dataset") -> tuple[tuple[str, ...], list[t
     return head, rows
 
 
-def join_families(families: Mapping[str, "xr.Dataset"]) -> "xr.Dataset":
+def join_families(families: Mapping[str, Dataset]) -> Dataset:
     """Join the runs of several families, without their histories.
 
     The dataset follows ``WORK_PRECISION``, with ``family``; NaN where a family did not measure a
@@ -89,7 +85,7 @@ def join_families(families: Mapping[str, "xr.Dataset"]) -> "xr.Dataset":
 
 
 def tabulate_cheapest(
-    work_precision: "xr.Dataset",
+    work_precision: Dataset,
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the cheapest method and setting of every scene for each error that may be asked for.
 
@@ -104,7 +100,7 @@ def tabulate_cheapest(
     ]
 
 
-def _cheapest(work_precision: "xr.Dataset", scene: str, target: float) -> str:
+def _cheapest(work_precision: Dataset, scene: str, target: float) -> str:
     """Name the run of least time below an error, with its time."""
     runs = work_precision["scene"].values == scene
     uncertainty = work_precision.get("error_uncertainty")

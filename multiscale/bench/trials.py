@@ -6,16 +6,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale import __version__
 from multiscale.bench.measure import THREADS, Measurement, measure
-from multiscale.schema import WORK_PRECISION
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import WORK_PRECISION, Dataset
 
 __all__ = [
     "BenchFamily",
@@ -95,7 +92,7 @@ class BenchFamily:
     attributes: Mapping[str, str | float] = field(default_factory=dict)
 
 
-def measure_family(family: BenchFamily, report: Callable[[str], None]) -> "xr.Dataset":
+def measure_family(family: BenchFamily, report: Callable[[str], None]) -> Dataset:
     """Measure answers to questions, and judge them; ``report`` gets a line after each measurement.
 
     Returns

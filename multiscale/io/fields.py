@@ -3,16 +3,13 @@
 from collections.abc import Iterable
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import SchemaError
 from multiscale.io.files import replacing, write_bytes
-from multiscale.schema import GRANULATE, MACRO_RESULT, VIBRATION
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import GRANULATE, MACRO_RESULT, VIBRATION, Dataset
 
 __all__ = [
     "write_body_fields",
@@ -32,7 +29,7 @@ LIFE_VARIABLES = ("damage", "cracked_share", "plastic_strain", "first_crack")  #
 POINT_VARIABLES = ("gap", "contact_state")  # of the points of joints at every step
 
 
-def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder: Path) -> None:
+def write_surface_fields(fields: Dataset, size: tuple[float, float], folder: Path) -> None:
     """Write one VTU file per step: the surface as quadrilaterals with pressure, Pa, and gap, m.
 
     Parameters
@@ -62,7 +59,7 @@ def write_surface_fields(fields: "xr.Dataset", size: tuple[float, float], folder
             mesh.write(whole, file_format="vtu")
 
 
-def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links") -> Path:
+def write_link_fields(result: Dataset, folder: Path, *, name: str = "links") -> Path:
     """Write one VTU file per step, and the collection that ParaView opens as a series.
 
     The links are lines between the nodes of the unloaded structure, with tension and slack;
@@ -102,7 +99,7 @@ def write_link_fields(result: "xr.Dataset", folder: Path, *, name: str = "links"
     return _write_series(folder, name, _timesteps(result), map(links, steps))
 
 
-def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies") -> Path:
+def write_body_fields(result: Dataset, folder: Path, *, name: str = "bodies") -> Path:
     """Write the elements of every step, and the points of joints beside them as a second part.
 
     The filter *Warp By Vector* with the displacement of the nodes moves the bodies. Points have
@@ -149,7 +146,7 @@ def write_body_fields(result: "xr.Dataset", folder: Path, *, name: str = "bodies
     return _write_series(folder, name, _timesteps(result), map(parts, steps))
 
 
-def write_mode_fields(result: "xr.Dataset", folder: Path, *, name: str = "modes") -> Path:
+def write_mode_fields(result: Dataset, folder: Path, *, name: str = "modes") -> Path:
     """Write the shape of every mode on the elements, as a series over their numbers.
 
     The filter *Warp By Vector* with ``shape``, kg^-1/2, times a modal amplitude moves the bodies.
@@ -173,7 +170,7 @@ def write_mode_fields(result: "xr.Dataset", folder: Path, *, name: str = "modes"
     return _write_series(folder, name, result["mode"].values, meshes)
 
 
-def write_life_fields(life: "xr.Dataset", folder: Path, *, name: str = "life") -> Path:
+def write_life_fields(life: Dataset, folder: Path, *, name: str = "life") -> Path:
     """Write the elements of a body with their damage and life, as one VTU file.
 
     Elements have the mean damage and plastic strain of their inclusions, the share of these that
@@ -194,7 +191,7 @@ def write_life_fields(life: "xr.Dataset", folder: Path, *, name: str = "life") -
     return _write_series(folder, name, life["cycles"].values[-1:], [{"": mesh}])
 
 
-def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grains") -> Path:
+def write_grain_fields(result: Dataset, folder: Path, *, name: str = "grains") -> Path:
     """Write one VTU file per frame, and the collection that ParaView opens as a series.
 
     A grain is a point with its radius, m, velocity, m/s, and, if grains turn, spin, rad/s. The
@@ -219,7 +216,7 @@ def write_grain_fields(result: "xr.Dataset", folder: Path, *, name: str = "grain
     return _write_series(folder, name, time, frames)
 
 
-def _frame(result: "xr.Dataset", k: int) -> Any:
+def _frame(result: Dataset, k: int) -> Any:
     """Points of the grains and lines of their contacts in a frame."""
     import meshio
 
@@ -244,14 +241,14 @@ def _frame(result: "xr.Dataset", k: int) -> Any:
     )
 
 
-def _require(result: "xr.Dataset", names: tuple[str, ...], kind: str) -> None:
+def _require(result: Dataset, names: tuple[str, ...], kind: str) -> None:
     """Refuse a result that is not of the structures of a kind."""
     MACRO_RESULT.check(result)
     if missing := [needed for needed in names if needed not in result]:
         raise SchemaError(f"the result has no {', '.join(missing)}: it is no result of {kind}")
 
 
-def _timesteps(result: "xr.Dataset") -> np.ndarray:
+def _timesteps(result: Dataset) -> np.ndarray:
     """Return rising times, s, or load factors of the steps of a result, else their numbers."""
     for name in ("time", "load_factor"):
         if name in result.coords and np.all(np.diff(result[name].values) > 0.0):

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = ["simulate"]
 
+EXCHANGED = ("work", "numerical_dissipation", "link_dissipation", "smallest_link_dissipation")
+"""Energies of each step; all but the last are summed over the steps."""
+
 START_TOLERANCE = 1e-9
 """Allowed elongation of an inextensible link at the start, relative to its length."""
 
@@ -144,7 +147,7 @@ def simulate(
     state = scheme.rest(float(times[0]), start)
 
     failure: dict[str, str] = {}
-    rows: list[dict[str, Any]] = [scheme.report(state, None, 0.0, 0.0)]
+    rows = [scheme.report(state, 0.0, 0.0) | dict.fromkeys(EXCHANGED, 0.0)]
     for time in times[1:]:
         begin = perf_counter()
         new, residual, status = scheme.advance(state, float(time))
@@ -155,11 +158,11 @@ def simulate(
             reason = status.value.split(";")[0]
             failure["failure"] = f"the motion ends before {time:g} s: {reason}; take smaller steps"
             break
-        energy = scheme.energy(state, new)
-        rows.append(scheme.report(new, energy, residual, perf_counter() - begin))
+        exchanged = scheme.exchange(state, new)
+        rows.append(scheme.report(new, residual, perf_counter() - begin) | exchanged)
         state = new
     values = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    for name in ("work", "numerical_dissipation", "link_dissipation"):
+    for name in EXCHANGED[:-1]:
         values[name] = np.cumsum(values[name])
     return link_dataset(system, values, step=range(len(rows))).assign_attrs(failure)
 
@@ -189,28 +192,6 @@ class _State:
     tension: np.ndarray
     impulse: np.ndarray
     mean: np.ndarray
-
-
-@dataclass(frozen=True)
-class _EnergyStep:
-    r"""Energy balance of a step, J.
-
-    Attributes
-    ----------
-    kinetic, elastic : float, energies at the end of the step, J
-    work : float, work of loads and moving supports, J
-    numerical : float
-        Dissipation by the scheme, :math:`(\theta - 1/2)\, \mathrm{d}v^T M\, \mathrm{d}v`, J.
-    link : float, dissipation in the links, summed link by link, J
-    smallest_link : float, smallest term of this sum, J
-    """
-
-    kinetic: float
-    elastic: float
-    work: float
-    numerical: float
-    link: float
-    smallest_link: float
 
 
 @dataclass(frozen=True)
@@ -360,8 +341,8 @@ class _Scheme:
         entries[self.tangent.diagonal] += self.mass
         return self.tangent.factorise(entries)
 
-    def energy(self, old: _State, new: _State) -> _EnergyStep:
-        r"""Return the energy balance of a step, summed link by link.
+    def exchange(self, old: _State, new: _State) -> dict[str, float]:
+        r"""Return the energies that a step exchanges, J, summed link by link.
 
         From the equation of the step, with :math:`T` kinetic and :math:`V` elastic energy,
 
@@ -380,25 +361,15 @@ class _Scheme:
             change = change + self.model.gather(new.impulse) / self.mass
         before, after = self.stored(old.tension), self.stored(new.tension)
         lost = new.mean * growth - (after - before)
-        return _EnergyStep(
-            kinetic=0.5 * float(new.v @ (self.mass * new.v)),
-            elastic=float(np.sum(after)),
-            work=float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support)),
-            numerical=(self.theta - 0.5) * float(change @ (self.mass * change)),  # (4)
-            link=float(np.sum(lost)),
-            smallest_link=float(np.min(lost)),
-        )
+        work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
+        numerical = (self.theta - 0.5) * float(change @ (self.mass * change))  # (4)
+        sums = (work, numerical, float(np.sum(lost)), float(np.min(lost)))
+        return dict(zip(EXCHANGED, sums, strict=True))
 
-    def report(
-        self, state: _State, energy: _EnergyStep | None, residual: float, seconds: float
-    ) -> dict[str, Any]:
-        """Return the variables of a step."""
+    def report(self, state: _State, residual: float, seconds: float) -> dict[str, Any]:
+        """Return the variables of a time."""
         links = self.system.n_links
         tension = np.where(self.extensible, state.tension, state.impulse / state.step)[:links]
-        own = float(np.sum(self.stored(state.tension)))
-        energy = energy or _EnergyStep(
-            0.5 * float(state.v @ (self.mass * state.v)), own, 0.0, 0.0, 0.0, 0.0
-        )
         displacement = self.model.at_nodes(state.u)
         if self.support_motion is not None:
             displacement = displacement + np.where(
@@ -414,10 +385,6 @@ class _Scheme:
             "impulse": state.impulse[:links],
             "displacement": displacement[:, :3],
             "velocity": self.model.at_nodes(state.v)[:, :3],
-            "kinetic_energy": energy.kinetic,
-            "elastic_energy": energy.elastic,
-            "work": energy.work,
-            "numerical_dissipation": energy.numerical,
-            "link_dissipation": energy.link,
-            "smallest_link_dissipation": energy.smallest_link,
+            "kinetic_energy": 0.5 * float(state.v @ (self.mass * state.v)),
+            "elastic_energy": float(np.sum(self.stored(state.tension))),
         }

@@ -9,7 +9,6 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
-from multiscale.micro import bonded_layer
 from multiscale.micro.coating import (
     Coating,
     coating_faces,
@@ -18,6 +17,7 @@ from multiscale.micro.coating import (
     moduli_by_layer,
 )
 from multiscale.micro.graph_mesh import graded_planes
+from multiscale.micro.layered import layered_compliance
 from multiscale.surfaces.preparation import composite
 from multiscale.surfaces.statistics import nayak_parameter, rms_height, rms_slope
 from multiscale.surfaces.surface import Surface
@@ -52,7 +52,10 @@ def depth_caution(depth: float, period: float) -> str | None:
     """Return how a layer thinner than the period changes the answer, if it is."""
     if depth >= 0.99 * period:
         return None
-    share = float(bonded_layer.ratio_bonded(np.array(2.0 * np.pi * depth / period), 0.3))
+    nu, planes = 0.3, np.array([0.0, depth])
+    moduli = lame_parameters(np.ones(1), nu)
+    waves = layered_compliance((2, 1), (period, period), planes, *moduli)
+    share = float(waves[1, 0]) * np.pi / (period * (1.0 - nu**2))  # of a half-space's compliance
     return (
         f"a depth of {depth:.3g} m below a period of {period:.3g} m makes the longest wave "
         f"{100.0 * (1.0 - share):.2g} % too stiff"

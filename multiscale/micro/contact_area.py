@@ -136,15 +136,21 @@ def contact_areas(
     active = force > 0.0
     area = np.where(active, weight, 0.0)
     if force.ndim == 2 and active.any() and not active.all():
-        square = np.where(active, force / np.max(force), 0.0) ** 2
-        may_flow = np.broadcast_to(flowing, force.shape)
-        fall = [_fall(square, axis) ** 2 for axis in (0, 1)]
+        may_flow, largest = np.broadcast_to(flowing, force.shape), np.max(force)
+
+        def square(nodes: tuple[np.ndarray, ...]) -> np.ndarray:
+            return np.asarray((np.maximum(force[nodes], 0.0) / largest) ** 2)
+
         for axis, edge in enumerate(edges):
-            share = weight * fall[axis] / np.maximum(fall[0] + fall[1], TINY)
             for side in (1, -1):
                 outer = np.nonzero(active & ~np.roll(active, -side, axis))
                 inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
-                inwards = [square[nodes] for nodes in inner]
+                inwards = [square(nodes) for nodes in inner]
+                fall = [
+                    _fall(*(square(_shifted(outer, k, step, force.shape)) for step in (-1, 0, 1)))
+                    for k in (0, 1)
+                ]
+                share = weight[outer] * fall[axis] / np.maximum(fall[0] + fall[1], TINY)
                 place = _smooth_edge(inwards, edge)
                 for k in (2, 1, 0):
                     before = inwards[k - 1] if k else 0.0
@@ -152,7 +158,7 @@ def contact_areas(
                     full &= (inwards[k] > 0.0) & may_flow[inner[k]]
                     shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
                     place = np.where(full, 0.5 - k + sum(shares), place)  # (3)
-                area[outer] += share[outer] * (place - 0.5)
+                area[outer] += share * (place - 0.5)
     return area
 
 
@@ -165,12 +171,11 @@ def _shifted(
     return tuple(moved)
 
 
-def _fall(square: np.ndarray, axis: int) -> np.ndarray:
-    """Slope of the squares along an axis at each contact node, at an edge at least their fall."""
-    low, high = np.roll(square, 1, axis), np.roll(square, -1, axis)
+def _fall(low: np.ndarray, here: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Squared slope of squares along an axis at contact nodes; at an edge their fall or more."""
     both = (low > 0.0) & (high > 0.0)
-    steepest = np.maximum(np.maximum(low, high) - square, square)
-    return np.asarray(np.where(both, 0.5 * (high - low), steepest))
+    steepest = np.maximum(np.maximum(low, high) - here, here)
+    return np.asarray(np.where(both, 0.5 * (high - low), steepest) ** 2)
 
 
 def _smooth_edge(inwards: list[np.ndarray], edge: EdgeLayer) -> np.ndarray:

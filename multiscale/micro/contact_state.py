@@ -134,14 +134,18 @@ def average_contact(
     fields, spots : bool, as of :func:`multiscale.micro.solve_cell`
     """
     area, now = problem.nominal_area, problem.weight if weight is None else weight
-    by_normal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
-    nodal = by_normal if friction is None else by_normal + friction
     moved = problem.surface_displacement(state.displacement)
-    mean = np.array([np.sum(problem.weight * moved[:, k]) / area for k in (2, 0, 1)])
+
+    def mean(weight: np.ndarray, field: np.ndarray) -> np.ndarray:
+        return np.array([np.sum(weight * field[:, k]) / area for k in (2, 0, 1)])
+
+    traction = -mean(state.force, problem.normal)
+    if friction is not None:
+        traction += averages.average_traction(friction, area)
     real = contact_areas(state.force, now, edges=problem.edges, flowing=state.force >= problem.cap)
     step = {
-        "traction": averages.average_traction(nodal, area),
-        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean,
+        "traction": traction,
+        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean(problem.weight, moved),
         "mean_gap": averages.mean_gap(
             problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], now
         ),
@@ -149,6 +153,8 @@ def average_contact(
     }
     if spots:
         beside = problem.neighbours() if problem.neighbours else grid_neighbours(now.shape)
+        by_normal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
+        nodal = by_normal if friction is None else by_normal + friction
         active = state.force.ravel() > 0.0
         step |= spot_averages(nodal, by_normal, real.ravel(), active, beside, area)
     if problem.recover is not None:

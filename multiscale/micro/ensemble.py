@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path as FilePath
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,7 @@ from multiscale.micro.cell import AnyCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.checkpoint import WORTH, Checkpoint
 from multiscale.micro.path import Path
-from multiscale.schema import MICRO_RESPONSE, Schema
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MICRO_RESPONSE, Dataset, Schema
 
 __all__ = ["run_ensemble", "run_realisations"]
 
@@ -38,7 +35,7 @@ def run_ensemble(
     keep_spots: bool = False,
     keep_flow: bool = False,
     progress: Callable[[int], None] = lambda finished: None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Solve many cells along one path.
 
     Parameters
@@ -102,7 +99,7 @@ def run_ensemble(
 
 
 def run_realisations(
-    function: Callable[..., "xr.Dataset"],
+    function: Callable[..., Dataset],
     arguments: Sequence[tuple[Any, ...]],
     *,
     executor: Executor | None,
@@ -112,7 +109,7 @@ def run_realisations(
     progress: Callable[[int], None],
     name: str = "realisation",
     schema: Schema = MICRO_RESPONSE,
-) -> "xr.Dataset":
+) -> Dataset:
     """Compute realisations, each kept in a file of its own, and join their responses.
 
     Parameters
@@ -135,7 +132,7 @@ def run_realisations(
         if (found := _finished(file, identity, schema)) is not None
     }
 
-    def finish(k: int, response: "xr.Dataset") -> None:
+    def finish(k: int, response: Dataset) -> None:
         results[k] = response
         logger.info("%s %d: %d of %d are finished", name, k, len(results), len(numbers))
         progress(len(results))
@@ -166,13 +163,13 @@ def run_realisations(
 
 
 def _compute_and_keep(
-    function: Callable[..., "xr.Dataset"],
+    function: Callable[..., Dataset],
     arguments: tuple[Any, ...],
     file: FilePath | None,
     identity: str,
     sparing: bool,
     schema: Schema,
-) -> "xr.Dataset":
+) -> Dataset:
     """Compute a realisation and write its file, unless it is spared."""
     begun = perf_counter()
     response = function(*arguments)
@@ -183,7 +180,7 @@ def _compute_and_keep(
     return response
 
 
-def _finished(file: FilePath | None, identity: str, schema: Schema) -> "xr.Dataset | None":
+def _finished(file: FilePath | None, identity: str, schema: Schema) -> Dataset | None:
     """Return the response of a realisation computed before, if it is whole."""
     if file is None or not file.exists():
         return None
@@ -213,7 +210,7 @@ def _solve_realisation(
     path: Path,
     kept: dict[str, bool],
     checkpoint: Checkpoint | None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Solve one cell and add its statistics."""
     response = solve_cell(cell, path, **kept, checkpoint=checkpoint)
     return MICRO_RESPONSE.assign(response, cell.surface_record(heights=kept["keep_fields"]))

@@ -12,7 +12,8 @@ from multiscale.numerics.vectors import PARTS, dot
 
 __all__ = ["FlatSolution", "solve_flat"]
 
-_REFRESH = 25  # iterations after which rounding in the response is wiped out
+_GAIN = 0.03  # reduction of the residual in single precision, on the nodes near contact
+_NEAR = 0.02  # of the range of the gap: distance within which a node is near contact
 _ROUNDING = 1e-12  # share of a square that may be rounding of a difference
 _MATH = {
     "reassoc",
@@ -98,54 +99,70 @@ def solve_flat(
     shape, gap, closing = gap.shape, np.ravel(gap), np.ravel(closing)
 
     def respond(force: np.ndarray) -> np.ndarray:
-        return compliance(force.reshape(shape)).ravel()
+        return np.asarray(compliance(force.reshape(shape)), force.dtype).ravel()
 
     delta = 0.0 if approach is None else approach
     first = closing * delta - gap if load is None else closing
     guess = None if start is None or not start.any() else np.ravel(start)
-    force = np.clip(first if guess is None else guess, 0.0, cap)
-    direction = np.empty_like(force)
+    forces = np.clip(first if guess is None else guess, 0.0, cap)
     if load is not None:
-        force *= load / dot(closing, force)
-        near = force, np.zeros_like(force), closing, 1.0, cap
-        _project(*near, _approach(*near, load, 0.0), direction)
-        force += direction
+        forces *= load / dot(closing, forces)
+        state = forces, np.zeros_like(forces), closing, 1.0, cap
+        forces = np.clip(forces + closing * _approach(*state, load, 0.0), 0.0, cap)
     elif guess is None:
-        force *= dot(force, force) / dot(force, respond(force))
-        force = np.minimum(force, cap)
-    opening = respond(force)
-    scale = float(np.ptp(gap)) or float(np.max(np.abs(opening))) or 1.0
-    step = dot(force, force) / dot(force, opening)
-    opening += gap
+        forces *= dot(forces, forces) / dot(forces, respond(forces))
+        forces = np.minimum(forces, cap)
+    moved = respond(forces)
+    scale = float(np.ptp(gap)) or float(np.max(np.abs(moved))) or 1.0
+    step, unit = dot(forces, forces) / dot(forces, moved), float(np.max(forces))
     if load is not None:
-        delta = dot(force, opening) / load
-    status, residuals = Status.MAX_ITERATIONS, list[float]()
+        delta = dot(forces, moved + gap) / load
+    node, force = np.arange(gap.size), forces
+    status, residuals, bound = Status.MAX_ITERATIONS, list[float](), np.inf
     for iteration in range(max_iterations):
-        state = force, opening, closing, step, cap
-        if load is not None:
-            delta = _approach(*state, load, delta)
-        slope, length, distance, carried, deepest = _project(*state, delta, direction)
-        residuals.append(max(distance / (carried or 1.0), deepest) / scale)
-        if residuals[-1] <= tolerance:
-            status = Status.CONVERGED
-            break
-        change = respond(direction)
-        curvature = dot(direction, change)
-        if not curvature > 0.0:  # these are the forces of the minimum, to rounding
-            status = Status.STALLED
-            break
+        for fresh in (iteration == 0, True):
+            if fresh:  # look at all nodes, in double precision
+                forces[node] = force
+                apart = (respond(forces) if iteration else moved) + gap
+                near = (forces > 0.0) | (apart - closing * delta < _NEAR * scale)
+                room = delta + float(np.min((apart - closing * delta)[~near], initial=np.inf))
+                node = np.flatnonzero(near)
+                force, opening, closes = forces[node], apart[node], closing[node]
+                direction, change = np.empty((2, node.size))
+                spread = np.zeros(gap.size, np.float32)
+            state = force, opening, closes, step, cap
+            if load is not None:
+                delta = _approach(*state, load, delta)
+            found = _project(*state, delta, direction, node, unit, spread)
+            slope, length, distance, carried = found[:, 1:].sum(axis=0).tolist()
+            deepest = float(found[:, 0].max())
+            residual = max(distance / (carried or 1.0), deepest, delta - room) / scale
+            if fresh or residual > bound:
+                break
+        residuals.append(residual)
+        if fresh:
+            bound = max(_GAIN * residual, tolerance)
+            if residual <= tolerance:
+                status = Status.CONVERGED
+                break
+        curvature = float(_collect(respond(spread), node, unit, direction, change).sum())
+        if not curvature > 0.0:
+            if fresh:  # these are the forces of the minimum, to rounding
+                status = Status.STALLED
+                break
+            bound = np.inf
+            continue
         share = min(1.0, -slope / curvature)
-        along, across, squared, raised, free = _advance(*state, delta, direction, change, share)
-        if iteration % _REFRESH == 0:
-            opening = respond(force) + gap
+        found = _advance(*state, delta, direction, change, share)
+        along, across, squared, raised, free = found.sum(axis=0).tolist()
         step = length / curvature
         if iteration % 2:  # in the tangent of the box, and of the load
             mean = raised / free if load is not None and free > 0.0 else 0.0
             along, tangent = along - mean * across, squared - mean * raised
             if along > 0.0 and tangent > _ROUNDING * squared:
                 step = along / tangent
-    value = force.reshape(shape)
-    return FlatSolution(value, status, tuple(residuals), approach=delta)
+    forces[node] = force
+    return FlatSolution(forces.reshape(shape), status, tuple(residuals), approach=delta)
 
 
 def _approach(
@@ -164,7 +181,7 @@ def _approach(
     low, high = -np.inf, np.inf
     reach = 0.0
     for _ in range(200):
-        carried, slope = _carry(force, opening, closing, step, cap, delta)
+        carried, slope = _carry(force, opening, closing, step, cap, delta).sum(axis=0).tolist()
         excess = carried - load
         if abs(excess) <= 1e-14 * load:
             break
@@ -181,7 +198,11 @@ def _approach(
 
 @compiled(parallel=True, fastmath=_MATH)
 def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untyped-def]
-    """Load of the forces after a step, in their box, and its derivative by the approach."""
+    """Load of the forces after a step, in their box, and its derivative by the approach, by parts.
+
+    The caller adds what the parts of the vectors return: sums of arrays take longer to compile
+    than all else.
+    """
     n, sums = force.size, np.zeros((PARTS, 2))
     for part in prange(PARTS):
         load, slope = 0.0, 0.0
@@ -191,15 +212,17 @@ def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untype
             load += closing[i] * boxed
             slope += step * closing[i] * closing[i] if moved == boxed else 0.0
         sums[part, 0], sums[part, 1] = load, slope
-    return np.sum(sums[:, 0]), np.sum(sums[:, 1])
+    return sums
 
 
 @compiled(parallel=True, fastmath=_MATH)
-def _project(force, opening, closing, step, cap, delta, direction):  # type: ignore[no-untyped-def]
-    """Write the way of the forces to their box after a step.
+def _project(  # type: ignore[no-untyped-def]
+    force, opening, closing, step, cap, delta, direction, node, unit, spread
+):
+    """Write the way of the forces to their box after a step, also to the surface, in units.
 
-    Returns its products with the opening and with itself, the forces' product with what is open
-    at them, their sum, and the deepest overlap.
+    Returns, for parts of the vectors, the deepest overlap, the products of the way with the opening
+    and with itself, the forces' product with what is open at them, and their sum.
     """
     n, sums = force.size, np.zeros((PARTS, 5))
     for part in prange(PARTS):
@@ -208,6 +231,7 @@ def _project(force, opening, closing, step, cap, delta, direction):  # type: ign
             apart = opening[i] - closing[i] * delta
             moved = force[i] - step * apart
             direction[i] = min(max(moved, 0.0), cap) - force[i]
+            spread[node[i]] = direction[i] / unit
             slope += direction[i] * apart
             length += direction[i] * direction[i]
             carried += force[i]
@@ -215,9 +239,22 @@ def _project(force, opening, closing, step, cap, delta, direction):  # type: ign
             overlap = 0.0 if full else -apart
             deepest = max(deepest, overlap)
             distance += force[i] * max(apart, overlap)
-        sums[part] = slope, length, distance, carried, deepest
-    total = np.sum(sums, axis=0)
-    return total[0], total[1], total[2], total[3], np.max(sums[:, 4])
+        sums[part, 0], sums[part, 1], sums[part, 2] = deepest, slope, length
+        sums[part, 3], sums[part, 4] = distance, carried
+    return sums
+
+
+@compiled(parallel=True, fastmath=_MATH)
+def _collect(response, node, unit, direction, change):  # type: ignore[no-untyped-def]
+    """Take the change of the opening; return its products with the direction, by parts."""
+    n, sums = node.size, np.zeros(PARTS)
+    for part in prange(PARTS):
+        curvature = 0.0
+        for i in range(part * n // PARTS, (part + 1) * n // PARTS):
+            change[i] = unit * response[node[i]]
+            curvature += direction[i] * change[i]
+        sums[part] = curvature
+    return sums
 
 
 @compiled(parallel=True, fastmath=_MATH)
@@ -226,9 +263,9 @@ def _advance(  # type: ignore[no-untyped-def]
 ):
     """Go a share of the way.
 
-    Returns, over the forces that a step leaves within their box, the products of the change with
-    the direction, of the closing with the direction, and of the change with itself, of the closing
-    with the change and with itself.
+    Returns, for parts of the vectors and over the forces that a step leaves within their box, the
+    products of the change with the direction, of the closing with the direction, and of the change
+    with itself, of the closing with the change and with itself.
     """
     n, sums = force.size, np.zeros((PARTS, 5))
     for part in prange(PARTS):
@@ -243,6 +280,6 @@ def _advance(  # type: ignore[no-untyped-def]
             free += inside * closing[i] * closing[i]
             force[i] += share * direction[i]
             opening[i] += share * change[i]
-        sums[part] = along, across, squared, raised, free
-    total = np.sum(sums, axis=0)
-    return total[0], total[1], total[2], total[3], total[4]
+        sums[part, 0], sums[part, 1], sums[part, 2] = along, across, squared
+        sums[part, 3], sums[part, 4] = raised, free
+    return sums

@@ -11,12 +11,14 @@ from multiscale.micro.contact_area import EdgeLayer, edge_layer
 from multiscale.micro.contact_state import CellProblem, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.elastic_operator import stiffness_operator
-from multiscale.micro.flat_reference import Reference, flat_reference, surface_slopes
+from multiscale.micro.flat_reference import flat_reference, surface_slopes
 from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.lateral_fft import factorise_flat_cell
 from multiscale.micro.layered import layered_compliance
 
 __all__ = ["assemble_graph_cell", "element_edges"]
+
+Operator = Callable[[np.ndarray], np.ndarray]
 
 EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
 
@@ -41,17 +43,25 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     else:
         obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
         normal = obstacle_normal(*surface_slopes(obstacle, spacing))
-    trace, add = _normal_operators(None if cell.obstacle is None else normal)
-    if cell.obstacle is None and reference.convolves:
-        solve, compliance = _vertical_reference(reference)
-    else:
-        solve, compliance = _inclined_reference(reference, normal)
-    _, stiffness = reference.vertical
+    along, push = _along_normals(None if cell.obstacle is None else normal)
+    vertical, stiffness = reference.vertical
+    convolves = cell.obstacle is None and reference.convolves
+
+    def compliance(force: np.ndarray) -> np.ndarray:
+        return vertical(force) if convolves else along(reference.compliance(push(force)))
+
+    def solve(
+        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
+    ) -> np.ndarray:
+        return reference.solve(force, lambda moved: -push(correct(along(moved))), out)
+
+    def add(vector: np.ndarray, values: np.ndarray) -> None:
+        vector[:, -1] += push(values)
 
     body = ElasticBody(
         apply=stiffness_operator(mesh, lame, shear, mean_dilatation=cell.mean_dilatation),
         solve=solve,
-        trace=trace,
+        trace=lambda u: along(u[:, -1]),
         add=add,
         compliance=compliance,
         surface_stiffness=stiffness,
@@ -113,56 +123,20 @@ def _recover(
     )
 
 
-Operator = Callable[[np.ndarray], np.ndarray]
-Solve = Callable[..., np.ndarray]
+def _along_normals(normal: np.ndarray | None) -> tuple[Operator, Operator]:
+    """Part of surface vectors along the obstacle's normals, or along z, and the vectors of parts.
 
+    Vectors and normals have the shape (nx, 3, ny), and parts (nx, ny).
+    """
+    if normal is not None:
+        return (
+            lambda vector: np.asarray(np.sum(vector * normal, axis=1)),
+            lambda part: np.asarray(part[:, None] * normal),
+        )
 
-def _normal_operators(
-    normal: np.ndarray | None,
-) -> tuple[Operator, Callable[[np.ndarray, np.ndarray], None]]:
-    """Displacement along the obstacle's normals, and its transpose; along z if there are none."""
-    if normal is None:
+    def push(part: np.ndarray) -> np.ndarray:
+        vector = np.zeros((len(part), 3, part.shape[1]))
+        vector[:, 2] = part
+        return vector
 
-        def add_vertical(vector: np.ndarray, values: np.ndarray) -> None:
-            vector[:, -1, 2] += values
-
-        return lambda u: u[:, -1, 2], add_vertical
-
-    def add(vector: np.ndarray, values: np.ndarray) -> None:
-        vector[:, -1] += values[:, None] * normal
-
-    return lambda u: np.asarray(np.sum(u[:, -1] * normal, axis=1)), add
-
-
-def _vertical_reference(reference: Reference) -> tuple[Solve, Operator]:
-    """Inverse and surface compliance of the flat cell for contact along z."""
-    compliance, _ = reference.vertical
-
-    def solve(
-        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        def push(surface_displacement: np.ndarray) -> np.ndarray:
-            pushed = np.zeros_like(surface_displacement)
-            pushed[:, 2] = -correct(surface_displacement[:, 2])
-            return pushed
-
-        return reference.solve(force, push, out)
-
-    return solve, compliance
-
-
-def _inclined_reference(reference: Reference, normal: np.ndarray) -> tuple[Solve, Operator]:
-    """Inverse and surface compliance of the flat cell for contact along normals."""
-
-    def along(surface_displacement: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sum(surface_displacement * normal, axis=1))
-
-    def push(force: np.ndarray) -> np.ndarray:
-        return np.asarray(force[:, None] * normal)
-
-    def solve(
-        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        return reference.solve(force, lambda moved: -push(correct(along(moved))), out)
-
-    return solve, lambda force: along(reference.compliance(push(force)))
+    return lambda vector: vector[:, 2], push

@@ -14,6 +14,8 @@ import numpy as np
 
 __all__ = ["layered_compliance"]
 
+_DEEP = 24.0  # thickness times wavenumber from which a layer is a half-space to rounding
+
 
 def layered_compliance(
     shape: tuple[int, int],
@@ -47,19 +49,23 @@ def layered_compliance(
     """
     q_x = 2.0 * np.pi / size[0] * np.abs(np.fft.fftfreq(shape[0], 1.0 / shape[0]))
     q_y = 2.0 * np.pi / size[1] * np.arange(shape[1] // 2 + 1)
-    wavenumber, place = np.unique(np.hypot(q_x[:, None], q_y), return_inverse=True)
-    thickness = np.diff(planes)
-
-    symbol = np.empty_like(wavenumber)
-    symbol[0] = np.sum(thickness / (lame + 2.0 * shear))  # q = 0
-    q = wavenumber[1:]
-    below = np.full((q.size, 2, 2), np.inf)
+    waves = np.hypot(q_x[:, None], q_y)
     layers: list[list[float]] = []  # thickness and moduli, with equal neighbours joined
-    for h, first, second in zip(thickness, lame, shear, strict=True):
+    for h, first, second in zip(np.diff(planes), lame, shear, strict=True):
         if layers and layers[-1][1:] == [first, second]:
             layers[-1][0] += h
         else:
             layers.append([h, first, second])
+    h, first, second = layers[-1]
+    shallow = h * waves < _DEEP
+    with np.errstate(divide="ignore"):  # the mean is replaced
+        compliance = (first + 2.0 * second) / (2.0 * second * (first + second)) / waves
+    wavenumber, place = np.unique(waves[shallow], return_inverse=True)
+
+    symbol = np.empty_like(wavenumber)
+    symbol[0] = sum(h / (first + 2.0 * second) for h, first, second in layers)  # q = 0
+    q = wavenumber[1:]
+    below = np.full((q.size, 2, 2), np.inf)
     for h, first, second in layers:
         stiffness = _layer_stiffness(q, h, first, second)
         low, up = slice(0, 2), slice(2, 4)
@@ -69,7 +75,8 @@ def layered_compliance(
             carried = np.linalg.solve(stiffness[:, low, low] + below, stiffness[:, low, up])
             below = stiffness[:, up, up] - stiffness[:, up, low] @ carried
     symbol[1:] = np.linalg.inv(below)[:, 1, 1]
-    return symbol[place].reshape(shape[0], -1)
+    compliance[shallow] = symbol[place]
+    return np.asarray(compliance)
 
 
 def _layer_stiffness(q: np.ndarray, thickness: float, lame: float, shear: float) -> np.ndarray:

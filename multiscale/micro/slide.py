@@ -1,7 +1,7 @@
 """Friction of a whole cell against pressure and sliding distance."""
 
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -10,10 +10,7 @@ from multiscale.executors import run_jobs
 from multiscale.micro.cell import GridCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.path import Path
-from multiscale.schema import SLIDING_RESPONSE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import SLIDING_RESPONSE, Dataset
 
 __all__ = ["slide_cell"]
 
@@ -42,7 +39,7 @@ def slide_cell(
     along: Literal["x", "y"] = "x",
     executor: Executor | None = None,
     tolerance: float = 1e-8,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Press a cell, then slide its counterface over it, at each of several pressures.
 
     Parameters
@@ -95,7 +92,7 @@ def slide_cell(
         )
     slide = np.zeros((steps + 1, 2))
     slide[:, axis] = np.linspace(0.0, distance, steps + 1)
-    found: dict[int, xr.Dataset] = {}
+    found: dict[int, Dataset] = {}
     jobs = ((k, (cell, one, slide, tolerance)) for k, one in enumerate(pressure))
     run_jobs(_slide_once, jobs, executor, found.__setitem__)
 
@@ -119,9 +116,7 @@ def slide_cell(
     return SLIDING_RESPONSE.build(values, along=along, **({"ended": ended} if ended else {}))
 
 
-def _slide_once(
-    cell: GridCell, pressure: float, slide: np.ndarray, tolerance: float
-) -> "xr.Dataset":
+def _slide_once(cell: GridCell, pressure: float, slide: np.ndarray, tolerance: float) -> Dataset:
     path = Path(
         pressure=(pressure,) * len(slide), slide=tuple((float(x), float(y)) for x, y in slide)
     )

@@ -12,7 +12,6 @@ slopes that the half-space climbs, :math:`\partial h / \partial x > 0`, and lowe
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -75,11 +74,11 @@ class RelaxingSolid:
             if not all(0.0 < value < np.inf for value in values):
                 raise CaseError(f"{name} must be positive ({unit}), got {values}")
 
-    def complex_modulus(self, frequency: np.ndarray, shift: float = 1.0) -> np.ndarray:
-        """Complex modulus, Pa, at angular frequencies, 1/s, and a shift of the times."""
+    def complex_modulus(self, frequency: np.ndarray) -> np.ndarray:
+        """Complex modulus, Pa, at angular frequencies times the shift of the times, 1/s."""
         modulus = np.full(np.shape(frequency), self.relaxed_modulus, dtype=complex)
         for part, time in zip(self.moduli, self.times, strict=True):
-            turned = 1j * np.asarray(frequency) * shift * time
+            turned = 1j * np.asarray(frequency) * time
             modulus += part * turned / (1.0 + turned)
         return modulus
 
@@ -164,11 +163,12 @@ def solve_sliding(
             "the body slides but has no viscosity, so its answer has no rate; give it moduli that "
             "relax, or velocity 0"
         )
-    problem = _SlidingProblem(surface, solid, velocity * shift)
+    respond, stiffen, slope = _filters(surface, solid, velocity * shift)
+    typical = float(np.median(np.abs(stiffen.symbol)))  # stiffness of a wave, Pa/m
     heights = surface.heights
     scale = float(np.ptp(heights))
     load = pressure * heights.size
-    p = problem.stiffen(heights - heights.mean()) + pressure if start is None else start
+    p = stiffen(heights - heights.mean()) + pressure if start is None else start
     active = p > 0.0
     linear, status, fine = 0, Status.MAX_ITERATIONS, False
     gap, sets = heights, 0
@@ -176,18 +176,18 @@ def solve_sliding(
         sets += 1
         p = np.where(active, p, 0.0)
         p = np.where(active, p + (load - p.sum()) / active.sum(), 0.0)
-        p, gap, off, iterations = problem.close(p, active, tolerance * scale, fine)
+        goal = tolerance * scale
+        p, gap, off, iterations = _close(respond, stiffen, heights, p, active, goal, fine)
         linear += iterations
-        wanted = np.where(active, p, -problem.typical_stiffness * gap) > 0.0
+        wanted = np.where(active, p, -typical * gap) > 0.0
         changed = bool(np.any(wanted != active))
         if not np.isfinite(off):
             status = Status.NOT_FINITE
             break
         if not changed and fine:
-            status = Status.CONVERGED if off <= tolerance * scale else Status.STALLED
+            status = Status.CONVERGED if off <= goal else Status.STALLED
             break
         fine, active = not changed, wanted
-    slope = problem.slope_x
     return SlidingContact(
         p,
         float(np.sum(p * slope) / load),
@@ -199,90 +199,52 @@ def solve_sliding(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _SlidingProblem:
-    """The complex stiffness of a surface at one velocity, and one active set."""
+def _filters(
+    surface: Surface, solid: RelaxingSolid, velocity: float
+) -> tuple[SurfaceFilter, SurfaceFilter, np.ndarray]:
+    """From pressure to displacement and back (1), both without their means, and the slope along x.
 
-    surface: Surface
-    solid: RelaxingSolid
-    velocity: float
+    The wave with two points along x, which an odd number of points does not have, has no direction.
+    """
+    (nx, ny), (lx, ly) = surface.heights.shape, surface.size
+    across = 2.0 * np.pi / ly * np.arange(ny // 2 + 1)
+    along = 2.0 * np.pi / lx * np.fft.fftfreq(nx, 1.0 / nx)[:, None] + 0.0 * across
+    undirected = slice(nx // 2, nx // 2 + 1 - nx % 2)
+    modulus, slope = solid.complex_modulus(along * velocity), 1j * along
+    modulus[undirected], slope[undirected] = modulus[undirected].real, 0.0
+    symbol = np.hypot(along, across) * modulus / (2.0 * (1.0 - solid.poissons_ratio**2))
+    compliance = np.divide(1.0, symbol, out=np.zeros_like(symbol), where=symbol != 0.0)
+    heights = surface.heights
+    return SurfaceFilter(compliance), SurfaceFilter(symbol), SurfaceFilter(slope)(heights)
 
-    @cached_property
-    def waves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Wavenumbers along x and their magnitude, for ``rfft2``, 1/m."""
-        (nx, ny), (lx, ly) = self.surface.heights.shape, self.surface.size
-        along = 2.0 * np.pi / lx * np.fft.fftfreq(nx, 1.0 / nx)[:, None]
-        across = 2.0 * np.pi / ly * np.arange(ny // 2 + 1)
-        along = along + 0.0 * across
-        return along, np.hypot(along, across)
 
-    @property
-    def undirected(self) -> slice:
-        """Row of the wave with two points along x, which has no direction; none if nx is odd."""
-        half, odd = divmod(self.surface.heights.shape[0], 2)
-        return slice(half, half + 1 - odd)
+def _close(
+    respond: SurfaceFilter,
+    stiffen: SurfaceFilter,
+    heights: np.ndarray,
+    p: np.ndarray,
+    active: np.ndarray,
+    goal: float,
+    fine: bool,
+) -> tuple[np.ndarray, np.ndarray, float, int]:
+    """Bring the active points into contact at a constant load.
 
-    @cached_property
-    def symbol(self) -> np.ndarray:
-        """Pressure over displacement for each wave (1), Pa/m; 0 for the mean."""
-        along, size = self.waves
-        modulus = self.solid.complex_modulus(along * self.velocity)
-        symbol = size * modulus / (2.0 * (1.0 - self.solid.poissons_ratio**2))
-        symbol[self.undirected] = symbol[self.undirected].real
-        return np.asarray(symbol)
+    Returns the pressure, the gap, the largest distance of an active point, and iterations.
+    """
 
-    @cached_property
-    def compliance(self) -> np.ndarray:
-        """Displacement over pressure, m/Pa; 0 for the mean."""
-        symbol = self.symbol.copy()
-        symbol[0, 0] = 1.0
-        inverse = 1.0 / symbol
-        inverse[0, 0] = 0.0
-        return np.asarray(inverse)
+    def centred(values: np.ndarray) -> np.ndarray:
+        return np.where(active, values - values[active].mean(), 0.0)
 
-    @cached_property
-    def typical_stiffness(self) -> float:
-        """Median of the symbol, Pa/m."""
-        return float(np.median(np.abs(self.symbol)))
+    def apply(x: np.ndarray) -> np.ndarray:
+        return centred(respond(x.reshape(active.shape))).ravel()
 
-    @property
-    def slope_x(self) -> np.ndarray:
-        """Slope of the rough body along x by its Fourier series."""
-        along = 1j * self.waves[0]
-        along[self.undirected] = 0.0
-        return SurfaceFilter(along)(self.surface.heights)
+    def precondition(r: np.ndarray) -> np.ndarray:
+        return centred(stiffen(r.reshape(active.shape))).ravel()
 
-    @cached_property
-    def stiffen(self) -> SurfaceFilter:
-        """From a displacement of the surface to its pressure, without its mean."""
-        return SurfaceFilter(self.symbol)
-
-    @cached_property
-    def respond(self) -> SurfaceFilter:
-        """From a pressure to the displacement of the surface, without its mean."""
-        return SurfaceFilter(self.compliance)
-
-    def close(
-        self, p: np.ndarray, active: np.ndarray, goal: float, fine: bool
-    ) -> tuple[np.ndarray, np.ndarray, float, int]:
-        """Bring the active points into contact at a constant load.
-
-        Returns the pressure, the gap, the largest distance of an active point, and iterations.
-        """
-
-        def centred(values: np.ndarray) -> np.ndarray:
-            return np.where(active, values - values[active].mean(), 0.0)
-
-        def apply(x: np.ndarray) -> np.ndarray:
-            return centred(self.respond(x.reshape(active.shape))).ravel()
-
-        def precondition(r: np.ndarray) -> np.ndarray:
-            return centred(self.stiffen(r.reshape(active.shape))).ravel()
-
-        off = centred(self.surface.heights - self.respond(p)).ravel()
-        aim = 0.3 * goal if fine else max(0.3 * goal, _LOOSE * float(np.linalg.norm(off)))
-        change, iterations = minimal_residual(apply, off, precondition, goal=aim, room=200)
-        p = p + change.reshape(active.shape)
-        gap = self.respond(p) - self.surface.heights
-        gap = gap - gap[active].mean()
-        return p, gap, float(np.abs(gap[active]).max()), iterations
+    off = centred(heights - respond(p)).ravel()
+    aim = 0.3 * goal if fine else max(0.3 * goal, _LOOSE * float(np.linalg.norm(off)))
+    change, iterations = minimal_residual(apply, off, precondition, goal=aim, room=200)
+    p = p + change.reshape(active.shape)
+    gap = respond(p) - heights
+    gap = gap - gap[active].mean()
+    return p, gap, float(np.abs(gap[active]).max()), iterations

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.linalg import norm
 
 from multiscale.nonsmooth.block_system import factorise_blocks
+from multiscale.nonsmooth.coulomb import project_friction_cone
 from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.progress import Recorder
-from multiscale.nonsmooth.projections import project_friction_cone
+from multiscale.nonsmooth.progress import Progress
 from multiscale.numerics.anderson import Anderson
 
 __all__ = ["admm"]
@@ -24,7 +24,7 @@ GROWTH = 1.5
 def admm(
     problem: ScaledFriction,
     reaction: np.ndarray,
-    progress: Recorder,
+    progress: Progress,
     max_iterations: int = 4000,
     memory: int = 10,
 ) -> np.ndarray:

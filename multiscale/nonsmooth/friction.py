@@ -11,15 +11,18 @@ from scipy.sparse import bsr_array, csr_array, issparse
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.admm import admm
-from multiscale.nonsmooth.coulomb import natural_units, unit_step, verify_friction
+from multiscale.nonsmooth.coulomb import (
+    natural_units,
+    project_friction_cone,
+    unit_step,
+    verify_friction,
+)
 from multiscale.nonsmooth.friction_problem import ScaledFriction, scale_friction
 from multiscale.nonsmooth.friction_schedule import run_schedule
-from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import gauss_seidel
 from multiscale.nonsmooth.jamming import jamming
 from multiscale.nonsmooth.magnitudes import refuse_out_of_range
 from multiscale.nonsmooth.progress import Progress
-from multiscale.nonsmooth.projections import project_friction_cone
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
 from multiscale.nonsmooth.spectrum import THOROUGH, refuse_indefinite
 from multiscale.nonsmooth.split_interior_point import split_interior_point
@@ -57,7 +60,6 @@ FRICTION_METHODS: dict[str, Callable[..., np.ndarray]] = {
     "newton": partial(semismooth_newton, regularisation=1e-4),
     "interior_point": _interior_point,
     "admm": admm,
-    "frozen_bound": frozen_bound,
 }
 """Methods that can be asked for by name; ``"auto"`` uses all of them."""
 

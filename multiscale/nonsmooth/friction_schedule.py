@@ -7,7 +7,6 @@ import numpy as np
 
 from multiscale.nonsmooth.admm import admm
 from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.frozen_bound import frozen_bound
 from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
 from multiscale.nonsmooth.progress import Progress
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
@@ -33,8 +32,7 @@ def run_schedule(
     2. A few Newton steps, unless W is so full that a factorisation outweighs many solves.
     3. Alternating directions with acceleration: one factorisation.
     4. The interior point that keeps the normal apart, finished by Newton's method.
-    5. The sequence of problems with known friction bound; where W is small, also damped, and the
-       interior point from another start.
+    5. Where W is small, the interior point from other starts.
     6. Alternating directions without acceleration, slow and patient.
     """
 
@@ -46,7 +44,6 @@ def run_schedule(
         return progress.smallest <= progress.target
 
     newton = partial(tried, "newton", semismooth_newton)
-    frozen = partial(tried, "frozen_bound", frozen_bound, 20)
 
     def alternate(iterations: int, memory: int) -> bool:
         return tried("admm", partial(admm, memory=memory), iterations)
@@ -68,9 +65,9 @@ def run_schedule(
     heavy = large and problem.columns.size > FULL * problem.friction.size
     if not heavy and newton(15, 1e-4):  # 2
         return
-    if alternate(60, 10) or split(1.0) or frozen(1.0):  # 3, 4, 5
+    if alternate(60, 10) or split(1.0):  # 3, 4
         return
-    if not large and (frozen(0.5) or split(10.0)):  # 5
+    if not large and (split(10.0) or split(0.1)):  # 5
         return
     if not alternate(2000, 0):  # 6
         newton(25, 1e-6)

@@ -7,14 +7,14 @@ on blocks that it builds itself, with the impulses of the last time step as star
 from time import perf_counter
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 from multiscale.nonsmooth.one_contact import solve_one_contact
-from multiscale.nonsmooth.progress import Recorder
+from multiscale.nonsmooth.progress import Progress
 from multiscale.numerics.compiled import compiled, prange, thread_count
 
-__all__ = ["gauss_seidel", "sweep", "sweep_coloured"]
+__all__ = ["colour_contacts", "gauss_seidel", "sweep", "sweep_coloured"]
 
 BURST = 20
 """Sweeps between two looks at the error."""
@@ -24,7 +24,7 @@ MANY = 3000
 
 
 def gauss_seidel(
-    problem: ScaledFriction, reaction: np.ndarray, progress: Recorder, max_iterations: int = 20000
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 20000
 ) -> np.ndarray:
     r"""Solve a friction problem by sweeps over its contacts.
 
@@ -98,3 +98,48 @@ def sweep_coloured(  # type: ignore[no-untyped-def]
             for k in prange(colours[c], colours[c + 1]):
                 i = order[k]
                 _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i)
+
+
+def colour_contacts(columns: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Colour contacts so that no two of one colour share a block of W.
+
+    Parameters
+    ----------
+    columns, starts : ndarray, shapes (blocks,) and (contacts + 1,)
+        Block pattern of W in compressed rows.
+
+    Returns
+    -------
+    order : ndarray, shape (contacts,), contacts sorted by colour
+    bounds : ndarray, shape (colours + 1,)
+        ``order[bounds[c] : bounds[c + 1]]`` are the contacts of colour c.
+
+    Examples
+    --------
+    >>> colour_contacts(np.array([0, 1, 0, 1, 2, 1, 2]), np.array([0, 2, 5, 7]))
+    (array([0, 2, 1]), array([0, 2, 3]))
+    """
+    contacts = starts.size - 1
+    rows = csr_array((np.ones(columns.size), columns, starts), shape=(contacts, contacts))
+    both = csr_array(rows + rows.T)  # a block on one side of the diagonal is enough to couple
+    colour = _greedy_colours(both.indices, both.indptr)
+    order = np.argsort(colour, kind="stable")
+    bounds = np.concatenate([[0], np.cumsum(np.bincount(colour))])
+    return order, bounds
+
+
+@compiled
+def _greedy_colours(columns, starts):  # type: ignore[no-untyped-def]
+    """Give every contact the smallest colour that none of its neighbours has yet."""
+    contacts = starts.size - 1
+    colour = np.full(contacts, -1, np.int64)
+    seen = np.full(contacts + 1, -1, np.int64)
+    for i in range(contacts):
+        for k in range(starts[i], starts[i + 1]):
+            if colour[columns[k]] >= 0:
+                seen[colour[columns[k]]] = i
+        c = 0
+        while seen[c] == i:
+            c += 1
+        colour[i] = c
+    return colour

@@ -8,20 +8,12 @@ iterations; it returns its last impulses.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
 from multiscale.nonsmooth.friction_problem import ScaledFriction
 
-__all__ = ["Progress", "Recorder"]
-
-
-class Recorder(Protocol):
-    """What a method reports its iterates to."""
-
-    def note(self, reaction: np.ndarray) -> bool:
-        """Take an iterate, dimensionless, shape (contacts, 3); true if the method may stop."""
+__all__ = ["Progress"]
 
 
 @dataclass
@@ -51,7 +43,7 @@ class Progress:
     smallest: float = np.inf
 
     def note(self, reaction: np.ndarray) -> bool:
-        """Measure an answer, keep it if it is the best, and say whether it will do."""
+        """Measure an answer, shape (contacts, 3); keep the best, and say whether it will do."""
         error = self.problem.error(reaction)
         if self.callback is not None:
             self.callback(len(self.residuals), error)

@@ -4,7 +4,7 @@ import numpy as np
 
 from multiscale.nonsmooth.block_system import factorise_blocks
 from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.progress import Recorder
+from multiscale.nonsmooth.progress import Progress
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["semismooth_newton"]
@@ -19,7 +19,7 @@ PATIENCE = 10
 def semismooth_newton(
     problem: ScaledFriction,
     reaction: np.ndarray,
-    progress: Recorder,
+    progress: Progress,
     max_iterations: int = 100,
     regularisation: float = 1e-8,
 ) -> np.ndarray:

@@ -18,19 +18,20 @@ from multiscale.nonsmooth.lorentz import (
     spin,
     stalled,
 )
-from multiscale.nonsmooth.progress import Recorder
+from multiscale.nonsmooth.progress import Progress
 from multiscale.numerics.factorisation import Solve
 
 __all__ = ["split_interior_point"]
 
+REGULARISATION = 1e-12
+"""Added to the diagonal of W, relative to it, in the tangent matrix alone."""
+
 
 def split_interior_point(
     problem: ScaledFriction,
-    progress: Recorder,
+    progress: Progress,
     max_iterations: int = 60,
     centre: float = 1.0,
-    bound: np.ndarray | None = None,
-    regularisation: float = 1e-12,
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
@@ -39,42 +40,35 @@ def split_interior_point(
     centre : float
         Impulse to start from, relative to the size of the data; another one leads along another
         path where the problem has more than one.
-    bound : ndarray, shape (contacts,), optional
-        Tangential impulse that each contact can carry. If given, :math:`\mu r_N` is replaced by
-        it (Tresca's law), the problem is convex, and the path always ends.
-    regularisation : float
-        Added to the diagonal of :math:`W`, relative to it, in the tangent matrix alone.
 
     Notes
     -----
     With the sliding speed as an unknown :math:`s` of its own, Coulomb's law is a complementarity
-    of numbers and one of cones. For :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu`,
-    :math:`y = (s, u_T)` and :math:`x = z`, or :math:`x = (\mathrm{bound}, r_T)`,
+    of numbers and one of cones. For :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
+    :math:`y = (s, u_T)`,
 
     .. math::
-        W z + q - (g, y_T) = 0, \qquad z_0\, g = \sigma m, \qquad x \circ y = \sigma m\, e.
+        W z + q - (g, y_T) = 0, \qquad z_0\, g = \sigma m, \qquad z \circ y = \sigma m\, e.
         \tag{1}
 
     With :math:`F` of Nesterov and Todd, d the defect of the first equation, and right-hand sides
-    h of the numbers and k of the cones, :math:`F \Delta x + F^{-1} \Delta y = k`, a Newton step
+    h of the numbers and k of the cones, :math:`F \Delta z + F^{-1} \Delta y = k`, a Newton step
     is
 
     .. math::
         \Bigl(W + \begin{bmatrix} g / z_0 & 0 \\ (F^2)_{T0} & (F^2)_{TT} \end{bmatrix}\Bigr)
         \Delta z = \begin{bmatrix} h / z_0 \\ (F k)_T \end{bmatrix} - d, \quad
-        \Delta y = F k - F^2 \Delta x, \quad \Delta g = \frac{h - g \Delta z_0}{z_0},
+        \Delta y = F k - F^2 \Delta z, \quad \Delta g = \frac{h - g \Delta z_0}{z_0},
         \tag{2}
 
-    without :math:`(F^2)_{T0}` if x_0 is a bound. No term is smoothed, as s replaces the norm.
+    No term is smoothed, as s replaces the norm.
     """
     lorentz, unit = lorentz_problem(problem)
     contacts = len(unit)
-    if bound is not None:
-        bound = bound / (problem.friction * unit[:, 0])
-    point = _Point(centre * axis(contacts), axis(contacts), np.ones(contacts), bound)
+    point = _Point(centre * axis(contacts), axis(contacts), np.ones(contacts))
     means: list[float] = []
     for _ in range(max_iterations):
-        newton = _newton(lorentz, point, regularisation)
+        newton = _newton(lorentz, point)
         means.append(point.mean)
         if newton is None or stalled(means):
             break
@@ -92,41 +86,27 @@ Change = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class _Point:
-    """Point z, y, g of the path; x follows."""
+    """Point of the path."""
 
     z: np.ndarray
     y: np.ndarray
     g: np.ndarray
-    bound: np.ndarray | None
-
-    @property
-    def x(self) -> np.ndarray:
-        """The cone's share of z."""
-        if self.bound is None:
-            return self.z
-        return np.column_stack([self.bound, self.z[:, 1:]])
 
     @property
     def inside(self) -> bool:
         """Whether the point is inside its cones by more than round-off."""
-        return bool(np.all(spin(self.x) > 0.0) and np.all(spin(self.y) > 0.0) and self.mean > 1e-16)
+        return bool(np.all(spin(self.z) > 0.0) and np.all(spin(self.y) > 0.0) and self.mean > 1e-16)
 
     @property
     def mean(self) -> float:
         """Mean product m of a pair."""
-        total = np.sum(self.x * self.y) + np.sum(self.z[:, 0] * self.g)
+        total = np.sum(self.z * self.y) + np.sum(self.z[:, 0] * self.g)
         return 0.5 * float(total) / len(self.z)
-
-    def cone_part(self, dz: np.ndarray) -> np.ndarray:
-        """Change of x that goes with a change of z."""
-        if self.bound is None:
-            return dz
-        return np.column_stack([np.zeros(len(dz)), dz[:, 1:]])
 
     def moved(self, change: Change, step: float) -> "_Point":
         """Point a step ahead."""
         dz, dy, dg = change
-        return _Point(self.z + step * dz, self.y + step * dy, self.g + step * dg, self.bound)
+        return _Point(self.z + step * dz, self.y + step * dy, self.g + step * dg)
 
 
 @dataclass(frozen=True)
@@ -146,14 +126,14 @@ class _Newton:
         right = Fk - self.defect
         right[:, 0] = h / z0 - self.defect[:, 0]
         dz = self.solve(right)
-        dy = Fk - apply(F2, self.point.cone_part(dz))
+        dy = Fk - apply(F2, dz)
         return dz, dy, (h - self.point.g * dz[:, 0]) / z0  # (2)
 
     def length(self, change: Change) -> float:
         """Step that stops short of the boundary."""
         dz, dy, dg = change
         limits = (
-            longest_step(self.point.x, self.point.cone_part(dz)),
+            longest_step(self.point.z, dz),
             longest_step(self.point.y, dy),
             longest_positive(self.point.z[:, 0], dz[:, 0]),
             longest_positive(self.point.g, dg),
@@ -164,7 +144,7 @@ class _Newton:
         """Change by Mehrotra's predictor and corrector, and the length of the step."""
         point, mean = self.point, self.point.mean
         F, inverse, _ = self.scaling
-        scaled = apply(F, point.x)
+        scaled = apply(F, point.z)
         squared, product = jordan_product(scaled, scaled), point.z[:, 0] * point.g
         change = self.direction(-scaled, -product)  # predictor
         if not np.all(np.isfinite(change[0])):
@@ -174,7 +154,7 @@ class _Newton:
 
         e = axis(len(product))
         dz, dy, dg = change
-        second = jordan_product(apply(F, point.cone_part(dz)), apply(inverse, dy))
+        second = jordan_product(apply(F, dz), apply(inverse, dy))
         centred = max(sigma, 0.5) * mean
         for k, h in (
             (sigma * mean * e - squared - second, sigma * mean - product - dz[:, 0] * dg),
@@ -189,18 +169,16 @@ class _Newton:
         return change, length
 
 
-def _newton(lorentz: ScaledFriction, point: _Point, regularisation: float) -> _Newton | None:
+def _newton(lorentz: ScaledFriction, point: _Point) -> _Newton | None:
     """Linearise (1) and factorise the matrix of (2); None where that fails."""
     if not point.inside:
         return None
     defect = lorentz.respond(point.z) - np.column_stack([point.g, point.y[:, 1:]])
-    scaling = nesterov_todd(point.x, point.y)
+    scaling = nesterov_todd(point.z, point.y)
     added = scaling[2].copy()
     added[:, 0] = 0.0
     added[:, 0, 0] = point.g / point.z[:, 0]
-    if point.bound is not None:
-        added[:, 1:, 0] = 0.0
-    added += regularisation * np.eye(3)
+    added += REGULARISATION * np.eye(3)
     if not np.all(np.isfinite(added)):
         return None
     solve = factorise_blocks(lorentz, added)

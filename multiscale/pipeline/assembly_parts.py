@@ -13,19 +13,16 @@ from multiscale.errors import CaseError
 from multiscale.fe.elements import element_of_order
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mesh_file import load_geometry
-from multiscale.io import read_table
+from multiscale.io import open_dataset, read_table
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
-from multiscale.pipeline.body_settings import elasticity
+from multiscale.pipeline.body_settings import Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw
-from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.toml_model import (
-    Density,
     Length,
     Pressure,
-    Ratio,
     Settings,
     UncertainFactor,
     UncertainLength,
@@ -34,6 +31,7 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
+from multiscale.schema import RVE_STIFFNESS
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
@@ -99,7 +97,7 @@ Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
 
 
-class MeshedBody(Settings):
+class MeshedBody(Material):
     """An elastic body with a mesh of its own."""
 
     name: Name = Field(description="Name of the body, without dots.")
@@ -133,26 +131,8 @@ class MeshedBody(Settings):
         None,
         description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
     )
-    poissons_ratio: Ratio | None = Field(
-        None, description="Poisson's ratio; together with the modulus."
-    )
-    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
-    stiffness: Path | None = Field(
-        None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."
-    )
-    rve: Path | None = Field(
-        None,
-        description="Representative volume of the body: a dataset `rve`, the folder of a run, or a "
-        "case, which is run in a folder of its own; the `[rve]` of this case if not given, nor the "
-        "moduli.",
-    )
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
-    rve_axes: tuple[Direction, Direction] | None = Field(
-        None,
-        description="Directions of the x and the y axis of the volume, or of `stiffness`, in the "
-        "body; its own axes if not given.",
-    )
     supports: dict[str, Axes] = Field(
         {},
         description='Faces that are held: `"clamped"`, or the axes along which they do not move, '
@@ -161,18 +141,6 @@ class MeshedBody(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.youngs_modulus is None) != (self.poissons_ratio is None):
-            raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
-        if self.porous and self.stiffness is not None:
-            raise ValueError("stiffness needs the moduli of the solid beside it; give them")
-        if not self.porous and self.rve is not None:
-            raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
-        if self.rve_axes is not None:
-            first, second = np.array(self.rve_axes, dtype=float)
-            norms = np.linalg.norm(first) * np.linalg.norm(second)
-            if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
-                told = " and ".join(f"{list(one)}" for one in self.rve_axes)
-                raise ValueError(f"rve_axes are two directions at right angles, got {told}")
         if (self.element is not None) != (self.mesh.suffix == ".geo"):
             raise ValueError(
                 "a geometry, in a file that ends in .geo, needs the size of its elements by element"
@@ -184,38 +152,18 @@ class MeshedBody(Settings):
         return self
 
     @property
-    def moduli(self) -> tuple[float, float]:
-        """Young's modulus, Pa, and Poisson's ratio of a body that is not porous."""
-        assert self.youngs_modulus is not None
-        assert self.poissons_ratio is not None
-        return self.youngs_modulus, self.poissons_ratio
-
-    @property
-    def porous(self) -> bool:
-        """Whether a representative volume gives its stiffness."""
-        return self.youngs_modulus is None
-
-    @property
-    def axes(self) -> np.ndarray:
-        """Axes of the representative volume in the body, as columns, shape (3, 3)."""
-        if self.rve_axes is None:
-            return np.eye(3)
-        first, second = np.array(self.rve_axes, dtype=float)
-        first = first / np.linalg.norm(first)
-        second = second - (second @ first) * first
-        second = second / np.linalg.norm(second)
-        return np.stack([first, second, np.cross(first, second)], axis=1)
-
-    @property
     def worst_damage(self) -> float:
         """Damage that is shown in its elements."""
         return self.damage
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
         """Make its law; of a body whose volume is not known yet, any law."""
-        E, nu = self.youngs_modulus or ANY_MODULUS, self.poissons_ratio or 0.0
-        law = elasticity(E, nu, self.stiffness, self.damage)
-        return law.turned(self.axes) if isinstance(law, AnisotropicElastic) else law
+        left = 1.0 - self.damage
+        if self.stiffness is None:
+            E = self.youngs_modulus or ANY_MODULUS
+            return Elastic(left * E, self.poissons_ratio or 0.0)
+        sound = open_dataset(self.stiffness, RVE_STIFFNESS)["stiffness"].values
+        return AnisotropicElastic(left * sound).turned(self.axes)
 
     def coarsened(self) -> "Self | None":
         """Return the same body with larger elements, if it has a coarser mesh or is a geometry."""

@@ -14,7 +14,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
 from multiscale.macro import Assembly, BoltSection, Interface
 from multiscale.macro.bodies.assembly import GROUND
-from multiscale.macro.substructures import CutProblem, LoadPath, require_held
+from multiscale.macro.substructures import JointLoading, JointSize, LoadPath, require_held
 from multiscale.pipeline.assembly_parts import (
     GROUNDED,
     BodyBolt,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets
 
-__all__ = ["Bodies", "LoadCycles", "LoadSteps", "StructureParts"]
+__all__ = ["Bodies", "LoadCycles", "LoadSteps", "OpenLaw", "StructureParts", "check_bodies"]
 
 PRELOAD = "preload"
 """Name of the tightening of the bolts among the loads."""
@@ -100,11 +100,13 @@ class StructureParts:
     assembly : Assembly
     path : LoadPath
     facts : tuple of str, what is said of it beside the answer
+    loading : JointLoading, optional, of which the path is the main part
     """
 
     assembly: Assembly
     path: LoadPath
-    facts: tuple[str, ...]
+    facts: tuple[str, ...] = ()
+    loading: JointLoading | None = None
 
 
 class Bodies(StructureKind):
@@ -201,15 +203,11 @@ class Bodies(StructureKind):
             )
         if case.cycles and case.cycles.load == PRELOAD:
             raise ValueError(f"[cycles] load is {PRELOAD!r}; bolts are tightened by steps alone")
-        takers = [one.name for one in self.bodies if one.porous and one.rve is None]
-        if takers and case.rve is None:
+        check_bodies(self.bodies, case)
+        if case.growth is not None and (case.cycles or case.vibration or not self.is_one):
             raise ValueError(
-                f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of "
-                f"them"
-            )
-        if case.rve is not None and not takers:
-            raise ValueError(
-                "every body has moduli or an rve of its own, and none takes the [rve] of this case"
+                "[growth] cracks one body under [statics], without interfaces and bolts; leave out "
+                "[growth], or the others"
             )
         for number, one in enumerate(self.interfaces):
             faces = one.sides[one.sides[0] == GROUNDED :]
@@ -220,15 +218,6 @@ class Bodies(StructureKind):
                     f"surface_damage of interface {number} is of representative volumes, and "
                     f"neither body has one; leave it out, or give damage"
                 )
-        if case.fatigue is not None:
-            self._check_fatigue(case)
-        if case.vibration is not None and (
-            without := [body.name for body in self.bodies if body.density is None]
-        ):
-            raise ValueError(
-                f"[vibration] needs the mass of all bodies, and {without[0]} has no density; give "
-                f'it, such as "7850 kg/m^3"'
-            )
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
@@ -238,28 +227,20 @@ class Bodies(StructureKind):
                 ):
                     raise ValueError(missing)
 
-    def _check_fatigue(self, case: "Case") -> None:
-        """Refuse a history without a cycle, and a body that does not exist."""
-        if case.cycles is None:
-            raise ValueError(
-                "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
-                "[cycles] with load, amplitude, cycles and steps"
-            )
-        names = [one.name for one in self.bodies]
-        if case.fatigue.body is None and len(names) > 1:
-            raise ValueError(
-                f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
-            )
-        if case.fatigue.body not in (None, *names):
-            raise ValueError(
-                f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
-            )
-        followed = self.bodies[names.index(case.fatigue.body or names[0])]
-        if followed.porous:
-            raise ValueError(
-                f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
-                f"youngs_modulus and poissons_ratio in place of a representative volume"
-            )
+    def joint_size(self, case: "Case") -> JointSize:
+        """Count unknowns, points of interfaces and load steps."""
+        meshes = [body.load() for body in self.bodies]
+        nodes = sum(body.count_nodes(mesh) for body, mesh in zip(self.bodies, meshes, strict=True))
+        points = 0
+        for number, joint in enumerate(self.interfaces):
+            body, face = self.place(meshes, f"interface {number}", joint.sides[1])
+            points += np.unique(meshes[body].facets[:, meshes[body].boundaries[face]]).size
+        return JointSize(3 * nodes, points, len(meshes), len(self.path(case, ()).factors()))
+
+    @property
+    def is_one(self) -> bool:
+        """Whether there is one body, without interfaces and bolts."""
+        return len(self.bodies) == 1 and not self.interfaces and not self.bolts
 
     def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
         """Return the path over the loads, whose resultants at the factor one are given, N."""
@@ -274,7 +255,7 @@ class Bodies(StructureKind):
             path, cycled=to.load, amplitude=to.amplitude, cycles=to.cycles, cycle_steps=to.steps
         )
 
-    def with_volumes(self, found: "Datasets", open_rve: "OpenLaw") -> Self:
+    def with_volumes(self, case: "Case", found: "Datasets", open_rve: "OpenLaw") -> Self:
         """Return the same bodies with their representative volumes, and damaged interfaces.
 
         Raises
@@ -311,17 +292,25 @@ class Bodies(StructureKind):
     def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
         """List what is unknown of values stated and volumes, and the structure with each stretched.
 
-        Every parameter is larger by :data:`STRETCH` in a structure of its own.
+        Every parameter is larger by :data:`STRETCH` in a structure of its own. Bodies of one volume
+        err alike; the one that holds the fewest volumes tells by how much.
         """
         listed = []
         for key, half, stretched in self.uncertain(1.0 + STRETCH):
             name = f"{key} ± {100.0 * half:.3g} %"
             listed.append((Uncertainty(name, {STATED: half}, {STATED: STATED_HOW}), stretched))
-        for at, body in enumerate(self.bodies):
-            if isinstance(body, PorousBody):
-                changed = body.model_copy(update={"factor": 1.0 + STRETCH})
-                bodies = (*self.bodies[:at], changed, *self.bodies[at + 1 :])
-                listed.append((body.error(body.load()), self.model_copy(update={"bodies": bodies})))
+        porous = [one for one in self.bodies if isinstance(one, PorousBody)]
+        for volume in dict.fromkeys(one.rve for one in porous):
+            alike = {one.name: one for one in porous if one.rve == volume}
+            errors = [one.error(one.load()) for one in alike.values()]
+            worst = max(errors, key=lambda error: error.half_width[FEW_CELLS])
+            name = f"volume of {' and '.join(alike)}"
+            bodies = tuple(
+                one.model_copy(update={"factor": 1.0 + STRETCH}) if one.name in alike else one
+                for one in self.bodies
+            )
+            changed = self.model_copy(update={"bodies": bodies})
+            listed.append((replace(worst, name=name), changed))
         for at, one in enumerate(self.interfaces):
             if one.surface_damage:
                 less = 1.0 - (1.0 - one.damage) * (1.0 - STRETCH)
@@ -358,7 +347,7 @@ class Bodies(StructureKind):
                 or (source.law, source.friction, source.stiffness_ratio)
             )
             if key not in read:
-                ratio = self._poissons_ratio(one)
+                ratio = self.poissons_ratio(one)
                 read[key] = None
                 if not one.is_stated:
                     law = (
@@ -372,7 +361,7 @@ class Bodies(StructureKind):
             laws.append(read[key])
         return laws
 
-    def _poissons_ratio(self, interface: BodyInterface) -> float:
+    def poissons_ratio(self, interface: BodyInterface) -> float:
         """Mean of the bodies that an interface joins."""
         faces = interface.sides[interface.sides[0] == GROUNDED :]
         bodies = [self.bodies[self._find("interface", face)[0]] for face in faces]
@@ -383,7 +372,7 @@ class Bodies(StructureKind):
         case: "Case",
         laws: "Sequence[xr.Dataset | None]",
         normal: "Mapping[int, NormalLaw] | None" = None,
-        slabs: int = SLABS,
+        slabs: int | None = None,
     ) -> list[InterfaceLaw]:
         """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`.
 
@@ -393,24 +382,30 @@ class Bodies(StructureKind):
         laws : sequence of Dataset or None
         normal : mapping of int to NormalLaw, optional
             In place of the normal laws of some interfaces, by their numbers.
-        slabs : int, slabs of every bed
+        slabs : int, optional, slabs of every bed, in place of their own number
         """
+        beds = self.beds(case) | ({} if slabs is None else {"slabs": slabs})
         made: list[InterfaceLaw] = []
         changed = normal or {}
         for number, (one, law) in enumerate(zip(self.interfaces, laws, strict=True)):
             if law is None:
-                made.append(self._stated(case, number, slabs))
+                made.append(self._stated(case, number, beds["slabs"]))
                 continue
             sound = changed.get(number) or law_from_dataset(law)
-            worn = Damaged(sound, one.damage) if one.damage else sound
+            damage = one.damage or float(law.get("interface_damage", 0.0))
+            worn = Damaged(sound, damage) if damage else sound
             source = one.over(case.interface or JointLaw())
             given = {
                 name: getattr(source, name)
                 for name in ("friction", "stiffness_ratio")
                 if getattr(source, name) is not None
             }
-            made.append(replace(sliders_from_dataset(law, normal=worn, slabs=slabs), **given))
+            made.append(replace(sliders_from_dataset(law, normal=worn, **beds), **given))
         return made
+
+    def beds(self, case: "Case") -> dict[str, Any]:
+        """Options of :class:`Sliders` of every interface: the bed is fine over the data."""
+        return {"slabs": SLABS}
 
     def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
         """Law of an interface that is stated, with a friction that is given."""
@@ -421,7 +416,7 @@ class Bodies(StructureKind):
         assert source.friction is not None  # else told as missing
         if one.asperities is not None:
             return one.asperities.build(source.friction, source.stiffness_ratio, one.damage)
-        theory = alike_bodies(self._poissons_ratio(one))
+        theory = alike_bodies(self.poissons_ratio(one))
         stated = one.exponential
         assert stated is not None
         normal = stated.build()
@@ -438,7 +433,7 @@ class Bodies(StructureKind):
         shared = case.interface or JointLaw()
         return [
             f"interface {number}: the stiffness ratio of "
-            f"{alike_bodies(self._poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
+            f"{alike_bodies(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
             f"take the law of cells that are sheared"
             for number, one in enumerate(self.interfaces)
             if one.exponential is not None and one.over(shared).stiffness_ratio is None
@@ -548,10 +543,6 @@ class Bodies(StructureKind):
         ratio = (fine / few) ** (1.0 / 3.0)
         return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
 
-    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
-        """Cut every body into boxes."""
-        raise CaseError("homogenise in [substructures] takes no bodies of the user")
-
     def quick(self, case: "Case") -> Self:
         """Return the same bodies of coarser geometries, and quick runs of the cases they name.
 
@@ -571,3 +562,52 @@ class Bodies(StructureKind):
             for one in self.bodies
         )
         return self.model_copy(update={"bodies": bodies, "interfaces": interfaces})
+
+
+def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
+    """Refuse bodies that lack what the other tables of their case ask for.
+
+    That is stiffness, mass to vibrate, a cycle and a body that fatigue may follow; and a volume
+    that no body takes.
+    """
+    takers = [one.name for one in bodies if one.porous and one.rve is None]
+    if takers and case.rve is None:
+        raise ValueError(
+            f"{takers[0]} has neither moduli nor rve, and the case has no [rve]; give one of them"
+        )
+    if case.rve is not None and not takers and case.growth is None:
+        raise ValueError(
+            "every body has moduli or an rve of its own, and none takes the [rve] of this case"
+        )
+    without = [body.name for body in bodies if body.density is None]
+    if case.vibration is not None and without:
+        raise ValueError(
+            f"[vibration] needs the mass of all bodies, and {without[0]} has no density; give it, "
+            f'such as "7850 kg/m^3"'
+        )
+    if case.fatigue is not None:
+        _check_fatigue(bodies, case)
+
+
+def _check_fatigue(bodies: Sequence[MeshedBody], case: "Case") -> None:
+    """Refuse a history without a cycle, and a body that does not exist."""
+    if case.cycles is None:
+        raise ValueError(
+            "[fatigue] repeats the last cycle of the loads, and the history has no cycle; give "
+            "[cycles]"
+        )
+    names = [one.name for one in bodies]
+    if case.fatigue.body is None and len(names) > 1:
+        raise ValueError(
+            f"[fatigue] follows one body, and there are {', '.join(names)}; name one by body"
+        )
+    if case.fatigue.body not in (None, *names):
+        raise ValueError(
+            f"[fatigue] body is {case.fatigue.body!r}, and there are {', '.join(names)}"
+        )
+    followed = bodies[names.index(case.fatigue.body or names[0])]
+    if followed.porous:
+        raise ValueError(
+            f"[fatigue] follows {followed.name}, whose inclusions have no moduli; give it "
+            f"youngs_modulus and poissons_ratio in place of a representative volume"
+        )

@@ -11,7 +11,6 @@ from multiscale.fe.facets import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_settings import RoughBodies
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
 from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.porous_body import Uncertainty
@@ -72,7 +71,7 @@ class Change:
         Of the parameters of their friction.
     slabs : int, optional
         Number of slabs of their beds of sliders.
-    structure : RoughBodies or Bodies, optional
+    structure : Bodies, optional
         The same structure on another mesh.
     """
 
@@ -80,7 +79,7 @@ class Change:
     normal: NormalLaw | None = None
     factors: Mapping[str, float] = field(default_factory=dict)
     slabs: int | None = None
-    structure: RoughBodies | Bodies | None = None
+    structure: Bodies | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +137,9 @@ def with_joint_budget(
     laws: Sequence[JointsOfLaw],
     solve: JointSolve,
     asked: JointAnswers,
-    coarser: Mapping[float, RoughBodies | Bodies],
+    coarser: Mapping[float, Bodies],
     job: Job,
-    uncertain: Sequence[tuple[Uncertainty, RoughBodies | Bodies]] = (),
+    uncertain: Sequence[tuple[Uncertainty, Bodies]] = (),
 ) -> "xr.Dataset":
     """Return the result of rough joints with error budget and intervals of their answers.
 

@@ -1,71 +1,47 @@
 """What a case may say of elastic bodies: blocks, plate, stacked blocks, lap joint."""
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from math import ceil, sqrt
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.lap_mesh import lap_meshes
-from multiscale.io import open_dataset
-from multiscale.laws import NormalLaw, Sliders
-from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
 from multiscale.macro.bodies import (
     Assembly,
-    LapShape,
-    lap_joint,
-    shank_stiffness,
-    stacked_blocks,
 )
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.macro.substructures import CutProblem, cut_assembly
 from multiscale.pipeline.joint_settings import (
-    FEW_SLABS,
-    SLABS,
-    Cycles,
-    Damage,
     LawSource,
-    Preloads,
     RisingPreloads,
-    RoughInterface,
 )
 from multiscale.pipeline.link_settings import Statics
+from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
-    Count,
+    Density,
     Length,
     Positive,
     Pressure,
     Ratio,
     Settings,
 )
-from multiscale.schema import DAMAGE_SECTIONS, RVE_STIFFNESS
-from multiscale.upscaling import law_from_dataset, with_damage
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.pipeline.settings import Case
-    from multiscale.pipeline.stage import Datasets
+    from multiscale.pipeline.stage import Datasets, Job
 
 __all__ = [
     "COARSER",
     "Blocks",
-    "LapJoint",
+    "Material",
     "Plate",
-    "RoughBodies",
-    "StackedBlocks",
-    "elasticity",
+    "fewer",
 ]
-
-PLAN_SHARE, NEAR_HOLE = 1.15, 100
-"""Nodes of the plan of a lap joint over those of a grid, and those that hole and washer add; as
-counted at four sizes of elements."""
 
 COARSER = 1.2
 """Ratio of the sizes of elements below which two meshes tell no error."""
@@ -115,163 +91,69 @@ class Blocks(StructureKind):
             )
 
 
-def elasticity(
-    youngs_modulus: float, poissons_ratio: float, stiffness: Path | None, damage: float
-) -> Elastic | AnisotropicElastic:
-    """Make the elasticity of a body of moduli or of a file, 1 - D as stiff."""
-    if stiffness is None:
-        return Elastic((1.0 - damage) * youngs_modulus, poissons_ratio)
-    sound = open_dataset(stiffness, RVE_STIFFNESS)["stiffness"].values
-    return AnisotropicElastic((1.0 - damage) * sound)
+class Material(Settings):
+    """What an elastic body is made of: moduli, a tensor, or a representative volume."""
 
-
-class RoughBodies(StructureKind):
-    """Elastic bodies with rough joints."""
-
-    stage: ClassVar[str] = "rough_joints"
-    asks: ClassVar[tuple[tuple[str, ...], ...]] = (
-        ("interface", "statics"),
-        ("interface", "statics", "cycles"),
-    )
-    models: ClassVar[Mapping[str, type[Settings]]] = {
-        "interface": RoughInterface,
-        "statics": Preloads,
-        "cycles": Cycles,
-    }
-    may_be_cut: ClassVar[bool] = True
-    mesher: ClassVar[tuple[str, ...]] = ()
-    """Library that meshes the bodies."""
-
-    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
-    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    damage: tuple[Damage, ...] = Field(
-        (), description="Damage of bodies from below: each is 1 - D as stiff; sound if not given."
-    )
-    stiffness: Path | None = Field(
+    youngs_modulus: Pressure | None = Field(
         None,
-        description="Dataset `rve_stiffness` whose tensor replaces the moduli of sound bodies.",
+        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
     )
-
-    @property
-    @abstractmethod
-    def joints(self) -> int:
-        """Number of joints."""
-
-    @property
-    @abstractmethod
-    def nodes(self) -> tuple[int, int]:
-        """Nodes of a body and of its face, about."""
-
-    @abstractmethod
-    def coarser(self) -> Mapping[float, Self]:
-        """Return the same structure on larger elements, if any, by the ratio of their sizes."""
-
-    @abstractmethod
-    def build(self, laws: Sequence[Sliders]) -> Assembly:
-        """Build bodies and joints, whose laws are given from below.
-
-        Raises
-        ------
-        MultiscaleError
-            If dimensions are refused, or a file that is named cannot be read.
-        """
-
-    def assemble(
-        self,
-        case: "Case",
-        law: "xr.Dataset",
-        *,
-        normal: NormalLaw | None = None,
-        sample: int | None = None,
-    ) -> Assembly:
-        """Build bodies and joints of a case, with the law of :meth:`Case.interface_law`.
-
-        Parameters
-        ----------
-        case : Case
-        law : Dataset
-        normal : NormalLaw, optional
-            Instead of the normal law of the dataset.
-        sample : int, optional
-            Which bootstrap sample of the law; the mean if not given.
-        """
-        return self.build(self.sliders(case, law, normal=normal, sample=sample))
-
-    def sliders(
-        self,
-        case: "Case",
-        law: "xr.Dataset",
-        *,
-        normal: NormalLaw | None = None,
-        sample: int | None = None,
-    ) -> list[Sliders]:
-        """Make the laws of the joints, from below; parameters are those of :meth:`assemble`."""
-        sound = law_from_dataset(law, sample) if normal is None else normal
-        pressures, slabs = case.statics.joint_pressures, self.slabs(case)
-        made: list[Sliders] = case.interface.build(
-            law, sound, self.joints, pressures, slabs, sample
-        )
-        return made
-
-    def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
-        """Return the law of the joints with friction, and with the damage near the surface."""
-        interface: RoughInterface = case.interface
-        pressure = case.statics.preloads[-1]
-        law = interface.complete(law, self.poissons_ratio, pressure, case.strict)
-        if interface.damage_file is None:
-            return law
-        return with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
-
-    def slabs(self, case: "Case") -> int:
-        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
-        return SLABS if case.cycles else FEW_SLABS
-
-    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
-        """Cut every body into boxes."""
-        return cut_assembly(self.assemble(case, case.interface_law(found)), case.cut.parts)
+    poissons_ratio: Ratio | None = Field(
+        None, description="Poisson's ratio; together with the modulus."
+    )
+    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
+    stiffness: Path | None = Field(
+        None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."
+    )
+    rve: Path | None = Field(
+        None,
+        description="Representative volume: a dataset `rve`, the folder of a run, or a case, which "
+        "is run in a folder of its own; the `[rve]` of this case if not given, nor the moduli.",
+    )
+    rve_axes: tuple[Direction, Direction] | None = Field(
+        None,
+        description="Directions of the x and the y axis of the volume, or of `stiffness`, in the "
+        "body; its own axes if not given.",
+    )
 
     @model_validator(mode="after")
-    def _check_damage(self) -> Self:
-        if self.damage and len(self.damage) != self.joints + 1:
-            raise ValueError(
-                f"damage should have one entry for each body ({self.joints + 1}), got "
-                f"{len(self.damage)}"
-            )
+    def _check_material(self) -> Self:
+        if (self.youngs_modulus is None) != (self.poissons_ratio is None):
+            raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
+        if self.porous and self.stiffness is not None:
+            raise ValueError("stiffness needs the moduli of the solid beside it; give them")
+        if not self.porous and self.rve is not None:
+            raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
+        if self.rve_axes is not None:
+            first, second = np.array(self.rve_axes, dtype=float)
+            norms = np.linalg.norm(first) * np.linalg.norm(second)
+            if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
+                told = " and ".join(f"{list(one)}" for one in self.rve_axes)
+                raise ValueError(f"rve_axes are two directions at right angles, got {told}")
         return self
 
     @property
-    def damages(self) -> tuple[float, ...]:
-        """Damage of every body."""
-        return self.damage or (0.0,) * (self.joints + 1)
+    def moduli(self) -> tuple[float, float]:
+        """Young's modulus, Pa, and Poisson's ratio of a body that is not porous."""
+        assert self.youngs_modulus is not None
+        assert self.poissons_ratio is not None
+        return self.youngs_modulus, self.poissons_ratio
 
     @property
-    def materials(self) -> list[Elastic | AnisotropicElastic]:
-        """Elasticity of every body, less its damage."""
-        return [
-            elasticity(self.youngs_modulus, self.poissons_ratio, self.stiffness, D)
-            for D in self.damages
-        ]
+    def porous(self) -> bool:
+        """Whether a representative volume gives its stiffness."""
+        return self.youngs_modulus is None
 
-    def check(self, case: "Case") -> None:
-        """Refuse damages that are not one for each joint, and friction that nothing tells."""
-        if case.has_cells:
-            slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
-            known = {"friction"} if slid else set()
-            if case.micro.shear is not None:
-                known = {"friction", "stiffness_ratio"}
-            if missing := case.interface.tell_missing(known, case.strict):
-                raise ValueError(missing)
-        damage = case.interface.damage
-        if damage and case.interface.damage_file is not None:
-            raise ValueError(
-                "[interface] has damage and damage_file, which both tell the damage of the "
-                "interfaces; leave out one of them"
-            )
-        if damage and len(damage) != self.joints:
-            raise ValueError(
-                f"[interface] damage should have one entry for each joint ({self.joints}), got "
-                f"{len(damage)}"
-            )
+    @property
+    def axes(self) -> np.ndarray:
+        """Axes of the representative volume in the body, as columns, shape (3, 3)."""
+        if self.rve_axes is None:
+            return np.eye(3)
+        first, second = np.array(self.rve_axes, dtype=float)
+        first = first / np.linalg.norm(first)
+        second = second - (second @ first) * first
+        second = second / np.linalg.norm(second)
+        return np.stack([first, second, np.cross(first, second)], axis=1)
 
 
 class Plate(StructureKind):
@@ -300,7 +182,7 @@ class Plate(StructureKind):
         )
         return Assembly((plate,))
 
-    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
         """Cut the plate into boxes."""
         return cut_assembly(self.build(), case.cut.parts)
 
@@ -316,113 +198,10 @@ class Plate(StructureKind):
 
     def quick(self, case: "Case") -> Self:
         """Return the same plate with four elements along an edge."""
-        return self.model_copy(update={"elements": _fewer(self.elements)})
+        return self.model_copy(update={"elements": fewer(self.elements)})
 
 
-class StackedBlocks(RoughBodies):
-    """Equal blocks with rough joints; see :func:`multiscale.macro.bodies.stacked_blocks`."""
-
-    kind: Literal["stacked_blocks"]
-    size: Edges = Field(description="Lengths of a block along x, y and z, m.")
-    elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
-    blocks: Count = Field(2, ge=2, description="Number of blocks, one on the other.")
-
-    @property
-    def joints(self) -> int:
-        """Number of joints."""
-        return self.blocks - 1
-
-    def coarser(self) -> Mapping[float, Self]:
-        """Return the same blocks on elements of twice the size; none if their number is odd."""
-        if any(number % 2 for number in self.elements):
-            return {}
-        x, y, z = (number // 2 for number in self.elements)
-        return {2.0: self.model_copy(update={"elements": (x, y, z)})}
-
-    def build(self, laws: Sequence[Sliders]) -> Assembly:
-        """Build the blocks and their joints."""
-        return stacked_blocks(self.size, self.elements, self.materials, laws)
-
-    @property
-    def nodes(self) -> tuple[int, int]:
-        """Nodes of a block and of its face."""
-        x, y, z = self.elements
-        return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
-
-    def quick(self, case: "Case") -> Self:
-        """Return the same blocks with four elements along an edge."""
-        return self.model_copy(update={"elements": _fewer(self.elements)})
-
-
-class LapJoint(RoughBodies):
-    """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`."""
-
-    mesher: ClassVar[tuple[str, ...]] = ("gmsh",)
-
-    kind: Literal["lap_joint"]
-    length: Length = Field(description="Length of each plate along x, m.")
-    width: Length = Field(description="Width of each plate, m.")
-    thickness: Length = Field(description="Thickness of each plate, m.")
-    overlap: Length = Field(description="Length over which the plates lie on each other, m.")
-    hole: Length = Field(description="Diameter of the hole, m.")
-    washer: Length = Field(description="Diameter of the washer, m.")
-    bolt: Length | None = Field(
-        None,
-        description="Diameter of the shank of a bolt of the modulus of the plates, m: its force "
-        "changes with the load; the force is constant if not given.",
-    )
-    element: Length = Field(description="Edge of an element in plan, m.")
-    layers: Positive = Field(2, description="Elements through each thickness.")
-
-    @property
-    def joints(self) -> int:
-        """Number of joints."""
-        return 1
-
-    @property
-    def shape(self) -> LapShape:
-        """Dimensions and mesh."""
-        return LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
-
-    def coarser(self) -> Mapping[float, Self]:
-        """Return the same joint on larger elements in plan, as far as its hole lets them grow."""
-        larger = self.model_copy(update={"element": 2.0 * self.element})
-        own, coarse = (lap_meshes(one.shape)[0].nelements for one in (self, larger))
-        ratio = sqrt(own / coarse)
-        return {ratio: larger} if ratio >= COARSER else {}
-
-    @model_validator(mode="after")
-    def _check_bolt(self) -> Self:
-        if self.bolt is not None and self.bolt > self.hole:
-            raise ValueError(
-                f"bolt of {1e3 * self.bolt:g} mm does not go through a hole of "
-                f"{1e3 * self.hole:g} mm; give the diameter of its shank"
-            )
-        return self
-
-    def build(self, laws: Sequence[Sliders]) -> Assembly:
-        """Build the plates and their joint."""
-        shank = (
-            None
-            if self.bolt is None
-            else shank_stiffness(self.bolt, 2.0 * self.thickness, self.youngs_modulus)
-        )
-        return lap_joint(self.shape, self.materials, laws[0], shank)
-
-    @property
-    def nodes(self) -> tuple[int, int]:
-        """Nodes of a plate and of the overlap, about."""
-        plan, overlap = (
-            PLAN_SHARE * (side / self.element + 1.0) * (self.width / self.element + 1.0) + NEAR_HOLE
-            for side in (self.length, self.overlap)
-        )
-        return ceil(plan) * (self.layers + 1), ceil(overlap)
-
-    def quick(self, case: "Case") -> Self:
-        """Return the same joint with elements no finer than a quarter of the overlap."""
-        return self.model_copy(update={"element": max(self.element, self.overlap / QUICK_ELEMENTS)})
-
-
-def _fewer(elements: Elements) -> Elements:
+def fewer(elements: Elements) -> Elements:
+    """Return at most four elements along each edge."""
     x, y, z = (min(QUICK_ELEMENTS, number) for number in elements)
     return x, y, z

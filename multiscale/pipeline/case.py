@@ -37,7 +37,7 @@ TAGS: dict[str, type[Settings]] = {
 FILES = (
     ("body_1", "surface", "file"),
     ("body_2", "surface", "file"),
-    *(("structure", key) for key in ("nodes", "links", "file", "stiffness")),
+    *(("structure", key) for key in ("nodes", "links", "file", "stiffness", "rve")),
     *(("structure", "bodies", key) for key in ("mesh", "coarser", "stiffness", "rve")),
     ("structure", "interfaces", "law"),
     ("structure", "interfaces", "gap", "file"),

@@ -2,17 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from multiscale.pipeline.case_cells import longest_wave
 from multiscale.pipeline.settings import Case
+from multiscale.schema import Dataset
 from multiscale.upscaling import compare_scales, error_budget
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.scales import ScaleSeparation
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["OnGrids", "case_budget", "joint_scales"]
 
@@ -38,8 +35,8 @@ class OnGrids:
     sheared : mapping of float to Dataset, laws with a tangential branch
     """
 
-    pressed: "Mapping[float, xr.Dataset]" = field(default_factory=dict)
-    sheared: "Mapping[float, xr.Dataset]" = field(default_factory=dict)
+    pressed: Mapping[float, Dataset] = field(default_factory=dict)
+    sheared: Mapping[float, Dataset] = field(default_factory=dict)
 
 
 ONE_GRID = OnGrids()
@@ -47,11 +44,11 @@ ONE_GRID = OnGrids()
 
 def case_budget(
     case: Case,
-    response: "xr.Dataset",
-    law: "xr.Dataset",
+    response: Dataset,
+    law: Dataset,
     grids: OnGrids = ONE_GRID,
-    control: "xr.Dataset | None" = None,
-) -> "xr.Dataset":
+    control: Dataset | None = None,
+) -> Dataset:
     """Estimate the errors of the law of a case whose cells have one size.
 
     The response is of the loading, and the control, if any, of flat cells; the estimate follows

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,17 +13,14 @@ from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
 from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import WIDE, on_axes
-from multiscale.plotting.inspection_figures import (
+from multiscale.plotting.surface_figures import (
     plot_bearing_curve,
     plot_measured_heights,
     plot_spectral_density,
 )
-from multiscale.schema import SURFACE_STATISTICS
+from multiscale.schema import SURFACE_STATISTICS, Dataset
 from multiscale.surfaces import describe_surface, spectrum
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["INSPECTION", "inspect_surface"]
 
@@ -40,7 +36,7 @@ def inspect_surface(
     size: Sequence[float] | None = None,
     unit: float | None = None,
     detrend_order: int = 2,
-) -> "xr.Dataset":
+) -> Dataset:
     """Describe a measured surface, and propose a case for it.
 
     Parameters
@@ -105,7 +101,7 @@ def inspect_surface(
     )
 
 
-def _doubts(told: "xr.Dataset") -> Iterator[str]:
+def _doubts(told: Dataset) -> Iterator[str]:
     """Say what makes the statistics doubtful."""
     slope, filled = float(told["rms_slope"]), float(told["filled_share"])
     low, high = PLAUSIBLE_SLOPES

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     names = [name for name in AT_PRELOADS if name in result]  # real pressure may not be known
-    read = {name: partial(_values, name) for name in names}
+    read = {name: _at(name) for name in names}
     joints = tuple(np.unique(result["point_joint"].to_numpy()).astype(int).tolist())
     real = {"real_pressure": joints} if "real_pressure" in result else {}
     level, amplitude = np.zeros((2, 0), dtype=int)
@@ -91,7 +91,7 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
     cycles = None
     if level.size:
         cycles = CycleAnswers(
-            {name: partial(_of_cycles, name, level, amplitude) for name in IN_CYCLES},
+            {name: _at(name, level, amplitude) for name in IN_CYCLES},
             "cycle_slip",
             "cycle_loss",
             level,  # a preload is the step of its number
@@ -150,7 +150,7 @@ def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
         if rise > 1 and share.min() > 0.0:
             slope[:] = np.log(share[1] / share[0]) / np.log(rise / (rise - 1))
         density = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0, keepdims=True)
-        read = {name: partial(_last, name) for name in AT_END.values()}
+        read = {name: _at(name, last) for name in AT_END.values()}
         cycles = CycleAnswers(
             read, "slipping_load", "cycle_energy", last, slope, density, rise / few
         )
@@ -162,34 +162,22 @@ def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
         return with_intervals(with_budget(result, budget), {**loads, **real})
 
     read = {
-        **{key: partial(_of_load, *one) for key, one in loads.items()},
-        **{key: partial(_values, "real_pressure") for key in real},
+        **{key: _at(name, slice(None), k) for key, (name, k) in loads.items()},
+        **{key: _at("real_pressure") for key in real},
     }
     return JointAnswers(read, {key: (k,) for key, (_, k) in real.items()}, rests, place, cycles)
 
 
-def _values(name: str, found: "xr.Dataset") -> np.ndarray:
+def _at(name: str, *place: slice | int | np.ndarray) -> Reader:
+    """Return what reads an answer at a place, or all of it, in workers too."""
+    return partial(_read, name, place)
+
+
+def _read(name: str, place: tuple[Any, ...], found: "xr.Dataset") -> np.ndarray:
     """Values of an answer; the real pressure stays as it is."""
     if name == "real_pressure":
         return np.ones(found.sizes["step"])
-    return np.asarray(found[name].to_numpy())
-
-
-def _of_cycles(
-    name: str, level: np.ndarray, amplitude: np.ndarray, found: "xr.Dataset"
-) -> np.ndarray:
-    """Values of an answer in the cycles of some preloads and amplitudes, by their numbers."""
-    return np.asarray(found[name].to_numpy()[level, amplitude])
-
-
-def _last(name: str, found: "xr.Dataset") -> np.ndarray:
-    """Value at the end of the path."""
-    return np.asarray(found[name].to_numpy()[-1:])
-
-
-def _of_load(name: str, load: int, found: "xr.Dataset") -> np.ndarray:
-    """Values of an answer of one load, by its number."""
-    return np.asarray(found[name].to_numpy()[:, load])
+    return np.asarray(found[name].to_numpy()[place])
 
 
 def _slip_slope(result: "xr.Dataset") -> np.ndarray:

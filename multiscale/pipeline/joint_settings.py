@@ -10,7 +10,6 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law
-from multiscale.laws import Damaged, NormalLaw, Sliders
 from multiscale.macro import LatinMethod
 from multiscale.macro.substructures import JointLoading
 from multiscale.pipeline.toml_model import (
@@ -25,7 +24,6 @@ from multiscale.pipeline.toml_model import (
 from multiscale.schema import with_cautions
 from multiscale.upscaling import (
     assume_shear,
-    sliders_from_dataset,
     state_shear,
     take_sliding_friction,
     tangential_values,
@@ -90,7 +88,7 @@ class Substructures(Settings):
 
     def method(self, team: "ProcessGroup | None") -> LatinMethod:
         """How elastic bodies are solved."""
-        return LatinMethod(self.parts, self.coarse, **self.stop(team))
+        return LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
 
     def quick(self) -> Self:
         """Return a cut into two parts each way, at most."""
@@ -215,38 +213,6 @@ class RoughInterface(JointLaw):
         "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
         "whose normal is z.",
     )
-
-    def build(
-        self,
-        law: "xr.Dataset",
-        sound: NormalLaw,
-        joints: int,
-        pressures: tuple[float, float],
-        slabs: int,
-        sample: int | None = None,
-    ) -> list[Sliders]:
-        """Make the law of every joint, less its damage, of a law that :meth:`complete` returns.
-
-        Parameters
-        ----------
-        law : Dataset, whose tangential branch is taken
-        sound : NormalLaw, law of a joint without damage
-        joints : int
-        pressures : tuple of float, between which the laws are fine, Pa
-        slabs : int
-        sample : int, optional
-            Sample of the tangential branch; its mean if not given.
-        """
-        return [
-            sliders_from_dataset(
-                law,
-                sample,
-                normal=Damaged(sound, D) if D else sound,
-                pressures=pressures,
-                slabs=slabs,
-            )
-            for D in self.damage or (float(law.get("interface_damage", 0.0)),) * joints
-        ]
 
 
 def _say_lay(law: "xr.Dataset") -> list[str]:

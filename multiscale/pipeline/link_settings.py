@@ -38,7 +38,7 @@ from multiscale.units import to_si
 
 if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
-    from multiscale.pipeline.stage import Datasets
+    from multiscale.pipeline.stage import Datasets, Job
 
 __all__ = [
     "CableNet",
@@ -116,7 +116,7 @@ class LinkStructure(StructureKind):
             If the structure is refused, or a file that it names cannot be read.
         """
 
-    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
         """Cut the links into boxes."""
         system = self.build()
         return cut_links(system, split_grid(system, case.cut.parts))

@@ -87,19 +87,15 @@ def measured_side(
         seeds = [2 * (seed + k) + side for k in range(len(which))]
         return _isotropic(whole, settings, cell, seeds)
     if settings.profile == "one_directional":
-        whole = rotate(_grooves(whole, max(cell.size)), settings.rotate)
+        step = whole.spacing[0]
+        n = int(np.ceil(max(cell.size) / step))  # lines of the scan, repeated along y
+        filled = None if whole.filled is None else np.repeat(whole.filled, n, axis=1)
+        grooves = Surface(np.repeat(whole.heights, n, axis=1), (whole.size[0], n * step), filled)
+        whole = rotate(grooves, settings.rotate)
     surfaces, record = cut_windows(whole, settings, cell, which, needed, seed, of_map=of_map)
     if side == 1:  # measured from outside: turned over as paper is
         surfaces = [Surface(piece.heights[::-1], piece.size) for piece in surfaces]
     return RoughSide(surfaces, record)
-
-
-def _grooves(scan: Surface, width: float) -> Surface:
-    """Repeat a line scan along y."""
-    step = scan.spacing[0]
-    n = int(np.ceil(width / step))
-    filled = None if scan.filled is None else np.repeat(scan.filled, n, axis=1)
-    return Surface(np.repeat(scan.heights, n, axis=1), (scan.size[0], n * step), filled)
 
 
 def _isotropic(

@@ -6,7 +6,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from multiscale.pipeline.stage import Job, ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.control_cells import press_control
 from multiscale.pipeline.stages.joint import solve_joint
-from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (
     at_rms_height,
@@ -46,9 +45,6 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
 from multiscale.upscaling.budget_terms import Term, grid_term
 from multiscale.upscaling.cell_size import size_term
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["Plan", "pilot_cases", "plan", "resize"]
 
@@ -87,9 +83,9 @@ class Plan:
     """
 
     case: Case
-    micro_response: "xr.Dataset"
-    interface_law: "xr.Dataset"
-    macro_result: "xr.Dataset | None"
+    micro_response: Dataset
+    interface_law: Dataset
+    macro_result: Dataset | None
     folder: Path
     total: float
     spent: float
@@ -97,7 +93,7 @@ class Plan:
     lines: tuple[str, ...]
 
     @property
-    def datasets(self) -> "tuple[xr.Dataset, xr.Dataset, xr.Dataset | None]":
+    def datasets(self) -> tuple[Dataset, Dataset, Dataset | None]:
         """Response, law and answer; law and answer say what was decided and spent."""
         told = {
             "plan": "\n".join(self.lines),
@@ -147,7 +143,6 @@ def plan(
     is below the target. Sizes and grids change by a factor of two at a time, as each tells how the
     errors fall to the next one.
     """
-    assert case.accuracy is not None
     _check(case)
     campaign = _Campaign(case, out / "plan", executor, progress, surface_at_large(case))
     known, forecast = campaign.begin(), np.nan
@@ -257,8 +252,8 @@ class _Ensemble:
     """Cells of one size, and flat ones, of which the first are beside them."""
 
     setting: Setting
-    response: "xr.Dataset"
-    control: "xr.Dataset | None" = None
+    response: Dataset
+    control: Dataset | None = None
     time: float = np.nan  # of a flat cell of this size, s
 
     @property
@@ -276,7 +271,7 @@ class _Known:
     estimate: Estimate
     stored: Pilots | None
     ensembles: Mapping[float, _Ensemble]
-    grids: "Mapping[int, xr.Dataset]"
+    grids: Mapping[int, Dataset]
     costs: CostModel
     grid: int  # of the answer
     flat_costs: CostModel | None = None
@@ -319,7 +314,7 @@ class _Campaign:
         """Return where the cells of a size are."""
         return self.out / f"size{size:+g}-grid{grid:+g}"
 
-    def solve(self, setting: Setting, grid: int) -> "xr.Dataset":
+    def solve(self, setting: Setting, grid: int) -> Dataset:
         """Response of the cells of a setting, at the height of the surface at large.
 
         Cells that are there are kept.
@@ -334,7 +329,7 @@ class _Campaign:
         )
         return self.at_large(response)
 
-    def press(self, setting: Setting) -> "xr.Dataset":
+    def press(self, setting: Setting) -> Dataset:
         """Response of the flat cells of a setting, which are on the coarse grid."""
         folder = self.folder(setting.size, COARSE)
         job = Job(make_folder(folder), self.executor, self.progress)
@@ -364,7 +359,7 @@ class _Campaign:
             control = control.assign_attrs(pairs_apart=1)
         return _Ensemble(setting, response, control, time)
 
-    def at_large(self, response: "xr.Dataset") -> "xr.Dataset":
+    def at_large(self, response: Dataset) -> Dataset:
         """Return a response at the height of the surface at large."""
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
@@ -411,13 +406,12 @@ class _Campaign:
         known = _Known(NOTHING, None, found, grids, costs, grid, flat_costs, sizes)
         return self.estimated(known, last)
 
-    def on_grid(self, grid: int) -> "xr.Dataset":
+    def on_grid(self, grid: int) -> Dataset:
         """Response of first cells of the smallest size on another grid."""
         return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid)
 
     def choose(self, known: _Known) -> tuple[Setting, float, _Known]:
         """Choose the cheapest setting, and explore where stored cells do not reach so far."""
-        assert self.case.accuracy is not None
         target = self.case.accuracy.target
         try:
             setting, _ = cheapest(known.estimate, self.settings(known), known.time_of, target)
@@ -475,7 +469,7 @@ class _Campaign:
             grid_term(response, grids, apart=True),
         )
 
-    def law(self, known: _Known, found: _Ensemble) -> tuple[Case, "xr.Dataset"]:
+    def law(self, known: _Known, found: _Ensemble) -> tuple[Case, Dataset]:
         """Fit the law of cells less their biases, with its budget.
 
         It has no bootstrap samples: their bands would hold the scatter of few cells, and not the
@@ -504,7 +498,6 @@ class _Campaign:
 
     def estimated(self, known: _Known, found: _Ensemble) -> _Known:
         """Say how wrong the answer of cells is."""
-        assert self.case.accuracy is not None
         chosen, carrier = self.law(known, found)
         quantity = self.case.accuracy.quantity
         if quantity == "joint_stiffness":
@@ -528,7 +521,6 @@ class _Campaign:
 
     def finish(self, known: _Known, lines: tuple[str, ...], forecast: float) -> Plan:
         """Fit the law that is the answer, and solve the joint with it, if there is one."""
-        assert self.case.accuracy is not None
         accuracy, total = self.case.accuracy, known.estimate.total
         found, spent = known.ensembles[known.estimate.setting.size], self.spent()
         chosen, law = self.law(known, found)
@@ -554,7 +546,7 @@ class _Campaign:
         )
 
 
-def _time(response: "xr.Dataset") -> float:
+def _time(response: Dataset) -> float:
     """Median time of a cell, s: the first one may have compiled kernels."""
     return float(np.median(response["wall_time"].sum("step")))
 

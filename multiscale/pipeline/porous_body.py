@@ -51,10 +51,12 @@ class PorousBody(MeshedBody):
 
     Attributes
     ----------
+    plain : MeshedBody, the body without its volume
     volume_data : Dataset, follows ``RVE``
     factor : float, by which the stiffness is multiplied
     """
 
+    plain: MeshedBody
     volume_data: Any
     factor: float = 1.0
 
@@ -62,8 +64,17 @@ class PorousBody(MeshedBody):
     def of(cls, body: MeshedBody, rve: "xr.Dataset") -> "PorousBody":
         """Give a body its representative volume, and the Poisson's ratio of the solid."""
         ratio = float(rve.attrs["poissons_ratio"])
-        own = {name: getattr(body, name) for name in type(body).model_fields}
-        return cls.model_construct(**own | {"poissons_ratio": ratio, "volume_data": rve})
+        volume = {"poissons_ratio": ratio, "volume_data": rve, "plain": body}
+        return cls.model_construct(**dict(body) | volume)
+
+    def load(self) -> "Mesh":
+        """Read or build the mesh."""
+        return self.plain.load()
+
+    def coarsened(self) -> "PorousBody | None":
+        """Return the same body with larger elements, if it has them."""
+        plain = self.plain.coarsened()
+        return None if plain is None else self.model_copy(update={"plain": plain})
 
     def elasticity(self) -> AnisotropicElastic:
         """Make the law of the volume, turned to its axes."""

@@ -1,20 +1,16 @@
 """Mean pressure on the real contact area of cells, and the body that flows under it."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.pipeline.case_cells import surface_modulus
 from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
-from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, with_cautions
+from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.units import readable
 from multiscale.upscaling import Dependence, area_from_dataset, cell_share
 from multiscale.upscaling.budget import ERROR_TERMS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "behaviour",
@@ -38,7 +34,7 @@ def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndar
     return np.asarray(pressure / touching)
 
 
-def contact_dependence(law: "xr.Dataset", pressure: np.ndarray, answers: np.ndarray) -> Dependence:
+def contact_dependence(law: Dataset, pressure: np.ndarray, answers: np.ndarray) -> Dependence:
     """Let answers that are real pressures be as wrong as the contact fraction of the law.
 
     Parameters
@@ -55,7 +51,7 @@ def contact_dependence(law: "xr.Dataset", pressure: np.ndarray, answers: np.ndar
     return Dependence(answers[:, None] * np.ones(pressure.size), half_width)
 
 
-def with_real_pressure(case: Case, response: "xr.Dataset") -> "xr.Dataset":
+def with_real_pressure(case: Case, response: Dataset) -> Dataset:
     """Return a response with its mean real pressure, what flows under it, and cautions about both.
 
     The response has nominal pressures.
@@ -101,12 +97,12 @@ def _flow(case: Case) -> str:
     )
 
 
-def behaviour(dataset: "xr.Dataset") -> list[str]:
+def behaviour(dataset: Dataset) -> list[str]:
     """Say what of a response or law flows, if it is told."""
     return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []
 
 
-def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+def with_contact(result: Dataset, law: Dataset) -> Dataset:
     """Return the result of rough joints with their real contact, and facts about the cells.
 
     Parameters are those of :func:`with_joint_budget`. A law without contact area leaves contact
@@ -130,9 +126,7 @@ def with_contact(result: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
     return result.assign_attrs(facts="\n".join(facts))
 
 
-def with_interface_contact(
-    result: "xr.Dataset", laws: "Sequence[xr.Dataset | None]"
-) -> "xr.Dataset":
+def with_interface_contact(result: Dataset, laws: Sequence[Dataset | None]) -> Dataset:
     """Return the result of bodies with the mean real pressure of every interface.
 
     Those whose law has no contact area, or is stated (None), have NaN.
@@ -143,7 +137,7 @@ def with_interface_contact(
     return MACRO_RESULT.assign(result, {"interface_real_pressure": real})
 
 
-def _carried(result: "xr.Dataset", laws: "Sequence[xr.Dataset | None]") -> np.ndarray:
+def _carried(result: Dataset, laws: Sequence[Dataset | None]) -> np.ndarray:
     """Load, N, and real contact area, m², shape (2, steps, joints); NaN where no law tells it."""
     area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
     number, sound = result["point_joint"].to_numpy(), 1.0 - result["point_damage"].to_numpy()

@@ -4,16 +4,14 @@ A ``result`` follows ``MACRO_RESULT``, a result of grains ``GRANULATE``, of a sw
 """
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from multiscale.plotting.budget_figures import estimated_steps, step_labels
+from multiscale.schema import Dataset
 from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling.budget import how_attribute, total_error
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "Table",
@@ -66,7 +64,7 @@ ROUNDING = 1e-9
 """Relative error up to which an answer has none but rounding."""
 
 
-def tabulate(result: "xr.Dataset") -> Table:
+def tabulate(result: Dataset) -> Table:
     """Return head and rows of text for a joint."""
     stiffness = joint_unit(result)
     further = {
@@ -75,7 +73,7 @@ def tabulate(result: "xr.Dataset") -> Table:
         if name in result
     }
 
-    def rest(step: "xr.Dataset") -> tuple[str, ...]:
+    def rest(step: Dataset) -> tuple[str, ...]:
         return (
             f"{1e6 * float(step['mean_gap']):.4g}",
             f"{100.0 * float(step['contact_fraction']):.3g}",
@@ -89,7 +87,7 @@ def tabulate(result: "xr.Dataset") -> Table:
     return head, _rows_of_preloads(result, head, rest)
 
 
-def joint_unit(result: "xr.Dataset") -> Unit:
+def joint_unit(result: Dataset) -> Unit:
     """Return the unit in which stiffnesses of a joint are shown, one for all of them."""
     return stiffness_unit(result["joint_stiffness"].to_numpy())
 
@@ -106,11 +104,11 @@ def _head(stiffness: Unit) -> tuple[str, ...]:
     )
 
 
-def tabulate_preloads(result: "xr.Dataset") -> Table:
+def tabulate_preloads(result: Dataset) -> Table:
     """Head and rows of bodies with joints at their preloads."""
     states, unit = ("stick", "slip", "open"), joint_unit(result)
 
-    def rest(step: "xr.Dataset") -> tuple[str, ...]:
+    def rest(step: Dataset) -> tuple[str, ...]:
         return (
             _part(step, "tangential_stiffness", unit.scale),
             *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
@@ -124,7 +122,7 @@ def tabulate_preloads(result: "xr.Dataset") -> Table:
 
 
 def _rows_of_preloads(
-    result: "xr.Dataset", head: tuple[str, ...], rest: Callable[["xr.Dataset"], tuple[str, ...]]
+    result: Dataset, head: tuple[str, ...], rest: Callable[[Dataset], tuple[str, ...]]
 ) -> list[tuple[str, ...]]:
     """Rows of stiffnesses and their errors at every step, and of the rest."""
     rows: list[tuple[str, ...]] = []
@@ -132,7 +130,8 @@ def _rows_of_preloads(
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
         preload = f"{1e-6 * float(step['preload']):.4g}"
-        if missing := _missing(step):
+        if not int(step["converged"]) or ("known" in step and np.isnan(step["approach"])):
+            missing = "unknown" if int(step["converged"]) else "not converged"
             rows.append(padded((preload, missing), head))
             continue
         row = (
@@ -172,7 +171,7 @@ def say_intervals(intervals: Sequence[str]) -> str:
     return f" ({said})" if said else ""
 
 
-def _intervals(step: "xr.Dataset", name: str, scale: float) -> list[str]:
+def _intervals(step: Dataset, name: str, scale: float) -> list[str]:
     """Both intervals of an answer; empty where there are none, unknown where they are unknown."""
     said = []
     for kind in INTERVALS:
@@ -186,7 +185,7 @@ def _intervals(step: "xr.Dataset", name: str, scale: float) -> list[str]:
     return said
 
 
-def _value(step: "xr.Dataset", name: str, scale: float) -> str:
+def _value(step: Dataset, name: str, scale: float) -> str:
     """Answer with the digits that the error of the mean law leaves."""
     half = 0.0
     if f"{name}_mean_law" in step:
@@ -198,18 +197,16 @@ def say_error(total: float) -> str:
     """Total of an error budget in per cent, or that a term it must hold could not be computed."""
     if not np.isfinite(total):
         return "unknown"
-    if total >= 1.0:
-        return f"{100.0 * total:.0f}"
-    return f"{100.0 * total:.2g}" if total > ROUNDING else "0"
+    return f"{100.0 * total:{'.0f' if total >= 1.0 else '.2g'}}" if total > ROUNDING else "0"
 
 
-def say_answer(step: "xr.Dataset", name: str, scale: float, unit: str) -> str:
+def say_answer(step: Dataset, name: str, scale: float, unit: str) -> str:
     """Say an answer with its unit and, in brackets, its intervals."""
     intervals = say_intervals(_intervals(step, name, scale))
     return f"{_value(step, name, scale)}{unit}{intervals}"
 
 
-def say_value(step: "xr.Dataset", name: str, unit: Unit) -> str:
+def say_value(step: Dataset, name: str, unit: Unit) -> str:
     """Say an answer with its unit and its total error, if it has one."""
     return f"{_value(step, name, unit.scale)} {unit.name}{say_beside(_error(step, name))}"
 
@@ -219,26 +216,19 @@ def say_beside(error: str) -> str:
     return {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
 
 
-def _missing(step: "xr.Dataset") -> str:
-    """Why a step has no answer; empty if it has."""
-    if not int(step["converged"]):
-        return "not converged"
-    return "unknown" if "known" in step and np.isnan(step["approach"]) else ""
-
-
 def padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
     """Return a row as long as its head, with empty fields at its end."""
     return row + ("",) * (len(head) - len(row))
 
 
-def _error(step: "xr.Dataset", name: str) -> str:
+def _error(step: Dataset, name: str) -> str:
     """Total error of a quantity, per cent; empty if nothing was estimated."""
     if "error_total" not in step or name not in step["quantity"].values:
         return ""
     return say_error(float(step["error_total"].sel(quantity=name)))
 
 
-def _part(step: "xr.Dataset", name: str, scale: float) -> str:
+def _part(step: Dataset, name: str, scale: float) -> str:
     """Answer with its error, none if it is exact; empty in an earlier version."""
     if name not in step:
         return ""
@@ -247,22 +237,21 @@ def _part(step: "xr.Dataset", name: str, scale: float) -> str:
     return f"{_value(step, name, scale)}{beside}"
 
 
-def tabulate_links(result: "xr.Dataset") -> Table:
+def tabulate_links(result: Dataset) -> Table:
     """Return head and rows of text for a structure of links, at most ``MOST_ROWS`` of its steps."""
     along, name = ("time", "time (s)") if "time" in result.coords else ("load_factor", "load")
     rows: list[tuple[str, ...]] = []
     for k in _steps_shown(result):
         step = result.isel(step=k)
-        at = f"{float(step[along]):.4g}"
-        if not int(step["converged"]):
-            rows.append((at, "not converged", "", f"{float(step['residual']):.1e}"))
-            continue
-        slack, largest = int((step["slack"] > 0.0).sum()), float(step["tension"].max())
-        rows.append((at, f"{slack}", f"{1e-3 * largest:.4g}", f"{float(step['residual']):.1e}"))
+        found = ("not converged", "")
+        if int(step["converged"]):
+            slack, largest = int((step["slack"] > 0.0).sum()), float(step["tension"].max())
+            found = (f"{slack}", f"{1e-3 * largest:.4g}")
+        rows.append((f"{float(step[along]):.4g}", *found, f"{float(step['residual']):.1e}"))
     return (name, "slack links", "largest tension (kN)", "residual"), rows
 
 
-def tabulate_grains(result: "xr.Dataset") -> Table:
+def tabulate_grains(result: Dataset) -> Table:
     """Return head and rows of text for a granulate, at most ``MOST_ROWS`` of its steps."""
     names = ("time", "n_contacts", "kinetic_energy", "penetration", "iterations", "residual")
     head = ("time (s)", "contacts", "kinetic (J)", "overlap / R", "sweeps", "error")
@@ -279,18 +268,18 @@ def tabulate_grains(result: "xr.Dataset") -> Table:
     ]
 
 
-def _steps_shown(result: "xr.Dataset") -> np.ndarray:
+def _steps_shown(result: Dataset) -> np.ndarray:
     """At most ``MOST_ROWS`` steps, evenly spread, the first and the last among them."""
     steps = result.sizes["step"]
     return np.unique(np.linspace(0, steps - 1, min(steps, MOST_ROWS)).round().astype(int))
 
 
-def list_facts(result: "xr.Dataset") -> list[str]:
+def list_facts(result: Dataset) -> list[str]:
     """Say what stands beside the table of a result: what flows, and how large a cell is."""
     return str(result.attrs.get("facts", "")).splitlines()
 
 
-def list_bolts(result: "xr.Dataset", tightening: np.ndarray) -> list[str]:
+def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
     """Say of each bolt what it carries where it is tightened last, and in the steps after that.
 
     Parameters
@@ -308,7 +297,7 @@ def list_bolts(result: "xr.Dataset", tightening: np.ndarray) -> list[str]:
     return told
 
 
-def tabulate_budget(result: "xr.Dataset", quantity: str | None = None) -> Table:
+def tabulate_budget(result: Dataset, quantity: str | None = None) -> Table:
     """Head and rows of an error budget: half-widths in per cent of each term, and their total.
 
     They are of one quantity of the budget, the first if not given, at no more than
@@ -336,7 +325,7 @@ def tabulate_budget(result: "xr.Dataset", quantity: str | None = None) -> Table:
     return ("error (%) at", *step_labels(one, unit=" MPa"), "rests on"), rows
 
 
-def tabulate_sensitivity(result: "xr.Dataset") -> Table:
+def tabulate_sensitivity(result: Dataset) -> Table:
     """Head and rows of relative changes of answers, in per cent, if parameters are larger.
 
     Each parameter is larger by its half-width; steps are as of :func:`tabulate_budget`.
@@ -356,7 +345,7 @@ def tabulate_sensitivity(result: "xr.Dataset") -> Table:
     return ("larger parameter", "change (%) of", *step_labels(one, unit=" MPa")), rows
 
 
-def tabulate_cycles(result: "xr.Dataset") -> Table:
+def tabulate_cycles(result: Dataset) -> Table:
     """Head and rows of the closed cycles at every preload and amplitude, with their intervals."""
     both, unit = (" / ".join(INTERVALS.values()),), joint_unit(result)
     head = (
@@ -380,23 +369,19 @@ def tabulate_cycles(result: "xr.Dataset") -> Table:
     return head, rows
 
 
-def list_cycles(result: "xr.Dataset") -> list[str]:
+def list_cycles(result: Dataset) -> list[str]:
     """Say what every cycle of a joint has lost, and what slips; nothing for other results."""
     if "cycle_energy" not in result:
         return []
     missing, last = "unknown" if result["converged"].values.all() else "not closed", result.sizes
     told = []
     for k, loss in enumerate(result["cycle_energy"].values):
-        if np.isnan(loss):
-            told.append(f"cycle {k}: {missing}")
-            continue
         one = result.isel(cycle=k)
-        beside = (
-            say_intervals(_intervals(one, "cycle_energy", 1e3)) if k + 1 == last["cycle"] else ""
-        )
-        told.append(f"cycle {k}: {_value(one, 'cycle_energy', 1e3)} mJ lost{beside}")
-    if "slipping_load" in result and not np.isnan(result["slipping_load"].values[-1]):
-        end = result.isel(step=-1)
+        intervals = _intervals(one, "cycle_energy", 1e3) if k + 1 == last["cycle"] else ()
+        lost = f"{_value(one, 'cycle_energy', 1e3)} mJ lost{say_intervals(intervals)}"
+        told.append(f"cycle {k}: {missing if np.isnan(loss) else lost}")
+    end = result.isel(step=-1)
+    if "slipping_load" in result and not np.isnan(end["slipping_load"]):
         told.append(
             f"At the amplitude, contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
             f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"

@@ -156,7 +156,7 @@ class RveSettings(Settings):
     element: Length | None = Field(
         None,
         description="Element size, m, of a mesh that follows pores and both faces of cracks, in "
-        "place of voxels; it has periodic sides alone, so that the bounds are not known.",
+        "place of voxels.",
     )
     parts: tuple[Part, ...] = Field(
         (0.5,), description="Sizes of smaller volumes over `size`, rising, of the size study."

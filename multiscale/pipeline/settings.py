@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.micro.cell import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
-from multiscale.pipeline.body_settings import Blocks, LapJoint, Plate, StackedBlocks
+from multiscale.pipeline.body_settings import Blocks, Plate
 from multiscale.pipeline.case_tables import (
     ABSENT,
     POINTS_PER_WAVE,
@@ -31,6 +31,7 @@ from multiscale.pipeline.grain_settings import (
     ShearCell,
     Silo,
 )
+from multiscale.pipeline.growth_settings import GrowthSettings
 from multiscale.pipeline.joint_settings import (
     Cycles,
     JointLaw,
@@ -40,6 +41,7 @@ from multiscale.pipeline.joint_settings import (
     RoughInterface,
     Substructures,
 )
+from multiscale.pipeline.jointed_bodies import LapJoint, StackedBlocks
 from multiscale.pipeline.link_settings import (
     CableNet,
     Dynamics,
@@ -144,12 +146,13 @@ class Case(Settings):
     cell: CellSettings = ABSENT
     micro: MicroSettings = ABSENT
     law: LawSettings = ABSENT
-    slide: SlideSettings | None = Field(None, description="Slide of the bodies over each other.")
+    slide: SlideSettings = Field(ABSENT, description="Slide of the bodies over each other.")
     seal: SealSettings = ABSENT
-    accuracy: AccuracySettings | None = Field(
-        None, description="Target of a planner, which then chooses the cells."
+    accuracy: AccuracySettings = Field(
+        ABSENT, description="Target of a planner, which then chooses the cells."
     )
     rve: RveSettings = ABSENT
+    growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
     interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
     statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
@@ -190,10 +193,17 @@ class Case(Settings):
             self._check_cells()
         if self.structure is not None:
             self._check_structure(self.structure)
+        if self.growth is not None and self.rve is None:
+            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
+        if self.growth is not None and self.structure and not self.structure.may_tire:
+            raise ValueError(
+                '[growth] cracks a body of [structure] kind = "bodies"; leave out one of them, or '
+                "give such a structure"
+            )
         if self.fatigue is not None and not (self.structure and self.structure.may_tire):
             raise ValueError(
-                '[fatigue] follows the elements of [structure] kind = "bodies"; leave it out, or '
-                "give such a structure"
+                '[fatigue] follows the elements of [structure] kind = "bodies", "lap_joint" or '
+                '"stacked_blocks"; leave it out, or give such a structure'
             )
         return self
 
@@ -245,9 +255,26 @@ class Case(Settings):
         self._check_control()
         self._check_leakage()
         if self.slide is not None:
-            self._check_slide(self.slide)
-        target = self.accuracy
-        if target and target.quantity == "joint_stiffness" and self.interface_width is None:
+            self._check_slide()
+        if self.accuracy is not None:
+            self._check_target()
+
+    def _check_target(self) -> None:
+        """Refuse what a planner does not do, or does by itself."""
+        micro = self.micro
+        for asked, key, planner in (
+            (micro.shear, "[micro.shear]", "presses its cells alone"),
+            (micro.control_realisations, "control_realisations", "chooses their number itself"),
+            (micro.leakage, "leakage", "keeps no gaps of its cells"),
+            (micro.coarser, "coarser", "chooses grids of its own"),
+            (micro.unload is not False, "unload", "loads its cells alone"),
+        ):
+            if asked:
+                where = key if key.startswith("[") else f"{key} in [micro]"
+                raise ValueError(
+                    f"{where} and a target in [accuracy] exclude each other: a planner {planner}"
+                )
+        if self.accuracy.quantity == "joint_stiffness" and self.interface_width is None:
             raise ValueError(
                 '[accuracy] quantity = "joint_stiffness" needs [structure] kind = "blocks"; ask '
                 'for the "mean_gap", the "contact_fraction" or the "stiffness" of the interface'
@@ -281,14 +308,14 @@ class Case(Settings):
                 'out, or set geometry = "conforming" or "flat" in [cell]'
             )
 
-    def _check_slide(self, slide: SlideSettings) -> None:
+    def _check_slide(self) -> None:
         """Refuse what cells cannot slide, or not in reasonable time."""
         if self.cell.geometry == "flat":
             raise ValueError(
                 'flat cells do not slide; set geometry = "conforming" in [cell], or leave [slide] '
                 "out"
             )
-        periods = slide.distance / self.cell.size[0]
+        periods = self.slide.distance / self.cell.size[0]
         if periods > LONGEST:
             raise ValueError(
                 f"distance in [slide] is {periods:.3g} lengths of the cell, which repeats itself "
@@ -310,11 +337,6 @@ class Case(Settings):
                 "[micro.shear] shears elastic bodies, which forget one shear before the next, and "
                 "a body has a hardness; leave out one of them"
             )
-        if self.accuracy is not None:
-            raise ValueError(
-                "[micro.shear] and a target in [accuracy] exclude each other: a planner presses "
-                "its cells alone"
-            )
         points = shear.points or self.cell.points
         if any(mine > all_cells for mine, all_cells in zip(points, self.cell.points, strict=True)):
             raise ValueError(
@@ -331,11 +353,6 @@ class Case(Settings):
             raise ValueError(
                 f"control in [micro] has flat cells on the surfaces of dearer ones, and the cells "
                 f"are {here}; leave it out"
-            )
-        if self.accuracy is not None and self.micro.control_realisations:
-            raise ValueError(
-                "control_realisations in [micro] and a target in [accuracy] exclude each other: a "
-                "planner chooses their number itself"
             )
         if self.accuracy is not None and self.measured:
             raise ValueError(
@@ -357,21 +374,11 @@ class Case(Settings):
                 "leakage in [micro] is of the gap above a surface, and mesh in [cell] may overhang "
                 "or have pores; leave out one of them"
             )
-        if self.accuracy is not None:
-            raise ValueError(
-                "leakage in [micro] and a target in [accuracy] exclude each other: a planner keeps "
-                "no gaps of its cells"
-            )
 
     def _check_coarser(self) -> None:
         """Refuse cells that half of the points cannot hold, or that a planner chooses."""
         if not self.micro.coarser:
             return
-        if self.accuracy is not None:
-            raise ValueError(
-                "coarser in [micro] and a target in [accuracy] exclude each other: a planner "
-                "chooses grids of its own"
-            )
         shear = self.micro.shear
         grids = {self.cell.points, (shear and shear.points) or self.cell.points}
         for points in sorted(grids):
@@ -418,11 +425,6 @@ class Case(Settings):
             raise ValueError(
                 "unload in [micro] needs conforming cells and the hardness of a body: without "
                 "flow an interface unloads as it was loaded"
-            )
-        if self.micro.unload is not False and self.accuracy is not None:
-            raise ValueError(
-                "unload in [micro] and a target in [accuracy] exclude each other: a planner loads "
-                "its cells alone"
             )
 
     def _check_coating(self) -> None:
@@ -498,7 +500,7 @@ class Case(Settings):
         """Tables that are given, and what the structure, its cut and the cells ask for."""
         solved = self.structure is not None and self.vibration is None
         asked = {self.structure.stage} if self.structure is not None and solved else set()
-        condensed = {"homogenise"} if self.cut.homogenise else set()
+        condensed = {"homogenise"} if self.cut.homogenise and solved else set()
         sheared = {"micro.shear"} if self.has_cells and self.micro.shear is not None else set()
         again = {"micro.coarser"} if self.has_cells and self.micro.coarser else set()
         control = {"micro.control"} if self.controlled else set()
@@ -576,10 +578,9 @@ class Case(Settings):
         MultiscaleError
             If there is no law, or it is refused.
         """
-        law = (
+        return (
             found[INTERFACE_LAW.name] if self.has_cells else (self.interface or LawSource()).open()
         )
-        return law if self.structure is None else self.structure.complete_law(law, self)
 
     def from_structure(self, law: Path | None) -> Self:
         """Return the part of the case that begins at the structure, with the law of a file.
@@ -609,21 +610,20 @@ class Case(Settings):
 
     def coarser(self) -> Self:
         """Return the case of the first cells on half of their points."""
-        micro, shear = self.micro, self.micro.shear
-        halved = {"points": tuple(n // 2 for n in self.cell.points)}
-        cell = self.cell.model_copy(
-            update=halved | {"layers": max(FEWEST_LAYERS, self.cell.layers // 2)}
-        )
+
+        def halved(points: tuple[int, int], layers: int) -> dict[str, Any]:
+            return {
+                "points": tuple(n // 2 for n in points),
+                "layers": max(FEWEST_LAYERS, layers // 2),
+            }
+
+        cell, micro, shear = self.cell, self.micro, self.micro.shear
         if shear is not None:
-            points, layers = shear.points or self.cell.points, shear.layers or self.cell.layers
-            shear = shear.model_copy(
-                update={
-                    "points": tuple(n // 2 for n in points),
-                    "layers": max(FEWEST_LAYERS, layers // 2),
-                    "realisations": min(micro.coarser, shear.realisations),
-                }
-            )
+            grid = halved(shear.points or cell.points, shear.layers or cell.layers)
+            fewer = {"realisations": min(micro.coarser, shear.realisations)}
+            shear = shear.model_copy(update=grid | fewer)
         micro = micro.model_copy(update={"realisations": micro.coarser, "shear": shear})
+        cell = cell.model_copy(update=halved(cell.points, cell.layers))
         return self.model_copy(update={"cell": cell, "micro": micro})
 
     def control(self, count: int) -> Self:
@@ -643,13 +643,14 @@ class Case(Settings):
         """
         if self.rve is None:
             raise CaseError(f"{self.title}: the case has no [rve], and so no representative volume")
-        others = set(type(self).model_fields) - {"title", "rve", "elastic", "strict"}
+        others = set(type(self).model_fields) - {"title", "rve", "growth", "elastic", "strict"}
         return self.model_copy(update=dict.fromkeys(others))
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
         after = (
             "rve",
+            "growth",
             "structure",
             "substructures",
             "fatigue",

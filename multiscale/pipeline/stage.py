@@ -141,6 +141,21 @@ class Job:
     read_law: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_law(file)
     read_rve: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_dataset(file, RVE)
 
+    def ensemble(
+        self, folder: str, identity: str, count: int, parts: str, *, each: int = 1
+    ) -> dict[str, Any]:
+        """Return how an ensemble is run, as keywords of :func:`multiscale.micro.run_ensemble`.
+
+        Its jobs, so many in number, have ``each`` so many parts, which the progress counts.
+        """
+        return {
+            "executor": self.executor,
+            "folder": self.out / folder,
+            "sparing": self.sparing,
+            "identity": identity,
+            "progress": lambda finished: self.progress(each * finished, each * count, parts),
+        }
+
 
 def list_cautions(dataset: "xr.Dataset") -> list[str]:
     """Return the cautions that a dataset carries as an attribute, one sentence each."""
@@ -150,11 +165,6 @@ def list_cautions(dataset: "xr.Dataset") -> list[str]:
 def _nothing(*_: object) -> tuple[()]:
     """Return nothing to show, and nothing to refuse."""
     return ()
-
-
-def _itself(dataset: "xr.Dataset") -> "xr.Dataset":
-    """Return a dataset whose variables are the answers already."""
-    return dataset
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -231,7 +241,7 @@ class Stage(Shown):
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
     answers: tuple[StageAnswer, ...] = ()
-    compared: Callable[["xr.Dataset"], "xr.Dataset"] = _itself
+    compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda dataset: dataset
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""

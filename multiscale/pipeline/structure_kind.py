@@ -8,10 +8,8 @@ from multiscale.macro.substructures import CutProblem
 from multiscale.pipeline.toml_model import Settings
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.pipeline.settings import Case
-    from multiscale.pipeline.stage import Datasets
+    from multiscale.pipeline.stage import Datasets, Job
 
 __all__ = ["StructureKind"]
 
@@ -25,7 +23,7 @@ class StructureKind(Settings):
     asks : tuple of tuple of str, the tables that go with it: all of one of these sets
     models : mapping of str to type, models of those tables whose keys depend on the kind
     may_be_cut : bool, whether ``[substructures]`` may cut it
-    may_tire : bool, whether ``[fatigue]`` may follow its elements
+    may_tire : bool, whether ``[fatigue]`` and ``[growth]`` may follow its elements
     of_bodies : bool, whether it is made of the materials of ``[body_1]`` and ``[body_2]``
     """
 
@@ -50,11 +48,7 @@ class StructureKind(Settings):
             With a sentence.
         """
 
-    def complete_law(self, law: "xr.Dataset", case: "Case") -> "xr.Dataset":
-        """Return the law with all that interfaces take of it; a normal law as it is."""
-        return law
-
-    def cut(self, case: "Case", found: "Datasets") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
         """Cut the structure into its substructures, if it may be cut."""
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 

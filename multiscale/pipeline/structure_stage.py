@@ -74,9 +74,7 @@ def choose_solver(case: Case, size: JointSize, team: "ProcessGroup | None" = Non
 def counting(method: Method, job: Job, steps: int) -> Method:
     """Return the method that shows which of so many load steps are finished."""
     done = count(1)
-    one: Any = method  # a dataclass
-    told: Method = replace(one, after_step=lambda: job.progress(next(done), steps, "load steps"))
-    return told
+    return replace(method, after_step=lambda: job.progress(next(done), steps, "load steps"))
 
 
 def solver_needs(chosen: MethodChoice, size: JointSize, slabs: int) -> Needs:

@@ -1,13 +1,9 @@
 """Statistics of a surface as rows of text."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from multiscale.schema import Dataset
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["tabulate_statistics"]
 
@@ -15,7 +11,7 @@ LAY = 1.5
 """Ratio of slopes from which a surface has a lay."""
 
 
-def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str, str]]:
+def tabulate_statistics(told: Dataset, *, measured: bool) -> list[tuple[str, str]]:
     """Return names and values of ``SURFACE_STATISTICS`` as rows.
 
     Undefined points, reliable waves and the fit to the spectrum are of a measured surface alone.
@@ -36,6 +32,10 @@ def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str
         ("spectrum flat above", say("roll_off")),
         ("rms distance of the spectrum from this fit", f"{say('fit_deviation', '1', 2)} decades"),
     ]
+    bearing = (  # heights of which a tenth, a half and nine tenths of the surface lie above
+        readable(f"{np.interp(at, told['bearing_share'], told['bearing_height']):.3g} m")
+        for at in (0.1, 0.5, 0.9)
+    )
     rows = [
         ("size", " x ".join(edges) if is_map else edges[0]),
         ("points", told.attrs["points"]),
@@ -47,16 +47,10 @@ def tabulate_statistics(told: "xr.Dataset", *, measured: bool) -> list[tuple[str
         ("99 % of the mean square slope: waves down to", say("shortest_wave")),
         *(of_measured if measured else ()),
         (f"Nayak's parameter{' of the reliable waves' * measured}", say("nayak_parameter", "1")),
-        ("bearing curve: height above 10, 50, 90 %", _bearing(told)),
+        ("bearing curve: height above 10, 50, 90 %", ", ".join(bearing)),
     ]
     if is_map:
         degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
         lay = f"at {round(degrees) % 180} degrees to x" if ratio >= LAY else "no lay"
         rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
     return rows
-
-
-def _bearing(told: "xr.Dataset") -> str:
-    """Heights of which a tenth, a half and nine tenths of the surface lie above."""
-    share, height = told["bearing_share"].values, told["bearing_height"].values
-    return ", ".join(readable(f"{np.interp(at, share, height):.3g} m") for at in (0.1, 0.5, 0.9))

@@ -15,7 +15,7 @@ from operator import getitem, methodcaller
 from pathlib import Path
 from shutil import rmtree
 from sys import intern
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,7 @@ from multiscale.pipeline.stage import Shown, Stage, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
-from multiscale.schema import SWEEP
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import SWEEP, Dataset
 
 __all__ = ["Sweep", "load_sweep", "run_sweep"]
 
@@ -164,7 +161,7 @@ def run_sweep(
     progress: Callable[[int], None] = lambda finished: None,
     force: bool = False,
     keep: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     """Run every point of a sweep, and join the results.
 
     Parameters
@@ -280,11 +277,12 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
         return Point(failure=str(error), final=False)
     except MemoryError as error:
         return Point(failure=f"not enough memory ({error}); use fewer jobs", final=False)
-    found: dict[Shown, xr.Dataset] = {one: results[one.name] for one in stages_of(case.tables)}
+    found: dict[Shown, Dataset] = {one: results[one.name] for one in stages_of(case.tables)}
     answering = _answering(case)
     values = answering.compared(found[answering]).reset_coords()
     answers = tuple(one.name for one in answering.answers if one.name in values)
-    names = [name for one in answers for name in _with_intervals(one) if name in values]
+    kinds = ("", "_mean_law", "_one_part")
+    names = [name for one in answers for kind in kinds if (name := f"{one}{kind}") in values]
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
     return Point(answers, values[names].reset_coords(drop=True).to_dict()["data_vars"], caution)
@@ -295,11 +293,7 @@ def _answering(case: AnyCase) -> Stage:
     return [stage for stage in stages_of(case.tables) if stage.answers][-1]
 
 
-def _with_intervals(name: str) -> tuple[str, str, str]:
-    return name, f"{name}_mean_law", f"{name}_one_part"
-
-
-def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> "xr.Dataset":
+def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
     """Put the points side by side, which are read one by one; what a point has not is NaN."""
     import xarray as xr
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +9,7 @@ from multiscale.pipeline.rows import Table, padded, round_by, say_beside, say_er
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
-from multiscale.schema import SWEEP
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import SWEEP, Dataset
 
 __all__ = ["POINTS", "name_point", "tabulate_sweep"]
 
@@ -33,9 +29,10 @@ def name_point(parameters: Iterable[str], setting: Iterable[str]) -> str:
     return ", ".join(f"{key} = {text}" for key, text in zip(parameters, setting, strict=True))
 
 
-def _list_cautions(result: "xr.Dataset") -> list[str]:
+def _list_cautions(result: Dataset) -> list[str]:
     """Say why points have no result, and what to beware of at others: each with its points."""
-    names, failures = _names(result), [str(one) for one in result["failure"].values]
+    parameters, failures = _parameters(result), [str(one) for one in result["failure"].values]
+    names = [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
     cautions = [str(one) for one in result["caution"].values]
     refused = _places((f"no result: {one.rstrip('.')}", k) for k, one in enumerate(failures) if one)
     beware = _places((line, k) for k, one in enumerate(cautions) for line in one.splitlines())
@@ -62,11 +59,6 @@ def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
     for text, point in found:
         places.setdefault(text, []).append(point)
     return places
-
-
-def _names(result: "xr.Dataset") -> list[str]:
-    parameters = _parameters(result)
-    return [name_point(parameters, map(str, setting)) for setting in result["setting"].values]
 
 
 def _list(names: list[str], at: list[int]) -> str:
@@ -102,11 +94,11 @@ def _and(names: Iterable[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _parameters(result: "xr.Dataset") -> list[str]:
+def _parameters(result: Dataset) -> list[str]:
     return list(map(str, result["parameter"].values))
 
 
-def _shown(result: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
+def _shown(result: Dataset) -> tuple[Dataset, list[str]]:
     """Return the points that a table or a figure has room for, and a sentence about the rest."""
     count = result.sizes["point"]
     if count <= MOST_SHOWN:
@@ -152,7 +144,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         yield Section("All steps", told, head, rows)
 
 
-def tabulate_sweep(result: "xr.Dataset") -> Table:
+def tabulate_sweep(result: Dataset) -> Table:
     """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
     names = list(map(str, result["answer"].values))
     head = tuple(_answer_head(result, name) for name in names)
@@ -166,7 +158,7 @@ def tabulate_sweep(result: "xr.Dataset") -> Table:
     return (*map(str, result["parameter"].values), *head), rows
 
 
-def _tabulate_steps(result: "xr.Dataset") -> Table:
+def _tabulate_steps(result: Dataset) -> Table:
     """Return head and rows of a sweep at all steps of its points, with errors.
 
     The answers are those over the steps; there are no rows if no answer has steps. The error is
@@ -187,12 +179,12 @@ def _tabulate_steps(result: "xr.Dataset") -> Table:
     return head, rows
 
 
-def _answer_head(result: "xr.Dataset", name: str) -> str:
+def _answer_head(result: Dataset, name: str) -> str:
     label, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("label", "unit"))
     return str(label) if unit == "1" else f"{label} ({unit})"
 
 
-def _with_error(point: "xr.Dataset", name: str, step: int) -> str:
+def _with_error(point: Dataset, name: str, step: int) -> str:
     """Write an answer of a point of a sweep at a step, with its error if it has one."""
     value = float(point[name].values[step])
     if np.isnan(value):
@@ -208,7 +200,7 @@ def _with_error(point: "xr.Dataset", name: str, step: int) -> str:
     return f"{scale * value:.4g}"
 
 
-def _column(result: "xr.Dataset", name: str) -> list[str]:
+def _column(result: Dataset, name: str) -> list[str]:
     """Write an answer of a sweep at all points, with the interval of the mean law if it has one."""
     ends, scale = sweep_ends(result, name), float(result["answer_scale"].sel(answer=name))
     told = []

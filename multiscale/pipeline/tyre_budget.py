@@ -1,17 +1,14 @@
 """The error budget of braking forces: what is not known is said in the keys of the case."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.schema import Dataset
 from multiscale.upscaling import estimate_grid_error, with_budget
 from multiscale.upscaling.budget import NO_PART, assemble_budget
 from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["with_braking_budget"]
 
@@ -19,8 +16,8 @@ OTHERS = "not known: {} were solved; run the case with {} in [cell], and compare
 
 
 def with_braking_budget(
-    result: "xr.Dataset", law: "xr.Dataset", coarser: Mapping[float, np.ndarray]
-) -> "xr.Dataset":
+    result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarray]
+) -> Dataset:
     """Return the result of a tread block with the error budget of its braking force.
 
     Parameters

@@ -11,7 +11,7 @@ from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.damage_figures import (
     draw_damage,
     plot_damage_sphere,
-    plot_fatigue_field,
+    plot_element_field,
     plot_stiffness_against_damage,
     plot_woehler,
     plot_worst_section,
@@ -24,11 +24,6 @@ from multiscale.plotting.grain_figures import (
     plot_grain_energies,
 )
 from multiscale.plotting.growth_figures import plot_growth
-from multiscale.plotting.inspection_figures import (
-    plot_bearing_curve,
-    plot_measured_heights,
-    plot_spectral_density,
-)
 from multiscale.plotting.interface_figures import (
     MOST_DRAWN,
     load_pictures,
@@ -46,10 +41,10 @@ from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_gap_law,
     plot_joint_stiffness,
+    plot_leakage,
     plot_shear_law,
     plot_unloading,
 )
-from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
 from multiscale.plotting.link_figures import (
     draw_links,
     plot_deformed_links,
@@ -69,13 +64,20 @@ from multiscale.plotting.sliding_figures import (
     plot_sliding_friction,
     plot_steady_friction,
 )
-from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
+from multiscale.plotting.surface_figures import (
+    plot_bearing_curve,
+    plot_contact_map,
+    plot_flow_channels,
+    plot_measured_heights,
+    plot_road,
+    plot_spectral_density,
+    plot_surface,
+)
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.plotting.tyre_figures import (
     plot_braking_force,
     plot_footprint,
     plot_friction_bell,
-    plot_road,
 )
 from multiscale.plotting.vibration_figures import (
     plot_backbone,
@@ -111,9 +113,9 @@ __all__ = [
     "plot_contact_map",
     "plot_damage_sphere",
     "plot_deformed_links",
+    "plot_element_field",
     "plot_energies",
     "plot_error_budget",
-    "plot_fatigue_field",
     "plot_flow_channels",
     "plot_footprint",
     "plot_force_network",

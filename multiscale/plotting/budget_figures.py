@@ -1,15 +1,12 @@
 """Error budgets as stacked bars."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.upscaling.budget import total_error
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = ["estimated_steps", "plot_error_budget", "step_labels"]
 
@@ -26,8 +23,8 @@ PRESSURES = ("nominal_pressure", "fit_pressure", "preload")
 
 
 def plot_error_budget(
-    budget: "xr.Dataset", *, quantity: str | None = None, ax: "Axes | None" = None
-) -> "Axes":
+    budget: Dataset, *, quantity: str | None = None, ax: Axes | None = None
+) -> Axes:
     """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
 
     The height of a filled bar is the total. As terms add as squares, each term has its share of
@@ -82,13 +79,13 @@ def plot_error_budget(
     return ax
 
 
-def estimated_steps(budget: "xr.Dataset", quantity: str) -> "xr.Dataset":
+def estimated_steps(budget: Dataset, quantity: str) -> Dataset:
     """Return the budget of a quantity at the steps where any term was estimated."""
     one = budget.sel(quantity=quantity)
     return one.isel(step=np.flatnonzero(one["error_half_width"].notnull().any("error_term")))
 
 
-def step_labels(budget: "xr.Dataset", *, unit: str = "") -> list[str]:
+def step_labels(budget: Dataset, *, unit: str = "") -> list[str]:
     """Pressures of the steps, MPa, from the first of three variables; else numbers of the steps."""
     for name in PRESSURES:
         if name in budget.variables:

@@ -32,17 +32,18 @@ __all__ = [
     "colour_sphere",
     "draw_damage",
     "plot_damage_sphere",
-    "plot_fatigue_field",
+    "plot_element_field",
     "plot_stiffness_against_damage",
     "plot_woehler",
     "plot_worst_section",
 ]
 
 
-FATIGUE_FIELDS = {
+ELEMENT_FIELDS = {
     "damage": (1.0, "mean damage of the inclusions"),
     "cracked_share": (100.0, "cracked inclusions (%)"),
     "equivalent_amplitude": (1e-6, "von Mises amplitude (MPa)"),
+    "stiffness_share": (1.0, "stiffness that is left"),
 }
 """Factor and label of the fields of elements that are drawn, by their names."""
 
@@ -90,7 +91,7 @@ def colour_sphere(
     return ax
 
 
-def plot_fatigue_field(
+def plot_element_field(
     life: "xr.Dataset", name: str = "damage", *, near: bool = False, ax: "Axes | None" = None
 ) -> "Axes":
     """Colour the elements of a body, seen along the axis in which it is thinnest.
@@ -98,9 +99,9 @@ def plot_fatigue_field(
     Parameters
     ----------
     life : Dataset
-        Follows ``FATIGUE_LIFE``, with the mesh of the body.
+        Follows ``FATIGUE_LIFE``, with the mesh of the body, or ``CRACKED_BODY``.
     name : str
-        A key of :data:`FATIGUE_FIELDS`.
+        A key of :data:`ELEMENT_FIELDS`.
     near : bool
         Whether only the surroundings of damaged elements are shown. A ring marks the crack.
     ax : Axes, optional
@@ -121,15 +122,14 @@ def plot_fatigue_field(
     seen &= np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) > (1e-6 * size) ** 2
     order = np.flatnonzero(seen)
     order = order[np.argsort(place[faces[order]][..., depth].mean(axis=1))]
-    factor, label = FATIGUE_FIELDS[name]
+    factor, label = ELEMENT_FIELDS[name]
     values = factor * life[name].values[owner[order]]
     drawn = PolyCollection(
         1e3 * flat[order], array=values, cmap="viridis", edgecolors="white", linewidths=0.1
     )
     ax.add_collection(drawn)
     ax.autoscale_view()
-    damaged = np.flatnonzero(life["damage"].values > 0.0)
-    if near and damaged.size:
+    if near and (damaged := np.flatnonzero(life["damage"].values > 0.0)).size:
         own = 1e3 * place[corners[damaged]][..., [first, second]].reshape(-1, 2)
         half = 1.5 * np.ptp(own, axis=0).max()
         x, y = own.mean(axis=0)

@@ -3,22 +3,25 @@
 from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.io import make_folder, write_bytes
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+else:  # a name for annotations, without what takes long to load
+    Axes = Any
 
 __all__ = [
     "DOTS_PER_INCH",
     "WIDE",
+    "Axes",
     "add_colour_bar",
     "axes_or_current",
     "in_space",
@@ -56,7 +59,7 @@ BAR_THICKNESS, BAR_BESIDE, BAR_BELOW = 0.12, 0.08, 0.65
 """Thickness of a colour bar, its distance beside axes, and below axes with labels, inches."""
 
 
-def axes_or_current(ax: "Axes | None") -> "Axes":
+def axes_or_current(ax: Axes | None) -> Axes:
     """Return the given axes, or the current axes for None."""
     if ax is None:
         import matplotlib.pyplot as plt
@@ -72,7 +75,7 @@ def new_figure(width: float = 5.2, height: float = 4.0) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def add_colour_bar(mappable: "ScalarMappable", ax: "Axes", label: str) -> None:
+def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
     """Put a colour bar beside axes whose limits and equal aspect are set, below wide ones.
 
     Axes of fixed aspect may be far smaller than their room in the layout, at whose edge a bar
@@ -104,8 +107,8 @@ def add_colour_bar(mappable: "ScalarMappable", ax: "Axes", label: str) -> None:
 
 
 def plot_energy_parts(
-    result: "xr.Dataset", parts: Mapping[str, str], work: str, ax: "Axes | None"
-) -> "Axes":
+    result: Dataset, parts: Mapping[str, str], work: str, ax: Axes | None
+) -> Axes:
     """Plot energies over time, less the work, and their sum; without parts that are always zero.
 
     Parameters
@@ -147,7 +150,7 @@ def _label_logarithms(axis: "Axis") -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def _dress(ax: "Axes") -> None:
+def _dress(ax: Axes) -> None:
     """Give axes the style of all figures: open frame, quiet title, legend without a box."""
     if ax.get_label() == "<colorbar>":
         return
@@ -196,7 +199,7 @@ def save_figure(figure: "Figure", file: Path) -> Path:
 
 
 def on_axes(
-    plot: "Callable[[Axes], object]", width: float = 5.2, height: float = 4.0
+    plot: Callable[[Axes], object], width: float = 5.2, height: float = 4.0
 ) -> Callable[[Path], Path]:
     """Return ``draw(file)``, which plots on new axes, with sizes in inches, into a PNG file."""
 
@@ -220,7 +223,7 @@ def in_space(plot: "Callable[..., object]") -> Callable[[Path], Path]:
 
 
 def save_figures(
-    plots: "Mapping[str, Callable[[Axes], object]]",
+    plots: Mapping[str, Callable[[Axes], object]],
     folder: Path,
     width: float = 5.2,
     height: float = 4.0,

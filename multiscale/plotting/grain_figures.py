@@ -2,20 +2,17 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.plotting.figure import (
+    Axes,
     add_colour_bar,
     axes_or_current,
     plot_energy_parts,
     save_figures,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
+from multiscale.schema import Dataset
 
 __all__ = [
     "draw_granulate",
@@ -27,12 +24,12 @@ __all__ = [
 
 
 def plot_force_network(
-    result: "xr.Dataset",
+    result: Dataset,
     *,
     frame: int = -1,
     slab: tuple[float, float] | None = None,
-    ax: "Axes | None" = None,
-) -> "Axes":
+    ax: Axes | None = None,
+) -> Axes:
     """Plot grains and contact forces seen along y; the width of a line is its force.
 
     Parameters
@@ -78,7 +75,7 @@ def plot_force_network(
     return ax
 
 
-def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_grain_energies(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the parts of the energy of the grains, and their sum, which is constant."""
     parts = {
         "kinetic": "kinetic_energy",
@@ -89,7 +86,7 @@ def plot_grain_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "A
     return plot_energy_parts(result, parts, "work, negative", ax)
 
 
-def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_contact_error(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the error of the contact solver in every step; missed tolerances have crosses."""
     ax = axes_or_current(ax)
     time, error = result["time"].values, result["residual"].values
@@ -102,7 +99,7 @@ def plot_contact_error(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     return ax
 
 
-def plot_biaxial_curve(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_biaxial_curve(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot stress ratio and volumetric strain against the axial strain of a cell."""
     from multiscale.macro.granulate import biaxial_curve
 
@@ -117,7 +114,7 @@ def plot_biaxial_curve(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
     return ax
 
 
-def draw_granulate(result: "xr.Dataset", folder: Path) -> list[Path]:
+def draw_granulate(result: Dataset, folder: Path) -> list[Path]:
     """Draw the force network, the energies and the error of the solver into PNG files.
 
     Parameters

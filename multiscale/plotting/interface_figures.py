@@ -5,16 +5,12 @@ A ``result`` follows ``MACRO_RESULT`` and is of
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.figure import Axes, axes_or_current
 from multiscale.plotting.joint_figures import plot_joint_plan
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
+from multiscale.schema import Dataset
 
 __all__ = ["MOST_DRAWN", "load_pictures", "plot_bolt_forces", "plot_load_paths"]
 
@@ -22,7 +18,7 @@ MOST_DRAWN = 4
 """Interfaces that are drawn, from the first on."""
 
 
-def plot_load_paths(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_load_paths(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot every load over its displacement since the first step, which cycles make a loop."""
     ax = axes_or_current(ax)
     moved = 1e6 * (result["load_displacement"] - result["load_displacement"][0]).values
@@ -33,7 +29,7 @@ def plot_load_paths(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
     return ax
 
 
-def plot_bolt_forces(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_bolt_forces(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the force of every bolt over the load steps."""
     ax = axes_or_current(ax)
     for bolt, force in enumerate(1e-3 * result["bolt_force"].values.T):
@@ -43,7 +39,7 @@ def plot_bolt_forces(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes
     return ax
 
 
-def load_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]":
+def load_pictures(result: Dataset) -> dict[str, Callable[[Axes], object]]:
     """Return what is drawn of bodies under loads, by name; interfaces at the last step known."""
     draw: dict[str, Callable[[Axes], object]] = {"loads": lambda ax: plot_load_paths(result, ax=ax)}
     if result.sizes.get("bolt", 0):
@@ -58,9 +54,7 @@ def load_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]"
     return draw
 
 
-def _plan(
-    result: "xr.Dataset", quantity: str, step: int, interface: int
-) -> "Callable[[Axes], object]":
+def _plan(result: Dataset, quantity: str, step: int, interface: int) -> Callable[[Axes], object]:
     """Return what draws an interface at a step, under a title of its loads."""
     factors = zip(result["load"].values, result["factor"].values[step], strict=True)
     loads = ", ".join(f"{name} {factor:.3g}" for name, factor in factors)

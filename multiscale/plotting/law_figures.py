@@ -4,33 +4,30 @@ A ``response`` follows ``MICRO_RESPONSE``, a ``law`` ``INTERFACE_LAW``, a ``resu
 ``MACRO_RESULT``.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.units import stiffness_unit
 from multiscale.upscaling import (
-    area_from_dataset,
     areas_from_dataset,
     conductance_ratios,
     fitted_laws,
     hysteretic_from_dataset,
-    law_from_dataset,
     loading_branch,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = [
     "plot_area_law",
     "plot_conductance",
     "plot_gap_law",
     "plot_joint_stiffness",
+    "plot_leakage",
     "plot_shear_law",
     "plot_unloading",
 ]
@@ -41,11 +38,14 @@ BAND_PERCENTILES = (2.5, 97.5)
 BANDS = {"one_part": 0.2, "mean_law": 0.45}
 """Both intervals of an answer, and the opacity of their bands."""
 
+LEAST = 0.1
+"""Lower end of a band on a logarithmic axis over the least value, where it is zero."""
+
 STATISTICS = ("mean", "std")
 """Statistics over realisations, drawn as markers with bars."""
 
 
-def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_gap_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot pressure against mean gap: realisations as markers, the law as a line with its band."""
     ax = axes_or_current(ax)
     response = loading_branch(response)
@@ -53,21 +53,27 @@ def plot_gap_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None"
     for gap in 1e6 * response["mean_gap"].values:
         ax.plot(gap, pressure, ".", color="0.6", markersize=4)
     along = np.geomspace(pressure.min(), pressure.max(), 200)
-    samples = fitted_laws(law, range(law.sizes["sample"]))
-    band = [sample.gap_at(1e6 * along) for sample in samples]
-    if band:
-        low, high = 1e6 * np.percentile(band, BAND_PERCENTILES, axis=0)
-        ax.fill_betweenx(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
-    ax.plot(1e6 * law_from_dataset(law).gap_at(1e6 * along), along, color="C0", label="law")
+    laws = fitted_laws(law, [None, *range(law.sizes["sample"])])
+    _draw_law(ax, along, [1e6 * one.gap_at(1e6 * along) for one in laws], sideways=True)
     ax.set(yscale="log", xlabel="mean gap (µm)", ylabel="mean pressure (MPa)")
     ax.set_title("normal law and realisations")
-    ax.legend()
     return ax
 
 
-def plot_unloading(
-    response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None
-) -> "Axes":
+def _draw_law(
+    ax: Axes, along: np.ndarray, answers: Sequence[np.ndarray], *, sideways: bool = False
+) -> None:
+    """Draw the answers of the mean law, the first ones, as a line, and of its samples as a band."""
+    mean, *samples = answers
+    if samples:
+        fill = ax.fill_betweenx if sideways else ax.fill_between
+        ends = np.percentile(samples, BAND_PERCENTILES, axis=0)
+        fill(along, *ends, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(*((mean, along) if sideways else (along, mean)), color="C0", label="law")
+    ax.legend()
+
+
+def plot_unloading(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot pressure against mean gap for unloading from the largest pressure, beside loading."""
     ax = axes_or_current(ax)
     hysteretic = hysteretic_from_dataset(law)
@@ -110,7 +116,7 @@ def plot_unloading(
     return ax
 
 
-def plot_conductance(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_conductance(law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot conductance against mean pressure: thermal, or else electrical, with its band."""
     ax = axes_or_current(ax)
     name, ratio = next(iter(conductance_ratios(law).items()))
@@ -120,23 +126,15 @@ def plot_conductance(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     }[name]
     data = law["fit_pressure"].to_numpy()
     along = np.geomspace(data.min(), data.max(), 200)
-    mean, *samples = [
-        scale * ratio * one.stiffness(one.gap_at(along))
-        for one in (law_from_dataset(law), *fitted_laws(law, range(law.sizes["sample"])))
-    ]
-    if samples:
-        low, high = np.percentile(samples, BAND_PERCENTILES, axis=0)
-        ax.fill_between(
-            1e-6 * along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band"
-        )
-    ax.plot(1e-6 * along, mean, color="C0", label="law")
+    laws = fitted_laws(law, [None, *range(law.sizes["sample"])])
+    conducted = [scale * ratio * one.stiffness(one.gap_at(along)) for one in laws]
+    _draw_law(ax, 1e-6 * along, conducted)
     ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)", ylabel=label)
     ax.set_title("conductance of the interface")
-    ax.legend()
     return ax
 
 
-def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_area_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot contact fraction against mean pressure: realisations, and the law with its band."""
     ax = axes_or_current(ax)
     response = loading_branch(response)
@@ -144,21 +142,37 @@ def plot_area_law(response: "xr.Dataset", law: "xr.Dataset", *, ax: "Axes | None
     for fraction in 100.0 * response["contact_fraction"].values:
         ax.plot(pressure, fraction, ".", color="0.6", markersize=4)
     along = np.linspace(0.0, pressure.max(), 200)
-    samples = areas_from_dataset(law, range(law.sizes["sample"]))
-    band = [sample.contact_fraction(1e6 * along) for sample in samples]
-    if band:
-        low, high = 100.0 * np.percentile(band, BAND_PERCENTILES, axis=0)
-        ax.fill_between(along, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
-    ax.plot(
-        along, 100.0 * area_from_dataset(law).contact_fraction(1e6 * along), color="C0", label="law"
-    )
+    laws = areas_from_dataset(law, [None, *range(law.sizes["sample"])])
+    _draw_law(ax, along, [100.0 * one.contact_fraction(1e6 * along) for one in laws])
     ax.set(xlabel="mean pressure (MPa)", ylabel="real over nominal contact area (%)")
     ax.set_title("area law and realisations")
+    return ax
+
+
+def plot_leakage(law: Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot hydraulic apertures of an interface against mean pressure, as far as it is open."""
+    ax = axes_or_current(ax)
+    pressure = 1e-6 * law["fit_pressure"].to_numpy()
+    ax.plot(pressure, 1e6 * law["fit_mean_gap"], color="0.5", label="mean gap")
+    aperture = 1e6 * law["hydraulic_aperture"].where(law["hydraulic_aperture"] > 0.0)
+    for name, mark in (("x", "o"), ("y", "s")):
+        along = aperture.sel(direction=name)
+        ax.plot(pressure, along, mark, color="C1", markersize=4, label=f"aperture along {name}")
+    both = aperture.sel(direction="both").to_numpy()
+    band = 1e6 * law["hydraulic_aperture_mean_law"].sel(direction="both").to_numpy()
+    low, high = np.maximum(band, LEAST * np.nanmin(both, initial=np.inf)) + 0.0 * both
+    ax.fill_between(pressure, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    ax.plot(pressure, both, color="C0", label="aperture, both")
+    tight = pressure[law["hydraulic_aperture"].sel(direction="both") == 0.0]
+    if tight.size:
+        ax.axvspan(tight[0], tight[-1], color="0.9", zorder=0, label="tight")
+    ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)", ylabel="gap, aperture (µm)")
+    ax.set_title("what the interface lets through")
     ax.legend()
     return ax
 
 
-def plot_shear_law(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_shear_law(law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot tangential traction over full slip against slip: sheared cells beside the bed."""
     ax = axes_or_current(ax)
     pressure, friction = law["shear_pressure"].values, float(law["shear_friction"])
@@ -181,7 +195,7 @@ def plot_shear_law(law: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_joint_stiffness(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_joint_stiffness(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the stiffness of a joint against its preload, with its bands if it has a budget."""
     ax = axes_or_current(ax)
     result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))

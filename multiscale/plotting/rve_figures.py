@@ -1,4 +1,4 @@
-"""Figures of a representative volume; every dataset follows ``RVE``."""
+"""Figures of a representative volume, of ``RVE`` where nothing else is said."""
 
 from itertools import product
 from typing import TYPE_CHECKING
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io.images import VoxelImage
+from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.directions import sphere_directions
-from multiscale.micro.damage.effective_moduli import youngs_modulus_along
 from multiscale.plotting.damage_figures import colour_sphere
 from multiscale.plotting.figure import axes_or_current
 from multiscale.units import length_unit
@@ -19,12 +19,15 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 __all__ = [
+    "plot_crack_damage",
+    "plot_cracked_load",
     "plot_modulus_surface",
     "plot_rve",
     "plot_rve_damage",
     "plot_size_damage",
     "plot_size_stiffness",
     "plot_size_study",
+    "plot_softening",
 ]
 
 MOST_FACES = 15_000
@@ -190,3 +193,52 @@ def _band(
     edges = edges * length_unit(_edges(rve, share)).scale
     ax.plot(edges, mean, "o-", color=colour, label=label, markersize=4)
     ax.fill_between(edges, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
+
+
+def plot_crack_damage(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Draw stress and damage of the worst section against strain as cracks of volumes grow.
+
+    ``growth`` follows ``VOLUME_GROWTH``; a line for each representative volume.
+    """
+    ax = axes_or_current(ax)
+    whole = growth["share"].to_numpy() == 1.0
+    strain = 1e6 * growth["strain"].to_numpy()[whole]
+    ax.plot(strain.T, 1e-6 * growth["stress"].to_numpy()[whole].T, color="C0", linewidth=0.8)
+    ax.set_xlabel("mean strain (µm/m)")
+    ax.set_ylabel("mean stress (MPa)", color="C0")
+    ax.set(xlim=(0.0, None), ylim=(0.0, None))
+    right = ax.twinx()
+    right.plot(strain.T, growth["damage"].to_numpy()[whole].T, color="C1", linewidth=0.8)
+    right.set_ylabel("damage of the section, eq (1)", color="C1")
+    right.set_ylim(0.0, 1.0)
+    return ax
+
+
+def plot_softening(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Draw the stress that a crack transmits against its opening, of all volumes and the mean."""
+    ax = axes_or_current(ax)
+    whole = growth["share"].to_numpy() == 1.0
+    opening, stress = (growth[f"softening_{name}"].to_numpy() for name in ("opening", "stress"))
+    ax.plot(1e6 * opening[whole].T, 1e-6 * stress[whole].T, color="0.7", linewidth=0.6)
+    mean = 1e6 * growth["mean_opening"].to_numpy(), 1e-6 * growth["mean_stress"].to_numpy()
+    ax.plot(*mean, color="C0", label="mean law")
+    ax.set(xlabel="opening (µm)", ylabel="stress across the crack (MPa)")
+    ax.set(xlim=(0.0, None), ylim=(0.0, None))
+    ax.legend()
+    return ax
+
+
+def plot_cracked_load(cracked: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+    """Draw the load of a cracking body, ``CRACKED_BODY``, with the 95 % interval of its peak."""
+    ax = axes_or_current(ax)
+    moved = cracked["work_displacement"].to_numpy()
+    ax.plot(moved, cracked["factor"].to_numpy(), color="C0", linewidth=0.8, label="mean law")
+    for kind, colour in (("one_part", "0.9"), ("mean_law", "0.75")):
+        ends = cracked[f"peak_load_{kind}"].to_numpy()
+        if np.isfinite(ends).all():
+            label = f"largest load, {kind.replace('_', ' ')}, 95 %"
+            ax.axhspan(*ends, color=colour, zorder=0, label=label)
+    ax.set(xlabel="work of the loads at the factor one (J)", ylabel="factor of the loads")
+    ax.set(xlim=(0.0, None), ylim=(0.0, None))
+    ax.legend()
+    return ax

@@ -1,20 +1,16 @@
 """Figures of sliding cells: a ``response`` follows ``SLIDING_RESPONSE``."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
+from multiscale.plotting.figure import Axes, axes_or_current, new_figure, save_figure
+from multiscale.schema import Dataset
 
 __all__ = ["draw_sliding", "plot_sliding_friction", "plot_steady_friction"]
 
 
-def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_sliding_friction(response: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot friction against the sliding distance, a line per pressure, darker at lower ones."""
     from matplotlib import colormaps
 
@@ -34,7 +30,7 @@ def plot_sliding_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -
     return ax
 
 
-def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_steady_friction(response: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the mean friction over the last period against pressure."""
     ax = axes_or_current(ax)
     ax.plot(1e-6 * response["nominal_pressure"].values, response["steady_friction"].values, "o-")
@@ -44,7 +40,7 @@ def plot_steady_friction(response: "xr.Dataset", *, ax: "Axes | None" = None) ->
     return ax
 
 
-def draw_sliding(response: "xr.Dataset", file: Path) -> Path:
+def draw_sliding(response: Dataset, file: Path) -> Path:
     """Draw friction against distance and against pressure, and write the figure."""
     figure = new_figure(9.0, 3.8)
     left, right = figure.subplots(1, 2)

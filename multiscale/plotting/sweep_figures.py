@@ -1,14 +1,9 @@
 """Figures of a sweep, which follows ``SWEEP``."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
+from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.schema import Dataset
 
 __all__ = ["plot_sweep", "plot_sweep_steps", "say_key", "sweep_ends"]
 
@@ -33,7 +28,7 @@ def say_key(key: str) -> str:
     return " of ".join(reversed(key.split("."))).replace("_", " ")
 
 
-def sweep_ends(result: "xr.Dataset", answer: str) -> "xr.Dataset":
+def sweep_ends(result: Dataset, answer: str) -> Dataset:
     """Return an answer at the end of its steps or cycles at every point.
 
     Parameters
@@ -60,7 +55,7 @@ def sweep_ends(result: "xr.Dataset", answer: str) -> "xr.Dataset":
     return xr.Dataset({name: values.drop_vars(values.coords) for name, values in ends.items()})
 
 
-def plot_sweep(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -> "Axes":
+def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
     """Plot an answer over the swept key of most values, a line for each setting of the others.
 
     Bars are the 95 % interval of the mean law; bands are this interval and, lighter, the interval
@@ -111,7 +106,7 @@ def plot_sweep(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -
     return ax
 
 
-def plot_sweep_steps(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = None) -> "Axes":
+def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
     """Plot an answer over the steps of each point, a line with its bands for each.
 
     Parameters
@@ -144,7 +139,7 @@ def plot_sweep_steps(result: "xr.Dataset", answer: str, *, ax: "Axes | None" = N
     return ax
 
 
-def _label_answer(result: "xr.Dataset", answer: str, ax: "Axes", axis: str = "y") -> None:
+def _label_answer(result: Dataset, answer: str, ax: Axes, axis: str = "y") -> None:
     label, unit = (
         str(result[f"answer_{it}"].sel(answer=answer).values) for it in ("label", "unit")
     )

@@ -4,50 +4,26 @@ A ``response`` follows ``MICRO_RESPONSE``, with speeds and temperatures, and a `
 ``MACRO_RESULT``, with braking forces and tractions.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import law_band
 from multiscale.upscaling.reading import friction_at
 
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
-
-    from multiscale.surfaces.surface import Surface
-
-__all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell", "plot_road"]
+__all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell"]
 
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
 
 
-def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot the heights of a road.
-
-    Parameters
-    ----------
-    road : Surface, heights of the road, m
-    """
-    ax = axes_or_current(ax)
-    height = 1e3 * (road.heights - road.heights.mean()).T
-    largest = float(np.abs(height).max())
-    extent = (0.0, 1e3 * road.size[0], 0.0, 1e3 * road.size[1])
-    image = ax.imshow(
-        height, origin="lower", extent=extent, cmap="RdBu_r", vmin=-largest, vmax=largest
-    )
-    ax.set(xlabel="x (mm)", ylabel="y (mm)", title="road, realisation 0")
-    add_colour_bar(image, ax, "height (mm)")
-    return ax
-
-
 def plot_friction_bell(
-    response: "xr.Dataset", law: "xr.Dataset", pressure: float, *, ax: "Axes | None" = None
-) -> "Axes":
+    response: Dataset, law: Dataset, pressure: float, *, ax: Axes | None = None
+) -> Axes:
     """Plot friction against speed at every temperature: cells as markers, the law with a band.
 
     Parameters
@@ -93,7 +69,7 @@ def plot_friction_bell(
     return ax
 
 
-def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_braking_force(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the braking force of a tread block against its speed at every temperature."""
     ax = axes_or_current(ax)
     for temperature, colour in _temperatures(result):
@@ -119,8 +95,8 @@ def plot_braking_force(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Ax
 
 
 def plot_footprint(
-    result: "xr.Dataset", step: int, *, quantity: str = "pressure", ax: "Axes | None" = None
-) -> "Axes":
+    result: Dataset, step: int, *, quantity: str = "pressure", ax: Axes | None = None
+) -> Axes:
     """Plot the pressure or friction of a tread block on the road; the block moves to the right.
 
     Parameters
@@ -144,7 +120,7 @@ def plot_footprint(
     return ax
 
 
-def _temperatures(dataset: "xr.Dataset") -> list[tuple[float, str]]:
+def _temperatures(dataset: Dataset) -> list[tuple[float, str]]:
     """List the temperatures of a dataset, K, with colours from cold to warm."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex

@@ -3,13 +3,11 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multiscale.io import make_folder, reading_run, remove
 from multiscale.pipeline.stage import Section, Shown, Summary
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["FinishedRun", "draw_figures", "draw_run", "draw_sections", "open_finished"]
 
@@ -31,7 +29,7 @@ class FinishedRun:
 
     out: Path
     stages: tuple[Shown, ...]
-    found: "dict[str, xr.Dataset]"
+    found: dict[str, Dataset]
     cautions: list[str]
     failure: str
     case: dict[str, Any]

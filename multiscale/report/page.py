@@ -9,7 +9,7 @@ from importlib import resources
 from io import StringIO
 from pathlib import Path
 from struct import unpack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
@@ -26,10 +26,7 @@ from multiscale.pipeline.stage import Section
 from multiscale.plotting.figure import DOTS_PER_INCH, WIDE
 from multiscale.plotting.sweep_figures import say_key
 from multiscale.report.finished_run import FinishedRun, draw_run, draw_sections, open_finished
-from multiscale.schema import SURFACE_STATISTICS
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import SURFACE_STATISTICS, Dataset
 
 __all__ = ["show_run", "write_inspection", "write_report", "write_reports"]
 
@@ -56,7 +53,7 @@ def write_report(out: str | Path) -> Path:
         return _write(run, run.sections())
 
 
-def write_inspection(out: str | Path, statistics: "xr.Dataset") -> Path:
+def write_inspection(out: str | Path, statistics: Dataset) -> Path:
     """Write dataset, figures and ``report.html`` of an inspected surface into a folder."""
     name, folder = INSPECTION.name, make_folder(Path(out))
     write_dataset(statistics, folder / INSPECTION.file, SURFACE_STATISTICS)
@@ -68,9 +65,7 @@ def write_inspection(out: str | Path, statistics: "xr.Dataset") -> Path:
     return _write(run, sections)
 
 
-def write_reports(
-    out: str | Path, sweep: "xr.Dataset", *, executor: Executor | None = None
-) -> None:
+def write_reports(out: str | Path, sweep: Dataset, *, executor: Executor | None = None) -> None:
     """Draw the figures and write the reports of the points of a sweep in a folder.
 
     The points are those that have a result and a folder, and a report older than their datasets.

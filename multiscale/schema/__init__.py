@@ -17,15 +17,17 @@ from multiscale.schema.cell_schema import (
 from multiscale.schema.damage_schema import (
     CRACK_BAND,
     CRACK_GROWTH,
+    CRACKED_BODY,
     DAMAGE_SECTIONS,
     FATIGUE,
     FATIGUE_LIFE,
     RVE,
     RVE_STIFFNESS,
     RVE_VOLUMES,
+    VOLUME_GROWTH,
     WOEHLER,
 )
-from multiscale.schema.dataset_schema import COMPONENTS, Schema, Variable, with_cautions
+from multiscale.schema.dataset_schema import COMPONENTS, Dataset, Schema, Variable, with_cautions
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import (
     GRANULATE,
@@ -34,14 +36,20 @@ from multiscale.schema.structure_schema import (
     SEAL,
     VIBRATION,
 )
-from multiscale.schema.study_schema import END_TO_END, STABILITY, STORED_CELLS, WORK_PRECISION
-from multiscale.schema.sweep_schema import SWEEP
+from multiscale.schema.study_schema import (
+    END_TO_END,
+    STABILITY,
+    STORED_CELLS,
+    SWEEP,
+    WORK_PRECISION,
+)
 
 __all__ = [
     "COARSER_RESPONSE",
     "COARSER_SHEAR_RESPONSE",
     "COMPONENTS",
     "CONTROL_RESPONSE",
+    "CRACKED_BODY",
     "CRACK_BAND",
     "CRACK_GROWTH",
     "DAMAGE_SECTIONS",
@@ -71,8 +79,10 @@ __all__ = [
     "SWEEP",
     "UNLOADING",
     "VIBRATION",
+    "VOLUME_GROWTH",
     "WOEHLER",
     "WORK_PRECISION",
+    "Dataset",
     "Schema",
     "Variable",
     "branch_of",
@@ -91,10 +101,12 @@ SCHEMAS = {
         WORK_PRECISION,
         CRACK_BAND,
         CRACK_GROWTH,
+        CRACKED_BODY,
         DAMAGE_SECTIONS,
         RVE,
         RVE_STIFFNESS,
         RVE_VOLUMES,
+        VOLUME_GROWTH,
         FATIGUE,
         FATIGUE_LIFE,
         WOEHLER,

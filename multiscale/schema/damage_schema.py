@@ -5,6 +5,7 @@ from functools import partial
 from multiscale.schema.dataset_schema import Schema, Variable
 
 __all__ = [
+    "CRACKED_BODY",
     "CRACK_BAND",
     "CRACK_GROWTH",
     "DAMAGE_SECTIONS",
@@ -13,6 +14,7 @@ __all__ = [
     "RVE",
     "RVE_STIFFNESS",
     "RVE_VOLUMES",
+    "VOLUME_GROWTH",
     "WOEHLER",
 ]
 
@@ -23,6 +25,7 @@ _volume = partial(Variable, ("realisation",))
 _section = partial(Variable, ("realisation", "direction"), "1")
 _direction = partial(Variable, ("direction",))
 _element = partial(Variable, ("element",))
+_LIMITS = partial(Variable, ("limit",))
 
 DAMAGE_SECTIONS = Schema(
     name="damage_sections",
@@ -145,8 +148,6 @@ FATIGUE = Schema(
     },
 )
 
-_LIMITS = partial(Variable, ("limit",), "1")
-
 FATIGUE_LIFE = Schema(
     name="fatigue_life",
     version=1,
@@ -172,9 +173,10 @@ FATIGUE_LIFE = Schema(
             ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
         ),
         "crack_position": Variable(("component",), "m", "middle of the element that cracks"),
+        "mesh_error": _number("1", "change of the logarithm of the first life on coarser meshes"),
         "crack_distance": _number("m", "distance of first cracks in all changes for the intervals"),
-        "cycles_to_crack_mean_law": _LIMITS("95 % interval of the life of the mean part"),
-        "cycles_to_crack_one_part": _LIMITS("95 % interval of the life of the next part"),
+        "cycles_to_crack_mean_law": _LIMITS("1", "95 % interval of the life of the mean part"),
+        "cycles_to_crack_one_part": _LIMITS("1", "95 % interval of the life of the next part"),
     },
 )
 
@@ -208,6 +210,34 @@ CRACK_GROWTH = Schema(
     },
 )
 
+_event = partial(Variable, ("realisation", "record"))
+
+VOLUME_GROWTH = Schema(
+    name="volume_growth",
+    version=1,
+    variables={
+        "share": _volume("1", "edge over the edge of the representative volume"),
+        "stress": _event("Pa", "mean stress at which the next crack grows"),
+        "strain": _event("1", "mean strain along the pull"),
+        "damage": _event("1", "damage of the section across the pull at the widest crack, eq (1)"),
+        "modulus_ratio": _event("1", "stiffness along the pull over the solid's"),
+        "volume_strength": _volume("Pa", "largest stress of each volume"),
+        "volume_energy": _volume("J m-2", "energy per area of the crack of each volume"),
+        "peak_damage": _volume("1", "damage of the section at the largest stress, eq (1)"),
+        "softening_stress": Variable(("realisation", "point"), "Pa", "stress across the crack"),
+        "softening_opening": Variable(("realisation", "point"), "m", "opening of the crack"),
+        "mean_stress": Variable(("point",), "Pa", "stress of the mean softening law"),
+        "mean_opening": Variable(("point",), "m", "opening of the mean softening law"),
+        "strength": _number("Pa", "mean strength of representative volumes"),
+        "fracture_energy": _number("J m-2", "mean energy per area of their cracks"),
+        "strength_mean_law": _LIMITS("Pa", "95 % interval of the mean strength"),
+        "strength_one_part": _LIMITS("Pa", "95 % interval of one further volume"),
+        "fracture_energy_mean_law": _LIMITS("J m-2", "95 % interval of the mean energy"),
+        "fracture_energy_one_part": _LIMITS("J m-2", "95 % interval of one further volume"),
+        "converged": _volume("1", "whether a crack has cut the volume"),
+    },
+)
+
 CRACK_BAND = Schema(
     name="crack_band",
     version=1,
@@ -218,5 +248,29 @@ CRACK_BAND = Schema(
         "stiffness_share": _element("1", "stiffness of the elements over their first"),
         "band_width": _element("m", "width of the band of cracked elements"),
         "converged": _number("1", "whether the load has fallen to its end"),
+    },
+)
+
+CRACKED_BODY = Schema(
+    name="cracked_body",
+    version=1,
+    variables={
+        **CRACK_BAND.variables,
+        "peak_load": _number("1", "largest factor of the last loads of [statics]"),
+        "work": _number("J", "energy that the cracks have taken"),
+        "peak_load_sample": _volume("1", "largest factor with the softening law of each volume"),
+        "work_sample": _volume("J", "energy with the softening law of each volume"),
+        "peak_load_mean_law": _LIMITS("1", "95 % interval with the mean law"),
+        "peak_load_one_part": _LIMITS("1", "95 % interval of one further body"),
+        "work_mean_law": _LIMITS("J", "95 % interval with the mean law"),
+        "work_one_part": _LIMITS("J", "95 % interval of one further body"),
+        "position": Variable(("node", "component"), "m", "position of the nodes"),
+        "corners": Variable(
+            ("element", "corner"), "1", "nodes at the corners of the elements, in the order of VTK"
+        ),
+    },
+    optional={
+        "peak_load_mesh": _number("1", "relative change of the peak on the coarser mesh"),
+        "work_mesh": _number("1", "relative change of the energy on the coarser mesh"),
     },
 )

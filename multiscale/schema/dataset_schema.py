@@ -7,9 +7,19 @@ from typing import TYPE_CHECKING, Any
 from multiscale.errors import SchemaError
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from xarray import Dataset
+else:  # which takes long to load, where nothing but an annotation needs it
+    Dataset = Any
 
-__all__ = ["BUDGET", "COMPONENTS", "SENSITIVITY", "Schema", "Variable", "with_cautions"]
+__all__ = [
+    "BUDGET",
+    "COMPONENTS",
+    "SENSITIVITY",
+    "Dataset",
+    "Schema",
+    "Variable",
+    "with_cautions",
+]
 
 COMPONENTS = ("n", "t1", "t2")
 """Labels of the dimension ``component``: the normal and the two tangents of the joint."""
@@ -72,7 +82,7 @@ class Schema:
         }
         return replace(self, optional={**self.optional, **ends})
 
-    def check(self, dataset: "xr.Dataset") -> None:
+    def check(self, dataset: Dataset) -> None:
         """Raise if a variable is missing or has other dimensions or units.
 
         Raises
@@ -106,7 +116,7 @@ class Schema:
                 + "\n  ".join(faults)
             )
 
-    def build(self, values: Mapping[str, Any], **attributes: str | float | int) -> "xr.Dataset":
+    def build(self, values: Mapping[str, Any], **attributes: str | float | int) -> Dataset:
         """Make a dataset from plain arrays; dimensions, units and labels come from the schema.
 
         Parameters
@@ -139,7 +149,7 @@ class Schema:
         self.check(dataset)
         return dataset
 
-    def assign(self, dataset: "xr.Dataset", values: Mapping[str, Any]) -> "xr.Dataset":
+    def assign(self, dataset: Dataset, values: Mapping[str, Any]) -> Dataset:
         """Add variables to a dataset; dimensions and units come from the schema.
 
         Raises
@@ -217,7 +227,7 @@ SENSITIVITY = {
 """What results carry of parameters with a half-width of their own."""
 
 
-def with_cautions(dataset: "xr.Dataset", *lines: str) -> "xr.Dataset":
+def with_cautions(dataset: Dataset, *lines: str) -> Dataset:
     """Return a dataset whose attribute ``cautions`` has further lines; empty ones are left out."""
     found = (str(dataset.attrs.get("cautions", "")), *lines)
     return dataset.assign_attrs(cautions="\n".join(filter(None, found)))

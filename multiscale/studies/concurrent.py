@@ -232,7 +232,10 @@ class _Memory:
         if k in self.states:
             return self.states[k]
         gap = float(self.gap_of(np.array(k)))
-        found = self.cell.solve(gap, self._nearest(k))
+        at = bisect_left(self.known, k)
+        near = self.known[max(0, at - 1) : at + 1]
+        start = self.states[min(near, key=lambda one: abs(one - k))] if near else None
+        found = self.cell.solve(gap, start)
         if found.status is not Status.CONVERGED:
             raise ConvergenceError(
                 f"the cell of a law did not converge at a mean gap of {gap:.4g} m, "
@@ -243,9 +246,3 @@ class _Memory:
         self.states[k] = found
         insort(self.known, k)
         return found
-
-    def _nearest(self, k: int) -> "GapState | None":
-        """State at the nearest number known."""
-        at = bisect_left(self.known, k)
-        near = self.known[max(0, at - 1) : at + 1]
-        return self.states[min(near, key=lambda one: abs(one - k))] if near else None

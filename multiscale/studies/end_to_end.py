@@ -3,16 +3,15 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import END_TO_END
+from multiscale.schema import END_TO_END, Dataset
 from multiscale.studies.rough_scenes import RoughWave
 from multiscale.studies.rough_structure import (
     CELL_WAVES,
-    Answer,
     RoughStructure,
     StructureOutcome,
     answer_of,
@@ -21,9 +20,6 @@ from multiscale.studies.rough_structure import (
     solve_sequential,
 )
 from multiscale.upscaling import estimate_grid_error
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["CASES", "PARTS", "EndToEndCase", "end_to_end"]
 
@@ -88,7 +84,7 @@ CASES = (
 
 def end_to_end(
     cases: Sequence[EndToEndCase] = CASES, *, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Compare the sequential way with the direct one, and part the difference.
 
     Parameters
@@ -171,7 +167,11 @@ def _compare(structure: RoughStructure, case: EndToEndCase) -> dict[str, Any]:
         float(np.linalg.norm([paired[1], *(part[1] for part in known)])),
     )
     parts = [(0.0, sampling), size, fit, remainder, *known[1:]]
-    answer = cells.answers[0]
+    answer, x = cells.answers[0], direct.answers[0].position
+    resolved_pressure = np.mean([one.pressure for one in direct.answers], axis=0)
+    period = x[-1] + x[1] - 2.0 * x[0]
+    expected = np.interp(x, answer.position, answer.pressure, period=period)
+    apart = np.linalg.norm(expected - resolved_pressure)
     return {
         "scale_ratio": case.ratio,
         "points_per_wave": px,
@@ -186,7 +186,7 @@ def _compare(structure: RoughStructure, case: EndToEndCase) -> dict[str, Any]:
         "paired_error_uncertainty": paired[1],
         "area_law": answer.contact_fraction,
         "area_direct": float(np.mean([one.contact_fraction for one in direct.answers])),
-        "pressure_error": _pressure_error(answer, direct),
+        "pressure_error": float(apart / np.linalg.norm(resolved_pressure)),
         "error_part": [part[0] for part in parts],
         "error_part_uncertainty": [part[1] for part in parts],
     }
@@ -200,15 +200,9 @@ def _groups(n: int) -> list[np.ndarray]:
 
 def _gaps_by_group(structure: RoughStructure, way: StructureOutcome) -> np.ndarray:
     """Mean gap with the law of the cells that are left without a group, m."""
-    response = _response(way)
-    kept = _groups(response.sizes["realisation"])
-    return np.array([answer_of(structure, response.isel(realisation=k)).mean_gap for k in kept])
-
-
-def _response(way: StructureOutcome) -> "xr.Dataset":
-    if way.response is None:
-        raise ValueError("only the sequential way has a response")
-    return way.response
+    kept = _groups(way.response.sizes["realisation"])
+    laws = [way.response.isel(realisation=k) for k in kept]
+    return np.array([answer_of(structure, one).mean_gap for one in laws])
 
 
 def _jackknife(by_group: np.ndarray) -> float:
@@ -224,15 +218,14 @@ def _law_grid_part(structure: RoughStructure, cells: StructureOutcome, px: int, 
         _single_gaps(structure, fine, FEWEST_PER_GRID),
         D,
     )
-    gaps = [answer_of(structure, _response(cells), refined).mean_gap for refined in (1, 2)]
+    gaps = [answer_of(structure, cells.response, refined).mean_gap for refined in (1, 2)]
     macro = _doubled(np.array(gaps[:1]), np.array(gaps[1:]), D)
     return micro[0] + macro[0], micro[1]
 
 
 def _single_gaps(structure: RoughStructure, way: StructureOutcome, n: int) -> np.ndarray:
     """Mean gap with the laws of the first n cells, one by one, m."""
-    response = _response(way)
-    single = [answer_of(structure, response.isel(realisation=[k])) for k in range(n)]
+    single = [answer_of(structure, way.response.isel(realisation=[k])) for k in range(n)]
     return np.array([answer.mean_gap for answer in single])
 
 
@@ -247,12 +240,3 @@ def _mean_part(difference: np.ndarray, D: float) -> Part:
     n = difference.size
     uncertain = float(np.std(difference, ddof=1)) / np.sqrt(n) / D if n > 1 else 0.0
     return float(np.mean(difference)) / D, uncertain
-
-
-def _pressure_error(law: Answer, direct: StructureOutcome) -> float:
-    """Distance of the pressures along the structure, averaged over the realisations."""
-    resolved = np.mean([one.pressure for one in direct.answers], axis=0)
-    x = direct.answers[0].position
-    period = x[-1] + x[1] - 2.0 * x[0]
-    expected = np.interp(x, law.position, law.pressure, period=period)
-    return float(np.linalg.norm(expected - resolved) / np.linalg.norm(resolved))

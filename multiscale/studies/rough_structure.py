@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, load_shares
 from multiscale.micro import FlatCell, Path, Surface, run_ensemble, self_affine
+from multiscale.schema import Dataset
 from multiscale.studies.concurrent import CellLaw
 from multiscale.upscaling import area_from_dataset, fit_law, law_from_dataset
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "Answer",
@@ -141,7 +139,7 @@ class StructureOutcome:
         Of the structure alone, its law at hand, s; for the other ways the same as ``seconds``.
     solved, reused : int
         Cells solved (one at each load step), and how often a cell solved before served again.
-    response : Dataset, optional, follows ``MICRO_RESPONSE``
+    response : Dataset, follows ``MICRO_RESPONSE``; of the sequential way alone
     """
 
     answers: tuple[Answer, ...]
@@ -149,7 +147,7 @@ class StructureOutcome:
     solve_seconds: float
     solved: int = 0
     reused: int = 0
-    response: "xr.Dataset | None" = None
+    response: Any = None
 
     @property
     def mean_gap(self) -> float:
@@ -189,13 +187,13 @@ def solve_sequential(
     return StructureOutcome((answer,), end - begin, end - fitted, solved, 0, response)
 
 
-def laws_of(response: "xr.Dataset") -> tuple[NormalLaw, AreaLaw]:
+def laws_of(response: Dataset) -> tuple[NormalLaw, AreaLaw]:
     """Law of the pressure and of the contact area that a response gives."""
     law = fit_law(response, n_samples=0)
     return law_from_dataset(law), area_from_dataset(law)
 
 
-def answer_of(structure: RoughStructure, response: "xr.Dataset", refined: int = 1) -> Answer:
+def answer_of(structure: RoughStructure, response: Dataset, refined: int = 1) -> Answer:
     """Answer of the structure with the law of a response."""
     law, area = laws_of(response)
     return checked(structure.solve(law, area, refined=refined), law)

@@ -3,12 +3,11 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import WORK_PRECISION
+from multiscale.schema import WORK_PRECISION, Dataset
 from multiscale.studies.rough_scenes import RoughWave, TiltedJoint
 from multiscale.studies.rough_structure import (
     RoughStructure,
@@ -17,9 +16,6 @@ from multiscale.studies.rough_structure import (
     solve_sequential,
 )
 from multiscale.upscaling import estimate_grid_error
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["EFFORTS", "QUICK_EFFORTS", "Effort", "three_ways"]
 
@@ -72,7 +68,7 @@ def three_ways(
     cells: int = 8,
     points_per_wave: int = 8,
     report: Callable[[str], None] = lambda line: None,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Solve rough structures with a law, with cells and resolved, and measure error and time.
 
     Parameters

@@ -1,19 +1,15 @@
 """Statistics of a measured map or line scan: spectrum, reliable waves, self-affine fit, bearing."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import SURFACE_STATISTICS
+from multiscale.schema import SURFACE_STATISTICS, Dataset
 from multiscale.surfaces.preparation import window
 from multiscale.surfaces.roughness import Spectrum, lay_of, spectrum
 from multiscale.surfaces.statistics import breadth, ring_density, wave_power
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["SelfAffineFit", "describe_surface", "fit_of_statistics", "fit_self_affine"]
 
@@ -99,7 +95,7 @@ def fit_self_affine(
 
 def describe_surface(
     surface: Surface, *, resolution: float | None = None, waves: Spectrum | None = None
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Describe a measured map, or a line scan: heights, slopes, spectrum, lay and bearing curve.
 
     Parameters
@@ -182,7 +178,7 @@ def describe_surface(
     return SURFACE_STATISTICS.build(values)
 
 
-def fit_of_statistics(statistics: "xr.Dataset") -> SelfAffineFit | None:
+def fit_of_statistics(statistics: Dataset) -> SelfAffineFit | None:
     """Return the self-affine fit that a dataset of :func:`describe_surface` holds, if any."""
     names = ("hurst_exponent", "roll_off", "fit_level", "fit_deviation")
     hurst, roll_off, level, deviation = (float(statistics[name]) for name in names)

@@ -1,15 +1,11 @@
 """Statistics of a rough surface: heights, slopes, spectrum."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import scipy
 
 from multiscale.errors import CaseError
+from multiscale.schema import Dataset
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["nayak_parameter", "power_spectral_density", "rms_height", "rms_slope", "wavenumbers"]
 
@@ -36,7 +32,8 @@ def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
         :math:`\langle |\nabla h|^2 \rangle^{1/2} = (\sum_q q^2 |\hat h_q|^2)^{1/2}`.
     """
     if periodic:
-        return float(np.sqrt(_moment(surface, 2)))
+        q, power = wave_power(surface)
+        return float(np.sqrt(np.sum(q**2 * power)))
     slopes = (
         np.diff(surface.heights, axis=axis) / step for axis, step in enumerate(surface.spacing)
     )
@@ -86,7 +83,7 @@ def breadth(q: np.ndarray, power: np.ndarray) -> float:
     return float(m0 * m4 / m2**2)  # (3)
 
 
-def power_spectral_density(surface: Surface) -> "xr.Dataset":
+def power_spectral_density(surface: Surface) -> Dataset:
     r"""Radially averaged power spectral density of a periodic surface.
 
     Apply :func:`window` to a measured map first.
@@ -170,9 +167,3 @@ def wave_power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     """Return wavenumbers, rad/m, and shares of the mean square height, m^2: (nx, ny // 2 + 1)."""
     modulus = np.abs(scipy.fft.rfft2(surface.heights, norm="forward"))
     return wavenumbers(surface), _weights(surface) * modulus**2
-
-
-def _moment(surface: Surface, order: int) -> float:
-    """Sum of q^order |h_q|^2, m^(2 - order)."""
-    q, power = wave_power(surface)
-    return float(np.sum(q**order * power))

@@ -117,7 +117,11 @@ def self_affine(
 
     i, j, q = _waves(size, short_cutoff)
     phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, size=q.size)
-    across = q if anisotropy is None else _stretched(i, j, size, anisotropy)
+    across = q  # wavenumbers with the component along the lay stretched by its ratio, rad/m
+    if anisotropy is not None:
+        qx, qy = 2.0 * np.pi * i / size[0], 2.0 * np.pi * j / size[1]
+        c, s = np.cos(anisotropy.direction), np.sin(anisotropy.direction)
+        across = np.hypot(c * qy - s * qx, anisotropy.ratio * (c * qx + s * qy))
     band = across >= 2.0 * np.pi / long_cutoff * (1.0 - _ROUND_OFF)
     band &= across <= 2.0 * np.pi / short_cutoff * (1.0 + _ROUND_OFF)
     if not band.any():
@@ -139,15 +143,6 @@ def self_affine(
     axis = j == 0  # here the transform needs q and -q
     spectrum[-i[axis] % nx, 0] = spectrum[i[axis] % nx, 0].conj()
     return Surface(scipy.fft.irfft2(spectrum, s=(nx, ny), norm="forward"), size)
-
-
-def _stretched(
-    i: np.ndarray, j: np.ndarray, size: tuple[float, float], lay: Anisotropy
-) -> np.ndarray:
-    """Wavenumbers with the component along the lay stretched by its ratio, rad/m."""
-    qx, qy = 2.0 * np.pi * i / size[0], 2.0 * np.pi * j / size[1]
-    c, s = np.cos(lay.direction), np.sin(lay.direction)
-    return np.asarray(np.hypot(c * qy - s * qx, lay.ratio * (c * qx + s * qy)))
 
 
 def _waves(

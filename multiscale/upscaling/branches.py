@@ -1,21 +1,18 @@
 """Branches of a law beside the loading: of unloading from any pressure, of shear and of damage."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw
-from multiscale.schema import DAMAGE_SECTIONS, with_cautions
+from multiscale.schema import DAMAGE_SECTIONS, Dataset, with_cautions
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law, say_control, with_branch
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 from multiscale.upscaling.shear_branch import with_sliding
 from multiscale.upscaling.shear_fit import with_shear
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["fit_branches", "hysteretic_from_dataset", "with_damage", "with_unloading"]
 
@@ -24,15 +21,15 @@ SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
 
 def fit_branches(
-    response: "xr.Dataset",
+    response: Dataset,
     *,
-    control: "xr.Dataset | None" = None,
-    shear: "xr.Dataset | None" = None,
-    sliding: "xr.Dataset | None" = None,
+    control: Dataset | None = None,
+    shear: Dataset | None = None,
+    sliding: Dataset | None = None,
     apart: bool | None = None,
     n_samples: int = 200,
     **options: Any,
-) -> "xr.Dataset":
+) -> Dataset:
     """Fit the law of the loading with all branches that data are given for.
 
     Parameters
@@ -63,12 +60,12 @@ def fit_branches(
 
 
 def with_unloading(
-    law: "xr.Dataset",
-    response: "xr.Dataset",
+    law: Dataset,
+    response: Dataset,
     *,
-    control: "xr.Dataset | None" = None,
+    control: Dataset | None = None,
     n_samples: int,
-) -> "xr.Dataset":
+) -> Dataset:
     """Add the unloading branch to the law of the loading.
 
     Parameters
@@ -109,7 +106,7 @@ def with_unloading(
     )
 
 
-def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> HystereticLaw:
+def hysteretic_from_dataset(dataset: Dataset, sample: int | None = None) -> HystereticLaw:
     """Make the law of a dataset with its unloading branch, the mean or a bootstrap sample of it.
 
     Raises
@@ -129,7 +126,7 @@ def hysteretic_from_dataset(dataset: "xr.Dataset", sample: int | None = None) ->
     return HystereticLaw(law_from_dataset(dataset), ratio, exponent)
 
 
-def with_damage(law: "xr.Dataset", sections: "xr.Dataset") -> "xr.Dataset":
+def with_damage(law: Dataset, sections: Dataset) -> Dataset:
     """Add the damage of the material near an interface to its law.
 
     Parameters

@@ -1,12 +1,11 @@
 """How wrong a law is: every term estimated and none assumed."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW
+from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, Dataset
 from multiscale.upscaling.budget_terms import (
     FEW_CELLS,
     NORMAL,
@@ -24,9 +23,6 @@ from multiscale.upscaling.cell_size import size_term, surface_term
 from multiscale.upscaling.response_observations import normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "ERROR_TERMS",
@@ -70,17 +66,17 @@ QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
 
 def error_budget(
-    response: "xr.Dataset",
-    law: "xr.Dataset",
+    response: Dataset,
+    law: Dataset,
     *,
-    resolutions: Mapping[float, "xr.Dataset"] | None = None,
-    sizes: Mapping[float, "xr.Dataset"] | None = None,
+    resolutions: Mapping[float, Dataset] | None = None,
+    sizes: Mapping[float, Dataset] | None = None,
     scales: ScaleSeparation | None = None,
     apart: bool = False,
-    tangential: Mapping[float, "xr.Dataset"] | None = None,
-    control: "xr.Dataset | None" = None,
+    tangential: Mapping[float, Dataset] | None = None,
+    control: Dataset | None = None,
     known: Mapping[str, Term] = {},
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
     Parameters
@@ -208,7 +204,7 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
     return np.asarray(np.where(ratio < ONE_SIDED, near, b + TAIL * s))
 
 
-def mean_law_error(budget: "xr.Dataset") -> np.ndarray:
+def mean_law_error(budget: Dataset) -> np.ndarray:
     """Total of a budget without what one part has by its few cells: the error of the mean part.
 
     It is relative to the value, shape (quantities, steps); NaN where the total, which is the error
@@ -221,7 +217,7 @@ def mean_law_error(budget: "xr.Dataset") -> np.ndarray:
     return np.where(np.isfinite(budget["error_total"]), error, np.nan)
 
 
-def with_budget(dataset: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
+def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:
     """Return a law or a macro result that carries its error budget, which has its steps.
 
     Raises
@@ -260,7 +256,7 @@ def assemble_budget(
     quantities: tuple[str, ...],
     pressure: np.ndarray | None,
     steps: int | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Arrange the terms, add them up and say which are not known."""
     n = steps if pressure is None else pressure.size
     half = np.full((len(quantities), len(ERROR_TERMS), n or 0), np.nan)

@@ -6,19 +6,16 @@ Half-widths have the shape (3, steps): gap, contact fraction and stiffness.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.schema import Dataset
 from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
 from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
 from multiscale.upscaling.response_observations import area_observations, normal_observations
 from multiscale.upscaling.scales import ScaleSeparation
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "FEW_CELLS",
@@ -102,10 +99,10 @@ class Sampling:
 
 
 def sampling_term(
-    response: "xr.Dataset",
-    law: "xr.Dataset",
-    sizes: Mapping[float, "xr.Dataset"] | None,
-    control: "xr.Dataset | None" = None,
+    response: Dataset,
+    law: Dataset,
+    sizes: Mapping[float, Dataset] | None,
+    control: Dataset | None = None,
 ) -> Sampling:
     r"""Half-widths from the scatter of the realisations.
 
@@ -168,7 +165,7 @@ def _squares(values: np.ndarray, spent: int) -> tuple[np.ndarray, np.ndarray, np
     return scale * np.sum(spread**2, axis=0) / size**2, freedom, n
 
 
-def fit_term(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
     """Half-widths from the errors at steps that the fit has not seen.
 
     The half-width is the root mean square of these errors, times the share that the decay with the
@@ -218,13 +215,13 @@ def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
     return float(abs(own[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
-def values_of_cells(response: "xr.Dataset") -> np.ndarray:
+def values_of_cells(response: Dataset) -> np.ndarray:
     """Gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
     return np.array([values for ((values, _),) in parts_of_cells(response)])
 
 
 def parts_of_cells(
-    response: "xr.Dataset", control: "xr.Dataset | None" = None, law: "xr.Dataset | None" = None
+    response: Dataset, control: Dataset | None = None, law: Dataset | None = None
 ) -> list[list[tuple[np.ndarray, int]]]:
     """Ensembles whose means add up to gap, contact fraction and stiffness, with their freedoms.
 
@@ -239,8 +236,8 @@ def parts_of_cells(
 
 
 def compared(
-    response: "xr.Dataset", others: Mapping[float, "xr.Dataset"], *, apart: bool
-) -> "dict[float, xr.Dataset]":
+    response: Dataset, others: Mapping[float, Dataset], *, apart: bool
+) -> dict[float, Dataset]:
     """Responses that are compared, by their ratios: they were pressed alike.
 
     The response itself, of the ratio 1, is one of them unless the others are apart from it.
@@ -261,7 +258,7 @@ def compared(
 
 
 def grid_term(
-    response: "xr.Dataset", resolutions: Mapping[float, "xr.Dataset"], *, apart: bool = False
+    response: Dataset, resolutions: Mapping[float, Dataset], *, apart: bool = False
 ) -> Term:
     """Bias and half-widths from the same realisations on several grids.
 
@@ -309,7 +306,7 @@ def grid_term(
     return Term(how, np.array(rows), np.array(biases))
 
 
-def increment_term(response: "xr.Dataset") -> Term:
+def increment_term(response: Dataset) -> Term:
     """Half-widths from the increments of a body that flows, by halved ones of one realisation."""
     gap = normal_observations(response)
     if "flowing_fraction" not in response.variables:
@@ -321,7 +318,7 @@ def increment_term(response: "xr.Dataset") -> Term:
     return _term_of_errors(response, "increment", "halved in one realisation")
 
 
-def slope_term(response: "xr.Dataset") -> Term:
+def slope_term(response: Dataset) -> Term:
     """Half-widths from slopes that the cells take as small, which their expansion in them tells.
 
     Conforming cells take them as small where their one body stands for two.
@@ -331,7 +328,7 @@ def slope_term(response: "xr.Dataset") -> Term:
     return _term_of_errors(response, "slope", str(response.attrs["small_slopes"]))
 
 
-def _term_of_errors(response: "xr.Dataset", cause: str, how: str) -> Term:
+def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
     """Half-widths from relative errors of gap and area at the steps of a response."""
     gap = normal_observations(response)
     error, area = (
@@ -370,7 +367,7 @@ def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
     return np.asarray(NORMAL * np.nan_to_num(scatter, posinf=0.0) * scales.cell_ratio)
 
 
-def separation_term(law: "xr.Dataset", p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
+def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
     r"""Half-widths from pressure that is not even over the longest wave.
 
     They are :math:`\tfrac12 f''(p)\, (\varepsilon p)^2 / 12` of each quantity :math:`f`, with

@@ -1,11 +1,11 @@
 """What a law lacks by its cells: by their size, and by the waves of a measured surface."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.schema import Dataset
 from multiscale.upscaling.budget_terms import (
     NORMAL,
     Term,
@@ -16,9 +16,6 @@ from multiscale.upscaling.budget_terms import (
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
 from multiscale.upscaling.response_observations import normal_observations
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 __all__ = ["at_rms_height", "size_term", "surface_term", "without_bias"]
 
 SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # of what a finite cell leaves out
@@ -26,7 +23,7 @@ FEWEST_HELD = 0.5
 """Share of height or slope below which a law would be read at less than half its pressures."""
 
 
-def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
+def at_rms_height(response: Dataset, rms_height: float) -> Dataset:
     r"""Return a response with the gaps of surfaces of another height.
 
     Parameters
@@ -62,11 +59,11 @@ def at_rms_height(response: "xr.Dataset", rms_height: float) -> "xr.Dataset":
 
 
 def size_term(
-    response: "xr.Dataset",
-    sizes: Mapping[float, "xr.Dataset"],
+    response: Dataset,
+    sizes: Mapping[float, Dataset],
     *,
     apart: bool = False,
-    controls: Mapping[float, "xr.Dataset | None"] = {},
+    controls: Mapping[float, Dataset | None] = {},
 ) -> Term:
     r"""Bias by the size of the cell and half-widths about it, from the means of several sizes.
 
@@ -90,7 +87,9 @@ def size_term(
         ensembles = [one[quantity] for one in parts]
         mean = np.array([np.nanmean(one[0][0], axis=0) for one in ensembles])
         owner = np.repeat(np.arange(ratios.size), [len(one) for one in ensembles])
-        variance = np.array([_of_mean(values) for one in ensembles for values, _ in one])
+        rows_of = [values for one in ensembles for values, _ in one]
+        count = [np.maximum(np.isfinite(one).sum(axis=0) - 1, 1) for one in rows_of]
+        variance = np.array([np.nanvar(one, axis=0) for one in rows_of]) / count  # of the means
         freedom = np.array([[max(free, 1)] for one in ensembles for _, free in one])
         variance = np.maximum(variance, (1e-9 * mean[owner]) ** 2)
         error = np.sqrt([variance[owner == k].sum(axis=0) for k in range(ratios.size)])
@@ -114,7 +113,7 @@ def size_term(
     return Term(how, np.array(rows), np.array(biases))
 
 
-def without_bias(response: "xr.Dataset", *terms: Term) -> "xr.Dataset":
+def without_bias(response: Dataset, *terms: Term) -> Dataset:
     """Return a response less the biases of gap and contact fraction that terms tell.
 
     Its budget has these terms :meth:`~.budget_terms.Term.taken_out`.
@@ -131,7 +130,7 @@ def without_bias(response: "xr.Dataset", *terms: Term) -> "xr.Dataset":
     return response.assign(corrected)
 
 
-def surface_term(response: "xr.Dataset", law: "xr.Dataset", p: np.ndarray) -> Term:
+def surface_term(response: Dataset, law: Dataset, p: np.ndarray) -> Term:
     r"""Half-widths from the height and the slope of measured maps that the cells lack.
 
     The gap of an elastic surface over its height, and its contact fraction, are functions of
@@ -184,9 +183,3 @@ def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
     slope = (share * mean).sum(axis=0)
     misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
     return share, float(misfit.mean())  # the steps of a cell are not independent
-
-
-def _of_mean(values: np.ndarray) -> np.ndarray:
-    """Variance of the mean of the rows, with as many values as each column has."""
-    n = np.maximum(np.isfinite(values).sum(axis=0) - 1, 1)
-    return np.asarray(np.nanvar(values, axis=0) / n)

@@ -1,24 +1,20 @@
 """Which family describes the data best: unseen points and an information criterion."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.schema import LAW_COMPARISON
+from multiscale.schema import LAW_COMPARISON, Dataset
 from multiscale.upscaling.family import FAMILIES, Family
 from multiscale.upscaling.fit import FREE_FORM, fit_law
 from multiscale.upscaling.observations import Observations
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["compare_laws"]
 
 
 def compare_laws(
-    data: "xr.Dataset | Observations", families: Sequence[str | Family] | None = None
-) -> "xr.Dataset":
+    data: Dataset | Observations, families: Sequence[str | Family] | None = None
+) -> Dataset:
     r"""Fit several families to the same data and compare them.
 
     Parameters

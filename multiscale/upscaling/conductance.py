@@ -1,17 +1,13 @@
 """Thermal and electrical conductance of a rough interface, from its stiffness."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.schema import INTERFACE_LAW, with_cautions
+from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.reading import law_from_dataset, require_law
 from multiscale.upscaling.structure_errors import Dependence
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "CONDUCTANCES",
@@ -26,12 +22,12 @@ CONDUCTANCES = {"thermal_conductance": "W m-2 K-1", "electrical_conductance": "S
 
 
 def with_conductance(
-    law: "xr.Dataset",
+    law: Dataset,
     conductivities: Mapping[str, tuple[float, float]],
     contact_modulus: float,
     *,
     flows: bool,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Return a law with the conductances of its interface.
 
     Parameters
@@ -80,7 +76,7 @@ def with_conductance(
     )
 
 
-def conductances(law: "xr.Dataset", pressure: np.ndarray) -> dict[str, np.ndarray]:
+def conductances(law: Dataset, pressure: np.ndarray) -> dict[str, np.ndarray]:
     """Return the conductances of a law at pressures of the interface, Pa, as far as it has them.
 
     By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
@@ -90,13 +86,13 @@ def conductances(law: "xr.Dataset", pressure: np.ndarray) -> dict[str, np.ndarra
     return {name: ratio * stiffness for name, ratio in conductance_ratios(law).items()}
 
 
-def conductance_ratios(law: "xr.Dataset") -> dict[str, float]:
+def conductance_ratios(law: Dataset) -> dict[str, float]:
     """Return conductances over the stiffness of loading, W m-1 K-1 Pa-1 and S m-1 Pa-1."""
     names = {name: f"{name}_ratio" for name in CONDUCTANCES}
     return {name: float(law[ratio]) for name, ratio in names.items() if ratio in law.variables}
 
 
-def elastic_dependence(law: "xr.Dataset", answers: np.ndarray) -> Dependence:
+def elastic_dependence(law: Dataset, answers: np.ndarray) -> Dependence:
     """Let answers that are conductances be as wrong as the start of unloading.
 
     ``answers``, shape (answers, steps), says which of the answers are conductances.

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import INTERFACE_LAW, Variable
+from multiscale.schema import INTERFACE_LAW, Dataset, Variable
 from multiscale.upscaling.admissibility import admissibility
 from multiscale.upscaling.bootstrap import draw_counts
 from multiscale.upscaling.family import FAMILIES, Family
@@ -25,9 +25,6 @@ from multiscale.upscaling.spline_law import (
     fit_each,
     unseen_errors,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "FREE_FORM",
@@ -56,9 +53,9 @@ FREE_FORM = {
 
 
 def fit_law(
-    data: "xr.Dataset | Observations",
+    data: Dataset | Observations,
     *,
-    control: "xr.Dataset | None" = None,
+    control: Dataset | None = None,
     family: str | Family | None = None,
     fixed: Mapping[str, float] | None = None,
     weights: np.ndarray | None = None,
@@ -66,7 +63,7 @@ def fit_law(
     n_samples: int = 200,
     ridge: float = RIDGE,
     seed: int = 0,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Fit a law to the response of an ensemble of cells, or to other observations.
 
     Parameters
@@ -201,15 +198,13 @@ def say_control(name: str, seen: Observations) -> str:
     return f"{name}: {seen.control or 'none, since they follow each other by chance alone'}"
 
 
-def with_branch(
-    law: "xr.Dataset", branch: str, how: str, values: Mapping[str, Any]
-) -> "xr.Dataset":
+def with_branch(law: Dataset, branch: str, how: str, values: Mapping[str, Any]) -> Dataset:
     """Add a branch to a law: its values, and whether it is measured."""
     told = _say_branches({**told_branches(law), branch: how})
     return INTERFACE_LAW.assign(law, values).assign_attrs(branches=told)
 
 
-def told_branches(law: "xr.Dataset") -> dict[str, str]:
+def told_branches(law: Dataset) -> dict[str, str]:
     """Return what a law says of each of its branches."""
     said = str(law.attrs.get("branches", ""))
     return dict(part.split(": ", 1) for part in said.split("; ") if part)
@@ -219,7 +214,7 @@ def _say_branches(told: Mapping[str, str]) -> str:
     return "; ".join(map(": ".join, told.items()))
 
 
-def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> list[Any]:
+def laws_of_each(observations: Observations, law: Dataset | None = None) -> list[Any]:
     """Fit a normal law to each realisation.
 
     Parameters
@@ -244,7 +239,7 @@ def laws_of_each(observations: Observations, law: "xr.Dataset | None" = None) ->
     return [None if one is None else regression.law(one) for one in found]
 
 
-def stiffness_of_each(observations: Observations, law: "xr.Dataset | None" = None) -> np.ndarray:
+def stiffness_of_each(observations: Observations, law: Dataset | None = None) -> np.ndarray:
     """Stiffness of the laws of :func:`laws_of_each`, Pa/m, shape (realisations, points).
 
     NaN where a realisation has no value or its fit does not settle.
@@ -278,7 +273,7 @@ def _choose(family: str | Family | None, quantity: str) -> str | Family:
 
 def _build(
     observations: Observations, family: str | Family, values: Values, attributes: dict[str, Any]
-) -> "xr.Dataset":
+) -> Dataset:
     """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
     quantity, told = QUANTITIES[observations.quantity], {**observations.attributes, **attributes}
     mean, p = observations.mean, observations.pressure

@@ -1,17 +1,12 @@
 """What a rough interface lets through: hydraulic aperture against pressure, with bands."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from multiscale.schema import INTERFACE_LAW, with_cautions
+from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
 from multiscale.upscaling.reading import area_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.response_observations import loading_branch
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["effective_permeability", "say_sealing", "sealing_pressures", "with_leakage"]
 
@@ -80,9 +75,7 @@ def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.n
     return np.where(share <= 0.5, 0.0, np.exp(0.5 * (low + high)) + 0.0 * share)
 
 
-def with_leakage(
-    law: "xr.Dataset", response: "xr.Dataset", coarser: "xr.Dataset | None" = None
-) -> "xr.Dataset":
+def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None) -> Dataset:
     """Return a law with the hydraulic aperture of its interface at the pressures of its data.
 
     Parameters
@@ -160,7 +153,7 @@ def _spread(aperture: np.ndarray, n: int) -> np.ndarray:
     return np.where(opened, mean * ratio ** widening(n - 1, n=n), aperture)
 
 
-def sealing_pressures(law: "xr.Dataset", direction: str = "both") -> np.ndarray:
+def sealing_pressures(law: Dataset, direction: str = "both") -> np.ndarray:
     """Pressures between which the last path through an interface closes.
 
     Parameters
@@ -181,7 +174,7 @@ def sealing_pressures(law: "xr.Dataset", direction: str = "both") -> np.ndarray:
     return np.asarray(pressure[last : last + 2])
 
 
-def say_sealing(law: "xr.Dataset", direction: str = "both") -> str:
+def say_sealing(law: Dataset, direction: str = "both") -> str:
     """Say between which pressures an interface becomes tight, and how sure its cells are of it."""
     pressure = law["fit_pressure"].to_numpy()
     last, first = sealing_pressures(law, direction)

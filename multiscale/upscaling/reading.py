@@ -2,18 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, BellFriction, ConvexDecreasing, NormalLaw, wlf_shift
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.bootstrap import most_confident, widening
 from multiscale.upscaling.family import FAMILIES, Family
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "area_from_dataset",
@@ -31,7 +28,7 @@ __all__ = [
 
 
 def law_from_dataset(
-    dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
+    dataset: Dataset, sample: int | None = None, *, family: Family | None = None
 ) -> NormalLaw:
     """Make the normal law of a dataset.
 
@@ -54,15 +51,13 @@ def law_from_dataset(
     return law
 
 
-def fitted_law(
-    dataset: "xr.Dataset", sample: int | None = None, *, family: Family | None = None
-) -> Any:
+def fitted_law(dataset: Dataset, sample: int | None = None, *, family: Family | None = None) -> Any:
     """Make the law of a dataset, whatever its quantity; arguments as for `law_from_dataset`."""
     return fitted_laws(dataset, [sample], family=family)[0]
 
 
 def fitted_laws(
-    dataset: "xr.Dataset", samples: Sequence[int | None], *, family: Family | None = None
+    dataset: Dataset, samples: Sequence[int | None], *, family: Family | None = None
 ) -> list[Any]:
     """Make several laws of a dataset, which is checked and read once; see :func:`fitted_law`."""
     INTERFACE_LAW.check(dataset)
@@ -99,13 +94,13 @@ def fitted_laws(
         ) from None
 
 
-def friction_at(law: "xr.Dataset", temperature: float) -> BellFriction:
+def friction_at(law: Dataset, temperature: float) -> BellFriction:
     """Friction law at a temperature, K, from a fitted bell; other laws are refused."""
     return frictions_at(law, temperature, [None])[0]
 
 
 def frictions_at(
-    law: "xr.Dataset", temperature: float, samples: Sequence[int | None]
+    law: Dataset, temperature: float, samples: Sequence[int | None]
 ) -> list[BellFriction]:
     """Make the mean law (None) and samples of it; see :func:`friction_at`."""
     bells = fitted_laws(law, samples)
@@ -120,12 +115,12 @@ def frictions_at(
     return [replace(bell, peak_speed=bell.peak_speed / shift) for bell in bells]
 
 
-def area_from_dataset(dataset: "xr.Dataset", sample: int | None = None) -> AreaLaw:
+def area_from_dataset(dataset: Dataset, sample: int | None = None) -> AreaLaw:
     """Make the area law of a dataset; see :func:`law_from_dataset`."""
     return areas_from_dataset(dataset, [sample])[0]
 
 
-def areas_from_dataset(dataset: "xr.Dataset", samples: Sequence[int | None]) -> list[AreaLaw]:
+def areas_from_dataset(dataset: Dataset, samples: Sequence[int | None]) -> list[AreaLaw]:
     """Make several area laws of a dataset, which is checked and read once."""
     INTERFACE_LAW.check(dataset)
     require_law(dataset, "area_pressure", "area_fraction")
@@ -134,7 +129,7 @@ def areas_from_dataset(dataset: "xr.Dataset", samples: Sequence[int | None]) -> 
 
 
 def law_band(
-    dataset: "xr.Dataset",
+    dataset: Dataset,
     evaluate: Callable[[Any], np.ndarray],
     *,
     confidence: float = 0.95,
@@ -174,7 +169,7 @@ def law_band(
     return np.asarray(low), np.asarray(high)
 
 
-def refuse_band(dataset: "xr.Dataset", confidence: float = 0.95) -> str:
+def refuse_band(dataset: Dataset, confidence: float = 0.95) -> str:
     """Say why the samples of a law tell no band of a confidence; nothing if they do."""
     require_law(dataset, "n_realisations", "uncertainty")
     n_samples, n = int(dataset.sizes.get("sample", 0)), int(dataset.attrs["n_realisations"])
@@ -194,7 +189,7 @@ def refuse_band(dataset: "xr.Dataset", confidence: float = 0.95) -> str:
     return ""
 
 
-def require_law(dataset: "xr.Dataset", *names: str) -> None:
+def require_law(dataset: Dataset, *names: str) -> None:
     """Refuse a law that lacks variables or attributes, as one of an earlier version may."""
     missing = [name for name in names if name not in {**dataset.variables, **dataset.attrs}]
     if missing:
@@ -207,7 +202,7 @@ def require_law(dataset: "xr.Dataset", *names: str) -> None:
 
 
 def pick(
-    dataset: "xr.Dataset", name: str, samples: Sequence[int | None], *, of: str = "law"
+    dataset: Dataset, name: str, samples: Sequence[int | None], *, of: str = "law"
 ) -> list[np.ndarray]:
     """Values of the mean (None) and of samples, of the law or of its unloading."""
     n_samples = int(dataset.sizes.get("sample" if of == "law" else f"{of}_sample", 0))

@@ -1,18 +1,15 @@
 """Observations of gaps, areas and spring back in the response of cells."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import LOADING, MICRO_RESPONSE, UNLOADING, with_cautions
+from multiscale.schema import LOADING, MICRO_RESPONSE, UNLOADING, Dataset, with_cautions
 from multiscale.upscaling.control_variates import Control
 from multiscale.upscaling.gap_checks import check_heights, odd_gaps
 from multiscale.upscaling.observations import Observations, error_scale, observe
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "area_observations",
@@ -28,9 +25,7 @@ _OWN_ATTRIBUTES = frozenset(
 )
 
 
-def normal_observations(
-    response: "xr.Dataset", control: "xr.Dataset | None" = None
-) -> Observations:
+def normal_observations(response: Dataset, control: Dataset | None = None) -> Observations:
     """Mean gaps of a response at its rising pressures; what failed is left out.
 
     Parameters
@@ -51,7 +46,7 @@ def normal_observations(
     return replace(found, attributes=inherited(told))
 
 
-def area_observations(response: "xr.Dataset", control: "xr.Dataset | None" = None) -> Observations:
+def area_observations(response: Dataset, control: Dataset | None = None) -> Observations:
     """Contact fractions of a response; see :func:`normal_observations`.
 
     Raises
@@ -86,7 +81,7 @@ def area_observations(response: "xr.Dataset", control: "xr.Dataset | None" = Non
 
 
 def _observe_response(
-    quantity: str, response: "xr.Dataset", variable: str, control: "xr.Dataset | None"
+    quantity: str, response: Dataset, variable: str, control: Dataset | None
 ) -> Observations:
     """Select usable steps and realisations; pressures rising."""
     MICRO_RESPONSE.check(response)
@@ -121,7 +116,7 @@ def _observe_response(
 
 
 def paired_first(
-    control: "xr.Dataset", numbers: np.ndarray, variable: str, pressure: np.ndarray
+    control: Dataset, numbers: np.ndarray, variable: str, pressure: np.ndarray
 ) -> np.ndarray:
     """Values of cheap cells under rising pressures, those with the given numbers first; SI.
 
@@ -148,7 +143,7 @@ def paired_first(
     return np.asarray(values[np.ix_(rows, at)])
 
 
-def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+def usable_steps(response: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Which steps of which realisations count, and the pressure of every step, Pa.
 
     Raises
@@ -186,14 +181,12 @@ def usable_steps(response: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
     return counted, pressure
 
 
-def loading_branch(response: "xr.Dataset") -> "xr.Dataset":
+def loading_branch(response: Dataset) -> Dataset:
     """Return the steps of a response whose pressure was never reached before."""
     return response.isel(step=np.flatnonzero(response["branch"] == LOADING))
 
 
-def unloading_observations(
-    response: "xr.Dataset", control: "xr.Dataset | None" = None
-) -> Observations:
+def unloading_observations(response: Dataset, control: Dataset | None = None) -> Observations:
     """Spring back of a response that was loaded and unloaded, relative to its largest pressures.
 
     Parameters
@@ -231,7 +224,7 @@ def unloading_observations(
     return replace(found, control=Control.of(found.masked, low - high))
 
 
-def inherited(response: "xr.Dataset") -> dict[str, Any]:
+def inherited(response: Dataset) -> dict[str, Any]:
     """Attributes of the response that tell about the surface, as netCDF takes them."""
     plain = {
         name: value.item() if isinstance(value, np.number) else value

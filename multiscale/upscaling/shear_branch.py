@@ -1,17 +1,12 @@
 """The tangential branch of a law: measured, assumed or stated, and the law that it makes."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
-from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE, with_cautions
+from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE, Dataset, with_cautions
 from multiscale.upscaling.fit import told_branches, with_branch
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "assume_shear",
@@ -29,8 +24,8 @@ WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stif
 
 
 def assume_shear(
-    law: "xr.Dataset", *, friction: float | None = None, stiffness_ratio: float | None = None
-) -> "xr.Dataset":
+    law: Dataset, *, friction: float | None = None, stiffness_ratio: float | None = None
+) -> Dataset:
     """Give a law tangential values that nothing was measured for, and say so in a caution.
 
     Parameters
@@ -47,8 +42,8 @@ def assume_shear(
 
 
 def state_shear(
-    law: "xr.Dataset", *, friction: float | None = None, stiffness_ratio: float | None = None
-) -> "xr.Dataset":
+    law: Dataset, *, friction: float | None = None, stiffness_ratio: float | None = None
+) -> Dataset:
     """Give a law tangential values that a user states; arguments as for :func:`assume_shear`.
 
     A caution says where they differ from values that the law had.
@@ -65,7 +60,7 @@ def state_shear(
     )
 
 
-def tangential_values(law: "xr.Dataset") -> dict[str, float]:
+def tangential_values(law: Dataset) -> dict[str, float]:
     """Return ``friction`` and ``stiffness_ratio`` (mean of x and y) of a law, as far as known."""
     names = {"friction": "shear_friction", "stiffness_ratio": "shear_stiffness_ratio"}
     return {
@@ -75,7 +70,7 @@ def tangential_values(law: "xr.Dataset") -> dict[str, float]:
     }
 
 
-def say_shear(law: "xr.Dataset") -> list[str]:
+def say_shear(law: Dataset) -> list[str]:
     """Say friction and stiffness ratio of a law, with their bands if they are measured."""
     said = []
     for name, value in tangential_values(law).items():
@@ -90,8 +85,8 @@ def say_shear(law: "xr.Dataset") -> list[str]:
 
 
 def _put_shear(
-    law: "xr.Dataset", how: str, friction: float | None, stiffness_ratio: float | None
-) -> tuple[str, "xr.Dataset"]:
+    law: Dataset, how: str, friction: float | None, stiffness_ratio: float | None
+) -> tuple[str, Dataset]:
     """Name tangential values, and put them into a law and all its samples."""
     n = law.sizes.get("shear_sample", 0)
     values: dict[str, object] = {}
@@ -115,7 +110,7 @@ def _put_shear(
     return " and ".join(said), law
 
 
-def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
+def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
     """Add the friction coefficient of large sliding over the pressure to a law.
 
     ``sliding`` follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`; it is refused
@@ -137,14 +132,14 @@ def with_sliding(law: "xr.Dataset", sliding: "xr.Dataset") -> "xr.Dataset":
     return with_branch(law, "sliding", "measured", values)
 
 
-def sliding_friction_at(dataset: "xr.Dataset", pressure: np.ndarray) -> np.ndarray:
+def sliding_friction_at(dataset: Dataset, pressure: np.ndarray) -> np.ndarray:
     """Friction coefficient of large sliding at pressures, Pa; constant beyond the data."""
     require_law(dataset, "sliding_pressure", "sliding_friction")
     p, mu = (dataset[f"sliding_{name}"].to_numpy() for name in ("pressure", "friction"))
     return np.asarray(np.interp(np.log(pressure), np.log(p), mu))
 
 
-def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
+def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     """Return a law whose sliders have the friction of large sliding at a pressure, Pa.
 
     The law is of :func:`with_sliding`; its friction was measured in one cell, so that the error
@@ -162,7 +157,7 @@ def take_sliding_friction(law: "xr.Dataset", pressure: float) -> "xr.Dataset":
 
 
 def sliders_from_dataset(
-    dataset: "xr.Dataset",
+    dataset: Dataset,
     sample: int | None = None,
     *,
     normal: NormalLaw | HystereticLaw | None = None,

@@ -2,18 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "NORMAL_ALONE",
@@ -36,9 +32,9 @@ SLIPS = np.geomspace(0.1, 8.0, 16)  # over mu p / (kappa K), up to full slip
 
 def tangential_terms(
     terms: Mapping[str, Term],
-    law: "xr.Dataset",
+    law: Dataset,
     p: np.ndarray,
-    coarser: Mapping[float, "xr.Dataset"],
+    coarser: Mapping[float, Dataset],
 ) -> dict[str, Term]:
     r"""Add the tangential traction to the terms of gap, contact fraction and stiffness.
 
@@ -68,9 +64,13 @@ def tangential_terms(
       (1 - e^{-x})` with :math:`x = \kappa K u / (\mu p)`, they change :math:`t / (\mu p)` by
       :math:`x e^{-x} \le 1/e` of it.
     """
+    by_grid = terms["micro discretisation"].half_width
+    grid = np.full(p.size, np.nan)
+    if coarser and by_grid is not None:
+        grid = STEEPEST * np.hypot(by_grid[2], _grid_error({1.0: law, **coarser}, RATIO))
     own = {
         "sampling": _sampling(law, p),
-        "micro discretisation": _grid(terms["micro discretisation"], law, coarser, p),
+        "micro discretisation": grid,
         "friction bed": _distance(law, p),
     }
     told = "largest distance of the sheared cells from the bed over mu p"
@@ -87,7 +87,7 @@ def tangential_terms(
     return found
 
 
-def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
     r"""Errors of friction and stiffness ratio of a law that was measured; none of assumed ones.
 
     Parameters
@@ -131,7 +131,7 @@ def shear_errors(law: "xr.Dataset", p: np.ndarray) -> dict[str, dict[str, np.nda
     return found
 
 
-def loss_term(law: "xr.Dataset") -> Term:
+def loss_term(law: Dataset) -> Term:
     """How wrong the loss of the bed is in a closed cycle, as the cells tell it.
 
     The term is of one answer at one step. Its bias is :math:`1 - r` with the mean :math:`r` of the
@@ -159,7 +159,7 @@ def loss_term(law: "xr.Dataset") -> Term:
     return Term(told, half_width, np.full((1, 1), 1.0 - ratio.mean()))
 
 
-def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+def _sampling(law: Dataset, p: np.ndarray) -> np.ndarray:
     """Half-width by the samples, over mu p; NaN without any."""
     n = min(int(law.sizes.get("sample", 0)), int(law.sizes.get("shear_sample", 0)))
     if not n:
@@ -175,17 +175,7 @@ def _sampling(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
     return np.asarray(np.max(half_range(np.array(traction)), axis=0) / (mu[0] * p))
 
 
-def _grid(
-    term: Term, law: "xr.Dataset", coarser: Mapping[float, "xr.Dataset"], p: np.ndarray
-) -> np.ndarray:
-    """Half-width by the grid, of stiffness and ratio together; NaN without coarser grids."""
-    if not coarser or term.half_width is None:
-        return np.full(p.size, np.nan)
-    error = _grid_error({1.0: law, **coarser}, RATIO)
-    return np.asarray(STEEPEST * np.hypot(term.half_width[2], error))
-
-
-def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:
+def _grid_error(laws: Mapping[float, Dataset], name: str) -> float:
     """Half-width by the grid of the mean of a value of laws on several grids, over the value."""
     finest, *others = sorted(laws)
     values = {ratio: laws[ratio][name].mean().to_numpy()[None] for ratio in (finest, *others)}
@@ -194,7 +184,7 @@ def _grid_error(laws: Mapping[float, "xr.Dataset"], name: str) -> float:
     return float(found.half_width[0] / fine[0])
 
 
-def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr.Dataset":
+def with_loss_grid(law: Dataset, laws: Mapping[float, Dataset]) -> Dataset:
     """Return a law with the error by the grid of what its cells lose in closed cycles.
 
     ``laws``, by the ratio of the spacings, are of the same realisations, as of
@@ -206,7 +196,7 @@ def with_loss_grid(law: "xr.Dataset", laws: Mapping[float, "xr.Dataset"]) -> "xr
     return INTERFACE_LAW.assign(law, {"shear_loss_grid_error": _grid_error(laws, name)})
 
 
-def _distance(law: "xr.Dataset", p: np.ndarray) -> np.ndarray:
+def _distance(law: Dataset, p: np.ndarray) -> np.ndarray:
     """Largest distance of the mean cell from the mean bed at each pressure, over mu p."""
     require_law(law, "shear_pressure", "shear_traction", "shear_bed_traction")
     sheared = law["shear_pressure"].to_numpy()

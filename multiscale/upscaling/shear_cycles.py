@@ -2,14 +2,11 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.laws import NormalLaw
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["LossRatio", "bed_loss", "closed_cycles", "measure_loss"]
 
@@ -37,7 +34,7 @@ class LossRatio:
 
 
 def measure_loss(
-    shear: "xr.Dataset",
+    shear: Dataset,
     pressure: np.ndarray,
     laws: list[NormalLaw],
     stiffness_ratio: np.ndarray,

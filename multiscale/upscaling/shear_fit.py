@@ -8,21 +8,16 @@ of tangential to normal stiffness and the friction coefficient :math:`\mu`. With
 .. math:: t = \mu\, F(\kappa u / \mu;\ p).    \tag{1}
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, Sliders
-from multiscale.schema import LOADING, MICRO_RESPONSE, with_cautions
+from multiscale.schema import LOADING, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
 from multiscale.upscaling.fit import laws_of_each, with_branch
 from multiscale.upscaling.reading import require_law
 from multiscale.upscaling.response_observations import loading_branch, normal_observations
 from multiscale.upscaling.shear_cycles import closed_cycles, measure_loss
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["FEWEST_BELOW", "bed_traction", "with_shear"]
 
@@ -38,8 +33,8 @@ RELEASED = 1e-9  # pressure of a released cell over the largest one
 
 
 def with_shear(
-    law: "xr.Dataset", response: "xr.Dataset", shear: "xr.Dataset", *, apart: bool | None = None
-) -> "xr.Dataset":
+    law: Dataset, response: Dataset, shear: Dataset, *, apart: bool | None = None
+) -> Dataset:
     r"""Add the tangential branch to a normal law.
 
     Parameters
@@ -209,7 +204,7 @@ def _nearest_ratio(
     return np.where(sheared, np.exp(middle), np.nan)
 
 
-def _whole_paths(shear: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
+def _whole_paths(shear: Dataset) -> tuple[Dataset, list[str]]:
     """Return the realisations that converged along the whole path, and how many did not."""
     needed = ("nominal_pressure", "slip_fraction")
     missing = [name for name in needed if name not in shear.variables]
@@ -227,7 +222,7 @@ def _whole_paths(shear: "xr.Dataset") -> tuple["xr.Dataset", list[str]]:
     return shear.isel(realisation=np.flatnonzero(whole)), [f"{lost} the path and are left out"]
 
 
-def _check_pairs(response: "xr.Dataset", shear: "xr.Dataset") -> None:
+def _check_pairs(response: Dataset, shear: Dataset) -> None:
     """Refuse sheared realisations without pressed ones of the same number."""
     pressed, sheared = ({*one["realisation"].to_numpy().tolist()} for one in (response, shear))
     if missing := sorted(sheared - pressed):
@@ -237,7 +232,7 @@ def _check_pairs(response: "xr.Dataset", shear: "xr.Dataset") -> None:
         )
 
 
-def _normal_laws(law: "xr.Dataset", pressed: "xr.Dataset") -> list[NormalLaw]:
+def _normal_laws(law: Dataset, pressed: Dataset) -> list[NormalLaw]:
     """Return the normal laws of the realisations that are sheared, in their order."""
     laws = laws_of_each(normal_observations(pressed), law)
     if len(laws) != pressed.sizes["realisation"] or None in laws:
@@ -248,7 +243,7 @@ def _normal_laws(law: "xr.Dataset", pressed: "xr.Dataset") -> list[NormalLaw]:
     return laws
 
 
-def _pressures(shear: "xr.Dataset", low: float, high: float) -> np.ndarray:
+def _pressures(shear: Dataset, low: float, high: float) -> np.ndarray:
     """Return the pressures of the steps, Pa, and refuse a path that does not tell the bed."""
     slipping = shear["slip_fraction"].max("step").to_numpy()
     if slipping.min() < FULL_SLIP:

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
-from multiscale.schema import ERROR_BUDGET, MACRO_RESULT
+from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset
 from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
     ALWAYS,
@@ -25,9 +24,6 @@ from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import STEEPEST
 from multiscale.upscaling.spline_law import fit_each
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "STRETCH",
@@ -70,7 +66,7 @@ class Dependence:
 
 def structure_budget(
     name: str | Sequence[str],
-    law: "xr.Dataset",
+    law: Dataset,
     solve: Callable[[NormalLaw], np.ndarray],
     *,
     answer: np.ndarray | None = None,
@@ -82,7 +78,7 @@ def structure_budget(
     own: Mapping[str, Term] | None = None,
     cells: np.ndarray | float = 1.0,
     changed: Mapping[str, np.ndarray] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Carry the error budget of a law to an answer of the structure, or to several.
 
     Parameters
@@ -179,9 +175,7 @@ def structure_budget(
     return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
-def with_intervals(
-    result: "xr.Dataset", along: Mapping[str, tuple[str, int]] | None = None
-) -> "xr.Dataset":
+def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None = None) -> Dataset:
     """Return a macro result with the 95 % intervals of all answers that its budget is of.
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
@@ -205,7 +199,7 @@ def with_intervals(
     return MACRO_RESULT.assign(result, values)
 
 
-def interval_errors(budget: "xr.Dataset") -> dict[str, np.ndarray]:
+def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
     """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps)."""
     return {"mean_law": mean_law_error(budget), "one_part": budget["error_total"].to_numpy()}
 
@@ -215,7 +209,7 @@ def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.maximum(np.stack([value * (1.0 - error), value * (1.0 + error)]), 0.0)
 
 
-def over_steps(budget: "xr.Dataset", steps: np.ndarray, count: int) -> "xr.Dataset":
+def over_steps(budget: Dataset, steps: np.ndarray, count: int) -> Dataset:
     """Return a budget of some steps, by their numbers, as one of ``count`` steps, NaN at others."""
     values = {}
     for name, one in budget.data_vars.items():
@@ -230,7 +224,7 @@ def _rows(answer: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return np.reshape(np.asarray(answer, dtype=float), (len(names), -1))
 
 
-def changed_laws(law: "xr.Dataset", pressure: np.ndarray | None = None) -> dict[str, NormalLaw]:
+def changed_laws(law: Dataset, pressure: np.ndarray | None = None) -> dict[str, NormalLaw]:
     """Return the normal laws with which a structure tells how its answers depend on a law.
 
     ``law`` carries its budget; ``pressure`` is as of :func:`structure_budget`. They are the law of
@@ -254,12 +248,12 @@ def changed_laws(law: "xr.Dataset", pressure: np.ndarray | None = None) -> dict[
     return laws
 
 
-def _shift(law: "xr.Dataset") -> float:
+def _shift(law: Dataset) -> float:
     """By how much the gaps of the first of :func:`changed_laws` are larger, m."""
     return STRETCH * float(np.ptp(law["fit_mean_gap"].to_numpy()))
 
 
-def add_budgets(budgets: Sequence["xr.Dataset"], names: Sequence[str]) -> "xr.Dataset":
+def add_budgets(budgets: Sequence[Dataset], names: Sequence[str]) -> Dataset:
     """Add up what independent laws pass on to the same answers.
 
     Parameters
@@ -298,7 +292,7 @@ def add_budgets(budgets: Sequence["xr.Dataset"], names: Sequence[str]) -> "xr.Da
 
 
 def _law_terms(
-    law: "xr.Dataset",
+    law: Dataset,
     changed: Mapping[str, np.ndarray],
     answer: np.ndarray,
     pressure: np.ndarray | None,
@@ -334,7 +328,7 @@ def _law_terms(
     return terms | {ERROR_TERMS[-1]: last}
 
 
-def with_scales(law: "xr.Dataset", scales: ScaleSeparation) -> "xr.Dataset":
+def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
     """Return a law, which carries its budget, with the scale separation of another structure.
 
     A budget that lacks a term, as a budget of an earlier version may, is refused.

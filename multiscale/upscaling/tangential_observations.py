@@ -1,16 +1,11 @@
 """Tangential stiffness and friction out of responses that are sheared or slide."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, Dataset
 from multiscale.upscaling.observations import Observations, observe
 from multiscale.upscaling.response_observations import inherited, usable_steps
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["friction_observations", "tangential_observations"]
 
@@ -18,7 +13,7 @@ STUCK = 0.25  # share of the contact nodes that may slip where a stiffness is ob
 SAME = 1e-3  # relative difference of the pressures of one shear
 
 
-def tangential_observations(response: "xr.Dataset") -> Observations:
+def tangential_observations(response: Dataset) -> Observations:
     r"""Tangential stiffness of a response that is sheared a little at its pressures.
 
     Parameters
@@ -71,7 +66,7 @@ def tangential_observations(response: "xr.Dataset") -> Observations:
     )
 
 
-def friction_observations(response: "xr.Dataset") -> Observations:
+def friction_observations(response: Dataset) -> Observations:
     r"""Friction coefficients of a response that slides steadily.
 
     Parameters
@@ -121,14 +116,14 @@ def friction_observations(response: "xr.Dataset") -> Observations:
     )
 
 
-def _slip_fraction(response: "xr.Dataset") -> np.ndarray:
+def _slip_fraction(response: Dataset) -> np.ndarray:
     """Share of the contact that slips (realisations, steps); NaN where not known."""
     if "slip_fraction" not in response.variables:
         return np.full(response["mean_gap"].shape, np.nan)
     return np.asarray(response["slip_fraction"].to_numpy(), dtype=float)
 
 
-def _speeds(response: "xr.Dataset", counted: np.ndarray) -> np.ndarray:
+def _speeds(response: Dataset, counted: np.ndarray) -> np.ndarray:
     """Mean speed of the realisations that slide in a step, m/s; zero without times."""
     if "time" not in response.variables:
         return np.zeros(counted.shape[1])

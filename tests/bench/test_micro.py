@@ -1,6 +1,6 @@
 """The rough-contact scene and the boundary-element codes beside this package."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -10,13 +10,16 @@ from multiscale.bench import bench, micro_family
 from multiscale.bench.peers import (
     CODES,
     Code,
-    press_conforming_cell,
-    press_flat_cell,
+    press_cell,
     press_with_contact_mechanics,
     press_with_tamaas,
 )
 from multiscale.bench.summary import tabulate_runs
 from tests.support import rough_square
+
+press_flat_cell, press_conforming_cell = (
+    partial(press_cell, geometry) for geometry in ("flat", "conforming")
+)
 
 RELATIVE_PRESSURES = (0.01, 0.05, 0.1, 0.2, 0.5)  # p / (E* h')
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk.moduli import lame_parameters
-from multiscale.micro import bonded_layer
 from multiscale.micro.lateral_fft import factorise_flat_cell
 from multiscale.micro.layered import layered_compliance
 from tests.closed_forms import layer
@@ -24,7 +23,7 @@ def test_one_layer_is_the_closed_form(nu, depth):
     q = wavenumbers(16, 12)
     assert found[0, 0] == pytest.approx(layer.oedometer_compliance(depth, 1.0, nu))
     q[0, 0] = 1.0
-    expected = 2.0 * (1.0 - nu**2) / q * bonded_layer.ratio_bonded(q * depth, nu)
+    expected = 2.0 * (1.0 - nu**2) / q * layer.ratio_bonded(q * depth, nu)
     # a film's waves are nearly dependent: (q h)^-3 times rounding
     np.testing.assert_allclose(found.flat[1:], expected.flat[1:], rtol=1e-9)
 

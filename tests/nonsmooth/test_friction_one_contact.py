@@ -1,12 +1,11 @@
-"""The exact solver of one contact, the projections and the residuals of the law."""
+"""The exact solver of one contact, the projection and the residuals of the law."""
 
 import numpy as np
 import pytest
 
-from multiscale.nonsmooth.coulomb import natural_map
+from multiscale.nonsmooth.coulomb import natural_map, project_friction_cone
 from multiscale.nonsmooth.friction_problem import natural_map_squares
 from multiscale.nonsmooth.one_contact import solve_one_contact
-from multiscale.nonsmooth.projections import project_ball, project_friction_cone
 from tests.support import alart_curnier
 
 
@@ -67,11 +66,6 @@ def test_a_contact_without_friction_projects_onto_its_normal():
     vector = np.array([[-1.0, 2.0, -1.0], [0.0, 3.0, 2.0]])
     expected = np.array([[0.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
     np.testing.assert_array_equal(project_friction_cone(vector, 0.0), expected)
-
-
-def test_the_ball_keeps_what_is_inside():
-    vector = np.array([[3.0, 0.3], [4.0, 0.4]])
-    np.testing.assert_allclose(project_ball(vector, 1.0), [[0.6, 0.3], [0.8, 0.4]])
 
 
 def test_both_residuals_vanish_together_and_the_kernel_agrees():

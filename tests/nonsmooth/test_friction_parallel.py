@@ -3,10 +3,9 @@
 import numpy as np
 
 from multiscale.bench.friction_scenes import sphere_pile
-from multiscale.nonsmooth.colouring import colour_contacts
 from multiscale.nonsmooth.friction import solve_friction
 from multiscale.nonsmooth.friction_problem import scale_friction
-from multiscale.nonsmooth.gauss_seidel import sweep, sweep_coloured
+from multiscale.nonsmooth.gauss_seidel import colour_contacts, sweep, sweep_coloured
 from tests.nonsmooth.friction_problems import random_stack
 from tests.support import threads
 

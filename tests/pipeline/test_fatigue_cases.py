@@ -14,7 +14,7 @@ from multiscale.micro.damage import (
     two_scale_fatigue,
 )
 from multiscale.pipeline import load_case, run
-from multiscale.plotting import plot_fatigue_field
+from multiscale.plotting import plot_element_field
 from multiscale.schema import FATIGUE_LIFE
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
 from tests.pipeline.test_body_cases import write_scattered_law
@@ -149,7 +149,7 @@ def test_one_element_has_the_closed_form_of_reversed_tension(cube):
     np.testing.assert_allclose(found["crack_position"], 0.005)
     drawn = meshio.read(next((cube / "out" / "fields").glob("fatigue_life-*.vtu")))
     np.testing.assert_allclose(drawn.cell_data["damage"], 0.3)
-    ax = plot_fatigue_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
+    ax = plot_element_field(found, "equivalent_amplitude", ax=Figure().add_subplot())
     np.testing.assert_allclose(ax.collections[0].get_array(), 210.0)
     inner, outer = (found[f"cycles_to_crack_{kind}"].values for kind in ("mean_law", "one_part"))
     assert outer[0] < inner[0] < life < inner[1] < outer[1]
@@ -172,6 +172,27 @@ def test_a_plate_cracks_beside_its_hole(tmp_path):
     local = 85e6 * np.array([hoop, radial, 0.0, 0.0, 0.0, 0.0])
     estimate = float(two_scale_fatigue(np.stack([local, -local]), MATERIAL)["cycles_to_rupture"])
     assert float(found["cycles_to_crack"]) == pytest.approx(estimate, rel=0.12)
+
+
+@pytest.mark.slow
+def test_the_interval_of_a_plate_counts_its_mesh(tmp_path):
+    """The change from twice the element size bounds the distance to half of it."""
+    lives, changes = [], []
+    for along in (12, 24, 48):
+        folder = tmp_path / f"{along}"
+        folder.mkdir()
+        write_body(folder / "part.msh", holed_plate(5 * along // 6, along))
+        write_body(folder / "coarse.msh", holed_plate(5 * along // 12, along // 2))
+        mesh = ('unit = "mm"', 'unit = "mm"\ncoarser = "coarse.msh"')
+        found = solve(folder, mesh, ('"210 MPa"', '"120 MPa"'))
+        lives.append(float(found["cycles_to_crack"]))
+        changes.append(float(found["mesh_error"]))
+        low, high = found["cycles_to_crack_mean_law"].to_numpy()
+        assert low < lives[-1] * np.exp(-changes[-1]) < lives[-1] * np.exp(changes[-1]) < high
+    finer = np.abs(np.log(np.array(lives[1:]) / lives[:-1]))
+    np.testing.assert_allclose(finer, changes[1:], rtol=1e-6)
+    assert np.all(finer < changes[:-1])
+    assert np.all(np.diff(changes) < 0.0)
 
 
 def test_a_damaged_body_bears_its_stress_on_what_is_left(cube):

@@ -17,8 +17,8 @@ from multiscale.pipeline.rows import list_cycles, round_by, tabulate_cycles, tab
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.schema import INTERFACE_LAW
-from multiscale.upscaling import error_budget, fit_law, with_budget
-from tests.support import TWO_BLOCKS, write_scene
+from multiscale.upscaling import error_budget, fit_law, sliders_from_dataset, with_budget
+from tests.support import TWO_BLOCKS, joints_of, write_scene
 from tests.upscaling.responses import response_of
 
 CYCLES = '[cycles]\nshear = "1.5 MPa"\ncycles = 1\nsteps = 4\n'
@@ -139,7 +139,9 @@ def test_the_loss_of_the_loop_is_what_the_points_dissipate_as_the_steps_fall(tmp
     apart = []
     for steps in (4, 8):
         loading = JointLoading((20e6,), 1.5e6, cycles=1, steps=steps)
-        found = load_joint(case.structure.assemble(case, case.interface_law({})), loading)
+        bodies, laws = joints_of(case)
+        assembly = bodies.build(case, bodies.sliders(case, laws)).assembly
+        found = load_joint(assembly, loading)
         lost = found["dissipation"].values
         assert np.all(lost >= -1e-12 * lost.max())
         last = float(lost[-4 * steps :].sum(axis=0) @ found["point_area"].values)
@@ -216,7 +218,8 @@ def test_measured_friction_is_as_sure_as_its_samples(joint, tmp_path):
         found["stiffness_ratio"]["few cells"], 0.1 * 1.96 * scatter, rtol=1e-3
     )
     case = load_case(write_scene(tmp_path, SCENE))
-    (before,) = case.structure.sliders(case, case.interface_law({}))
+    bodies, laws = joints_of(case)
+    (before,) = bodies.sliders(case, laws)
     (changed,) = change_friction([before], Change((0,), factors={"friction": 1.5}))
     assert changed.friction == 1.5 * before.friction
     assert (changed.stiffness_ratio, changed.normal) == (before.stiffness_ratio, before.normal)
@@ -262,8 +265,9 @@ def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path
     case = load_case(write_scene(tmp_path, SCENE))
     result = run_macro(case, tmp_path / "out.nc")
     loading = case.cycles.loading(case.statics.preloads)
-    sound = case.interface_law({})
-    drawn = [load_joint(case.structure.assemble(case, sound, sample=k), loading) for k in range(40)]
+    bodies, (law,) = joints_of(case)
+    beds = [[sliders_from_dataset(law, k, **bodies.beds(case))] for k in range(40)]
+    drawn = [load_joint(bodies.build(case, bed).assembly, loading) for bed in beds]
     for name in ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy"):
         column = 1 if name.endswith("stiffness") else -1
         samples = [float(one[name][column]) for one in drawn]

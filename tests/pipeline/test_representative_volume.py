@@ -182,7 +182,7 @@ pressures = ["0.1 MPa", "100 MPa"]
     case = load_case(write_scene(tmp_path, text))
     found = run(case, tmp_path / "out")
     rve = found["rve"]
-    known = case.structure.with_volumes(found, lambda file, quick: rve)
+    known = case.structure.with_volumes(case, found, lambda file, quick: rve)
     whole = rve["share"].to_numpy() == 1.0
     along_x = int(np.argmax(np.abs(rve["normal"].to_numpy()[:, 0])))  # which is along z
     damage = rve["mean_damage"].to_numpy()[whole, along_x].mean()

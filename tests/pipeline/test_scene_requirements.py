@@ -11,7 +11,6 @@ import pytest
 from typer.testing import CliRunner
 
 from multiscale.cli import app
-from multiscale.io import open_law
 from multiscale.laws.link import Cable
 from multiscale.macro import (
     cut_links,
@@ -35,7 +34,7 @@ from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
 from multiscale.pipeline import load_case, requirements
-from tests.support import run_python, write_law
+from tests.support import joints_of, run_python, write_law
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
 
@@ -211,14 +210,13 @@ def test_a_joint_without_cycles_has_fewer_slabs_and_says_so(tmp_path):
     (path,) = (file for file in SCENES if file.stem == "rough_blocks")
     cycled = load_case(path)
     pressed = cycled.model_copy(update={"cycles": None})
-    law = cycled.structure.complete_law(open_law(write_law(tmp_path / "law.nc")), cycled)
+    law = write_law(tmp_path / "law.nc")
     for scene, slabs in ((cycled, 48), (pressed, 8)):
         assert f"; {slabs} slabs of sliders" in requirements(scene).built[CutPart.JOINT_LAWS]
-        (joint,) = scene.structure.assemble(
-            scene, scene.structure.complete_law(law, scene)
-        ).interfaces
-        assert joint.law.slabs == slabs
-        assert joint.law.pressures == (0.2e6, 60e6)
+        bodies, laws = joints_of(scene.from_structure(law))
+        (bed,) = bodies.sliders(scene, laws)
+        assert bed.slabs == slabs
+        assert bed.pressures == (0.2e6, 60e6)
 
 
 def test_grains_say_what_their_law_and_their_solver_take():

@@ -17,8 +17,8 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
-from multiscale.upscaling import assume_shear, shear_errors
-from tests.support import TWO_BLOCKS, case_of, small_steel, write_law, write_scene
+from multiscale.upscaling import assume_shear, shear_errors, sliders_from_dataset
+from tests.support import TWO_BLOCKS, case_of, joints_of, small_steel, write_law, write_scene
 
 SHEAR = """
 [micro.shear]
@@ -57,12 +57,12 @@ def test_the_chain_goes_from_surfaces_to_the_friction_of_a_joint(finished):
     assert np.all(own.values > 0.0)
     assert np.all(np.abs(law["shear_loss_ratio"] - 1.0) < 0.5)
     assert np.isfinite(results.macro_result["cycle_energy_mean_law"].values).all()
-    taken = case.interface_law(results)
-    (joint,) = case.structure.assemble(case, taken).interfaces
-    assert joint.law.friction == float(law["shear_friction"])
-    assert joint.law.stiffness_ratio == float(law["shear_stiffness_ratio"].mean())
-    (joint,) = case.structure.assemble(case, taken, sample=3).interfaces
-    assert joint.law.friction == float(law["shear_friction_sample"][3])
+    bodies, (taken,) = joints_of(case, results)
+    (bed,) = bodies.sliders(case, [taken])
+    assert bed.friction == float(law["shear_friction"])
+    assert bed.stiffness_ratio == float(law["shear_stiffness_ratio"].mean())
+    drawn = sliders_from_dataset(taken, 3, **bodies.beds(case))
+    assert drawn.friction == float(law["shear_friction_sample"][3])
     assert "assumed" not in results.macro_result.attrs["cautions"]
     assert results.macro_result["cycle_energy"].values[0] > 0.0
     assert "shear_law" in {file.stem for file in draw_figures(out)}
@@ -151,17 +151,17 @@ def test_a_given_value_stands_instead_of_a_measured_one_and_says_so(finished):
     given = case.model_copy(
         update={"interface": case.interface.model_copy(update={"friction": 0.3})}
     )
-    law = given.interface_law(results)
-    (joint,) = given.structure.assemble(given, law, sample=2).interfaces
-    assert joint.law.friction == 0.3
-    assert joint.law.stiffness_ratio != float(law["shear_stiffness_ratio"].mean())  # the sample's
+    bodies, (law,) = joints_of(given, results)
+    drawn = sliders_from_dataset(law, 2, **bodies.beds(given))
+    assert drawn.friction == 0.3
+    assert drawn.stiffness_ratio != float(law["shear_stiffness_ratio"].mean())  # the sample's
     assert law.attrs["branches"].endswith("shear: measured, but friction 0.3 given")
     assert (
         "friction coefficient of 0.3 that is given stands instead of the 0."
         in (law.attrs["cautions"])
     )
     strict = given.model_copy(update={"strict": True})
-    assert strict.interface_law(results).identical(law)
+    assert joints_of(strict, results)[1][0].identical(law)
 
 
 def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
@@ -178,8 +178,9 @@ def test_what_is_missing_is_assumed_by_theory_or_refused(tmp_path):
     with pytest.raises(CaseError, match=r"no friction and the law .* by \[micro.shear\], slide"):
         run_macro(none, tmp_path / "out.nc")
     save_law(assume_shear(open_law(law), friction=0.2, stiffness_ratio=0.8), law)
-    (joint,) = none.structure.assemble(none, none.interface_law({})).interfaces
-    assert (joint.law.friction, joint.law.stiffness_ratio) == (0.2, 0.8)
+    bodies, laws = joints_of(none)
+    (bed,) = bodies.sliders(none, laws)
+    assert (bed.friction, bed.stiffness_ratio) == (0.2, 0.8)
     with pytest.raises(CaseError, match=r"has no stiffness_ratio"):
         run_macro(strict, tmp_path / "out.nc")
 
@@ -299,9 +300,9 @@ def test_friction_of_a_slide_stands_for_one_that_is_missing(finished, tmp_path):
         "sliding_response": slid_cells([0.2, 0.3]),
     }
     found["interface_law"] = FITTED_LAW.run(case, found, None)
-    law = case.interface_law(found)
-    (joint,) = case.structure.assemble(case, law).interfaces
-    assert joint.law.friction == pytest.approx(0.3)
+    bodies, (law,) = joints_of(case, found)
+    (bed,) = bodies.sliders(case, [law])
+    assert bed.friction == pytest.approx(0.3)
     told = "shear: measured by sliding at 40 MPa, friction 0.3, but stiffness ratio 1 assumed; slid"
     assert told in law.attrs["branches"]
     assert "friction coefficient of 0.3 comes from the slide of one cell" in law.attrs["cautions"]

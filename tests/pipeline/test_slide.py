@@ -53,7 +53,7 @@ def finished(tmp_path_factory):
 
 def test_the_two_bodies_have_the_gaps_of_their_composite_surface(tmp_path):
     case = case_of(tmp_path, ELASTIC + SLIDE)
-    pair, one = make_pair(case, case.slide), make_cells(case)[0]
+    pair, one = make_pair(case), make_cells(case)[0]
     np.testing.assert_allclose(
         pair.surface.heights - pair.obstacle.heights, one.surface.heights, rtol=0.0, atol=1e-18
     )
@@ -68,7 +68,7 @@ def test_the_two_bodies_have_the_gaps_of_their_composite_surface(tmp_path):
 def test_only_the_body_with_a_hardness_flows(tmp_path):
     text = ELASTIC.replace("[body_2]", '[body_2]\nhardness = "2.8 GPa"') + SLIDE
     case = case_of(tmp_path, text)
-    pair = make_pair(case, case.slide)
+    pair = make_pair(case)
     assert isinstance(pair.law, NeoHookean)
     assert isinstance(pair.second.law, J2)
     assert pair.second.law.yield_stress == pytest.approx(1e9)
@@ -79,9 +79,7 @@ def test_a_run_leaves_friction_against_pressure_and_distance(finished):
     assert response["converged"].values.all()
     np.testing.assert_allclose(response["nominal_pressure"], [20e6, 80e6])
     np.testing.assert_allclose(response["sliding_distance"], [0.0, 50e-6, 100e-6])
-    expected = slide_cell(
-        make_pair(case, case.slide), (20e6, 80e6), 100e-6, steps=2, tolerance=1e-6
-    )
+    expected = slide_cell(make_pair(case), (20e6, 80e6), 100e-6, steps=2, tolerance=1e-6)
     np.testing.assert_array_equal(response["effective_friction"], expected["effective_friction"])
     # elastic bodies resist with the friction of their points, but for the slopes they climb
     friction = response["effective_friction"].values[:, 1:]

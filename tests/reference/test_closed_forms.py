@@ -5,7 +5,6 @@ import pytest
 from numpy import pi
 from scipy.integrate import quad
 
-from multiscale.micro import bonded_layer
 from tests.closed_forms import full_contact, johnson, joint, layer, persson, westergaard
 
 
@@ -69,14 +68,14 @@ def test_johnson_low_limit_is_the_contact_of_hertz():
 
 def test_layer_has_the_published_numbers():
     phase = 2.0 * pi * np.array([0.25, 0.5, 1.0])
-    ratio = bonded_layer.ratio_bonded(phase, 0.3)
+    ratio = layer.ratio_bonded(phase, 0.3)
     np.testing.assert_allclose(ratio, [0.6320, 0.9441, 0.99964], atol=6e-5)
 
 
 @pytest.mark.parametrize("poissons_ratio", [0.0, 0.3, 0.499])
 def test_a_deep_layer_is_a_half_space(poissons_ratio):
     for phase in (30.0, 1e4):
-        assert bonded_layer.ratio_bonded(phase, poissons_ratio) == pytest.approx(1.0, abs=1e-12)
+        assert layer.ratio_bonded(phase, poissons_ratio) == pytest.approx(1.0, abs=1e-12)
         assert layer.ratio_frictionless(phase) == pytest.approx(1.0, abs=1e-12)
 
 
@@ -86,7 +85,7 @@ def test_a_thin_bonded_layer_is_an_oedometer(poissons_ratio):
     contact_modulus = E / (1.0 - poissons_ratio**2)
     half_space = 2.0 * thickness / (contact_modulus * phase)
     expected = layer.oedometer_compliance(thickness, E, poissons_ratio)
-    found = bonded_layer.ratio_bonded(phase, poissons_ratio) * half_space
+    found = layer.ratio_bonded(phase, poissons_ratio) * half_space
     assert found == pytest.approx(expected, rel=1e-4)
 
 

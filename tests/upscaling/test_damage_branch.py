@@ -9,7 +9,7 @@ from multiscale.laws import Damaged
 from multiscale.micro.damage import lattice, max_damage, plane_damage
 from multiscale.schema import DAMAGE_SECTIONS
 from multiscale.upscaling import law_from_dataset, with_damage
-from tests.support import TWO_BLOCKS, case_of, write_law
+from tests.support import TWO_BLOCKS, case_of, joints_of, write_law
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +48,11 @@ def test_joints_carry_what_the_damage_leaves(sections, tmp_path):
     keys = '[interface]\nlaw = "law.nc"\ndamage_file = "rve.nc"'
     text = TWO_BLOCKS.replace("[interface]", keys)
     case = case_of(tmp_path, text)
-    law = case.interface_law({})
-    (joint,) = case.structure.assemble(case, law).interfaces
-    assert isinstance(joint.law.normal, Damaged)
+    bodies, (law,) = joints_of(case)
+    (bed,) = bodies.sliders(case, [law])
+    assert isinstance(bed.normal, Damaged)
     lost, sound = float(law["interface_damage"]), law_from_dataset(law)
     gap = sound.gap_at(np.array(1e7))
-    assert float(joint.law.normal.pressure(gap)) == pytest.approx((1.0 - lost) * 1e7)
+    assert float(bed.normal.pressure(gap)) == pytest.approx((1.0 - lost) * 1e7)
     with pytest.raises(CaseError, match="damage and damage_file, which both tell the damage"):
         case_of(tmp_path, text.replace('"rve.nc"', '"rve.nc"\ndamage = [0.1]'))

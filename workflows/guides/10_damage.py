@@ -9,10 +9,11 @@ import numpy as np
 
 from multiscale.micro.damage import (
     FatigueMaterial,
+    Microcracks,
+    Recipe,
     effective_stiffness,
     grow_microcracks,
     max_damage,
-    random_microcracks,
     random_spheres,
     softening_of,
     two_scale_fatigue,
@@ -43,10 +44,10 @@ life = two_scale_fatigue(np.array([90e6, -90e6]), alloy)
 print(float(life["cycles_to_rupture"]))
 
 # Quasi-brittle: cracks of a cube of concrete grow where K_I reaches K_Ic. The volume softens; the
-# law of its crack is what follow_crack_band of multiscale.macro.continuum takes for bodies.
-concrete = random_microcracks(
-    0.1, 1.5e5, 6e-3, youngs_modulus=30e9, poissons_ratio=0.2, toughness=0.5e6
-)
+# law of its crack is what follow_crack_band of multiscale.macro.continuum takes for bodies. In a
+# case [growth] does both, for several volumes, with intervals.
+cracked = Recipe(crack_density=0.066, crack_radius=5.3e-3, crack_spread=0.5).draw((0.1,) * 3, 0)
+concrete = Microcracks.of(cracked, youngs_modulus=30e9, poissons_ratio=0.2, toughness=0.5e6)
 law = softening_of(grow_microcracks(concrete, 1e6 * np.eye(6)[2], through=True), 1e6)
 print(law.strength, law.fracture_energy)  # Pa, J/m2
 

@@ -1,10 +1,26 @@
-r"""Moduli of isotropic elasticity: ranges, Lamé's parameters and contact modulus."""
+r"""Moduli of elasticity: ranges, Lamé's parameters, contact modulus, moduli along directions.
+
+Tensors of the shape (6, 6), Pa, are ordered xx, yy, zz, yz, xz, xy with shear angles.
+"""
 
 import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["check_moduli", "contact_modulus", "lame_parameters"]
+__all__ = [
+    "COMPONENTS",
+    "check_moduli",
+    "contact_modulus",
+    "drop_soft_modes",
+    "lame_parameters",
+    "youngs_modulus_along",
+]
+
+MANDEL = np.array([1.0, 1.0, 1.0, 2.0**0.5, 2.0**0.5, 2.0**0.5])
+"""Factors between the components and an orthonormal basis of symmetric tensors."""
+
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+"""Indices of the components xx, yy, zz, yz, xz, xy."""
 
 
 def check_moduli(
@@ -62,3 +78,36 @@ def lame_parameters(
     """
     E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    r"""Young's modulus for tension along directions.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (6, 6)
+    normals : ndarray, shape (..., 3), unit vectors n
+
+    Returns
+    -------
+    ndarray, shape (...)
+        :math:`1 / (n \otimes n : C^{-1} : n \otimes n)`, Pa; zero where the stiffness
+        against the tension is zero.
+    """
+    n = np.asarray(normals, dtype=float)
+    tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in COMPONENTS], axis=-1)
+    values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
+    share = (tension @ modes) ** 2
+    lost = values <= 1e-9 * max(values.max(), 0.0)
+    compliance = share[..., ~lost] @ (1.0 / values[~lost])
+    resisted = share[..., lost].sum(axis=-1) < 1e-9
+    return np.asarray(np.where(resisted, 1.0 / np.where(resisted, compliance, 1.0), 0.0))
+
+
+def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
+    """Remove the modes of strain that are softer than a limit, Pa; without any, change nothing."""
+    values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
+    if not np.any(values < limit):
+        return stiffness
+    kept = (modes * np.where(values < limit, 0.0, values)) @ modes.T
+    return np.asarray(kept / MANDEL / MANDEL[:, None])

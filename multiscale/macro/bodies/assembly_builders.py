@@ -1,6 +1,7 @@
 """Bodies with rough joints: stacked blocks and a bolted lap joint."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -109,8 +110,12 @@ def lap_joint(
 
 
 def _preload(direction: float) -> Value:
-    """Traction of 1 Pa at time 0 that is gone at time 1."""
-    return lambda position, time: np.full(position.shape[1], direction * (1.0 - time))
+    """Traction of 1 Pa at time 0 that is gone at time 1; workers must be able to import it."""
+    return partial(_fading, direction)
+
+
+def _fading(direction: float, position: np.ndarray, time: float) -> np.ndarray:
+    return np.full(position.shape[1], direction * (1.0 - time))
 
 
 def _area(body: Body, boundary: str) -> float:

@@ -5,6 +5,12 @@ law. In every event the load is scaled so that the most critical element reaches
 its tooth; it goes on to its next tooth, and the structure is solved again [1]_. No step can fail to
 converge, and load and displacement may both fall.
 
+Cracked elements are few. With the factors of an earlier stiffness :math:`K_0 = K + M`, where M is
+the loss since then, which couples the unknowns A of cracked elements alone, and with the columns
+:math:`Z = K_0^{-1} I_A`,
+
+.. math:: (1 - Z_A M)\, u_A = (K_0^{-1} f)_A, \qquad u = K_0^{-1} f + Z M u_A.    \tag{1}
+
 References
 ----------
 .. [1] J. G. Rots and S. Invernizzi, Int. J. Numer. Anal. Meth. Geomech. 28 (2004) 83-100,
@@ -15,13 +21,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.linalg import spsolve
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import elastic_matrix
-from multiscale.laws.bulk import Elastic, respond_bulk
+from multiscale.laws.bulk import AnisotropicElastic, Elastic, respond_bulk
+from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.laws.softening import LAST_STRESS, SawTeeth, Softening
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
+from multiscale.numerics.factorisation import factorise
 from multiscale.schema import CRACK_BAND
 
 if TYPE_CHECKING:
@@ -31,18 +38,31 @@ __all__ = ["follow_crack_band"]
 
 SHAPES = ("MeshQuad1", "MeshHex1")
 
+ROUNDING = 1e-9
+"""Tension over the largest stress that is none."""
+
+MOST_UNKNOWNS = 600
+"""Unknowns of cracked elements above which the stiffness is factorised anew."""
+
 
 def follow_crack_band(
-    body: Body, law: Softening, *, teeth: int = 20, stop: float = 0.005, max_events: int = 5000
+    body: Body,
+    law: Softening,
+    *,
+    load: np.ndarray | None = None,
+    teeth: int = 20,
+    stop: float = 0.005,
+    max_events: int = 5000,
 ) -> "xr.Dataset":
     """Pull a body until it has lost its strength.
 
     Parameters
     ----------
     body : Body
-        Isotropic, of quadrilaterals (plane strain) or hexahedra; its tractions at the time one are
-        the load at the factor one, its supports are at rest.
+        Elastic, of quadrilaterals (plane strain, isotropic) or hexahedra; its supports are at rest.
     law : Softening
+    load : ndarray, shape (d nodes,), optional
+        Nodal forces at the factor one, N; of the tractions at the time one if not given.
     teeth : int, parts into which the law of an element is cut
     stop : float, load over the largest one at which the search ends, dimensionless
     max_events : int
@@ -58,9 +78,10 @@ def follow_crack_band(
         If the mesh is of triangles or tetrahedra, whose bands have no width, supports move, or
         nothing loads the body in tension.
     """
-    if type(body.mesh).__name__ not in SHAPES or not isinstance(body.law, Elastic):
+    kinds = Elastic if body.mesh.dim() == 2 else Elastic | AnisotropicElastic
+    if type(body.mesh).__name__ not in SHAPES or not isinstance(body.law, kinds):
         raise CaseError(
-            f"a crack band needs an isotropic body of quadrilaterals or hexahedra, got "
+            f"a crack band needs an elastic body of quadrilaterals or hexahedra, got "
             f"{type(body.mesh).__name__} and {type(body.law).__name__}"
         )
     if not 2.0 * LAST_STRESS <= stop < 1.0 or teeth < 2:
@@ -71,23 +92,19 @@ def follow_crack_band(
     fixed, motion = fixed_motion(body, 1.0)
     if np.any(motion):
         raise CaseError("the supports of a body with a crack band must be at rest; load its faces")
-    force = load_vector(body, 1.0)
-    free = np.setdiff1d(np.arange(force.size), fixed)
-    n = body.mesh.t.shape[1]
+    force = load_vector(body, 1.0) if load is None else load
+    weakened = _Weakened(body, body.law, np.setdiff1d(np.arange(force.size), fixed), force)
+    n, plane = body.mesh.t.shape[1], body.mesh.dim() == 2
     corner = body.mesh.p[:, body.mesh.t]  # (d, corners, elements)
     width, tooth = np.full(n, np.nan), np.zeros(n, dtype=int)
     share, strength = np.ones(n), np.full(n, law.strength)
     rows: list[tuple[float, float]] = [(0.0, 0.0)]
     largest, q, factor, done = 0.0, 0.0, 0.0, False
-    cut: dict[float, SawTeeth] = {}
-    modulus = body.law.youngs_modulus
-    if body.mesh.dim() == 2:  # plane strain
-        modulus /= 1.0 - body.law.poissons_ratio**2
+    cut: dict[tuple[float, float], SawTeeth] = {}
+    band: dict[int, SawTeeth] = {}
     for _ in range(max_events):
-        u = np.zeros(force.size)
-        K = csr_array(elastic_matrix(body.basis, body.law, share))
-        u[free] = spsolve(K[free][:, free].tocsc(), force[free])
-        tension, normal = _tension(body, u)
+        u = weakened.solve()
+        tension, normal = weakened.tension(u)
         ratio = share * tension / strength
         worst = int(np.argmax(ratio))
         if not ratio[worst] > 0.0:
@@ -98,14 +115,17 @@ def follow_crack_band(
         largest = max(largest, factor)
         if done := factor < stop * largest:
             break
-        if not tooth[worst]:  # the band lies across the first tension
+        if worst not in band:  # the band lies across the first tension
             width[worst] = round(float(np.ptp(normal[:, worst] @ corner[:, :, worst])), 12)
-        wide = float(width[worst])
-        if wide not in cut:
-            cut[wide] = law.teeth(modulus, np.array(wide), teeth)
+            modulus = round(_modulus(body.law, normal[:, worst], plane=plane), -3)
+            key = (float(width[worst]), modulus)
+            if key not in cut:
+                cut[key] = law.teeth(modulus, np.array(key[0]), teeth)
+            band[worst] = cut[key]
         tooth[worst] += 1
-        share[worst] = cut[wide].share[tooth[worst]]
-        strength[worst] = cut[wide].strength[tooth[worst]]
+        share[worst] = band[worst].share[tooth[worst]]
+        strength[worst] = band[worst].strength[tooth[worst]]
+        weakened.weaken(worst, float(share[worst]))
     factors, moved = np.array(rows).T
     steps = 0.5 * (factors[:-1] * moved[1:] - factors[1:] * moved[:-1])
     return CRACK_BAND.build(
@@ -120,15 +140,86 @@ def follow_crack_band(
     )
 
 
-def _tension(body: Body, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest principal stress of the sound material, (elements,), Pa, and its direction."""
-    basis, d = body.basis, body.mesh.dim()
-    slopes = np.stack([np.asarray(shape[0].grad) for shape in basis.basis])
-    weight = basis.dx / basis.dx.sum(axis=1, keepdims=True)
-    local = u.reshape(-1, d)[basis.element_dofs]  # (nodes, elements, d)
-    gradient = np.zeros((3, 3, weight.shape[0]))
-    gradient[:d, :d] = np.einsum("aei,ajep,ep->ije", local, slopes, weight)
-    at = np.eye(3)[:, :, None] + gradient
-    stress = respond_bulk(body.law, at, np.zeros((0, at.shape[2]))).stress
-    value, vector = np.linalg.eigh(stress[:d, :d].transpose(2, 0, 1))
-    return value[:, -1], vector[:, :, -1].T
+def _modulus(law: Elastic | AnisotropicElastic, normal: np.ndarray, *, plane: bool) -> float:
+    """Young's modulus along a tension, Pa; in plane strain without contraction out of the plane."""
+    if isinstance(law, Elastic):
+        return law.youngs_modulus / (1.0 - law.poissons_ratio**2 if plane else 1.0)
+    return float(youngs_modulus_along(law.stiffness, normal))
+
+
+class _Weakened:
+    """The stiffness of a body whose elements weaken one after the other, by (1)."""
+
+    def __init__(
+        self,
+        body: Body,
+        law: Elastic | AnisotropicElastic,
+        free: np.ndarray,
+        force: np.ndarray,
+    ) -> None:
+        self.body, self.law, self.free, self.force = body, law, free, force
+        self.share = np.ones(body.mesh.t.shape[1])
+        basis, d = body.basis, body.mesh.dim()
+        weight = basis.dx / basis.dx.sum(axis=1, keepdims=True)
+        self._slopes = np.stack(
+            [np.einsum("jep,ep->je", np.asarray(shape[0].grad), weight) for shape in basis.basis]
+        )
+        self._place = np.full(force.size, -1)  # of an unknown among those that are free
+        self._place[free] = np.arange(free.size)
+        self._unknowns = (d * basis.element_dofs[:, None] + np.arange(d)[:, None]).reshape(
+            -1, self.share.size
+        )
+        self._factorise()
+
+    def _factorise(self) -> None:
+        """Take the stiffness of now as K_0."""
+        K = elastic_matrix(self.body.basis, self.law, self.share)
+        self._apply = factorise(csr_array(K[self.free][:, self.free]), name="the cracked body")
+        self._first = self._apply(self.force[self.free])
+        self._own = np.zeros(0, dtype=int)
+        self._columns, self._loss = np.zeros((self.free.size, 0)), np.zeros((0, 0))
+        self._matrices: dict[int, np.ndarray] = {}
+
+    def weaken(self, element: int, share: float) -> None:
+        """Leave a share of the stiffness to an element."""
+        lost, self.share[element] = self.share[element] - share, share
+        unknowns = self._unknowns[:, element]
+        held = self._place[unknowns] < 0
+        at = self._place[unknowns[~held]]
+        if element not in self._matrices:
+            if self._own.size > MOST_UNKNOWNS:
+                self._factorise()
+                return
+            new = np.setdiff1d(at, self._own)
+            unit = np.zeros((self.free.size, new.size))
+            unit[new, np.arange(new.size)] = 1.0
+            self._own = np.append(self._own, new)
+            self._columns = np.hstack([self._columns, self._apply(unit)])
+            self._loss = np.pad(self._loss, (0, new.size))
+            alone = self.body.basis.with_elements(np.array([element]))
+            K = elastic_matrix(alone, self.law)
+            rows = unknowns[~held]
+            self._matrices[element] = K[rows][:, rows].toarray()
+        order = np.argsort(self._own)
+        mine = order[np.searchsorted(self._own, at, sorter=order)]
+        self._loss[np.ix_(mine, mine)] += lost * self._matrices[element]
+
+    def solve(self) -> np.ndarray:
+        """Displacement of all unknowns under the load, m."""
+        u = np.zeros(self.force.size)
+        coupled = np.eye(self._own.size) - self._columns[self._own] @ self._loss
+        own = np.linalg.solve(coupled, self._first[self._own])
+        u[self.free] = self._first + self._columns @ (self._loss @ own)  # (1)
+        return u
+
+    def tension(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest principal stress of the sound material, (elements,), Pa, and its direction."""
+        d = self.body.mesh.dim()
+        local = u.reshape(-1, d)[self.body.basis.element_dofs]  # (nodes, elements, d)
+        gradient = np.zeros((3, 3, self.share.size))
+        gradient[:d, :d] = np.einsum("aei,aje->ije", local, self._slopes)
+        at = np.eye(3)[:, :, None] + gradient
+        stress = respond_bulk(self.law, at, np.zeros((0, at.shape[2]))).stress
+        value, vector = np.linalg.eigh(stress[:d, :d].transpose(2, 0, 1))
+        pulled = value[:, -1] > ROUNDING * np.abs(value).max()
+        return np.where(pulled, value[:, -1], 0.0), vector[:, :, -1].T

@@ -5,7 +5,7 @@ from multiscale.macro.discrete.link_stability import critical_factor
 from multiscale.macro.discrete.link_structures import cable_net, truss
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tables import system_from_mesh, system_from_table
-from multiscale.macro.discrete.mechanism import mechanism_modes, prestress_by_itself, self_stress
+from multiscale.macro.discrete.mechanism import prestress_by_itself, self_stress
 from multiscale.macro.discrete.statics import solve_static
 from multiscale.macro.discrete.tensegrity import quadruplex_module, tensegrity_grid
 
@@ -14,7 +14,6 @@ __all__ = [
     "cable_net",
     "compatibility",
     "critical_factor",
-    "mechanism_modes",
     "prestress_by_itself",
     "quadruplex_module",
     "self_stress",

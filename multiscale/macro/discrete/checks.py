@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
+from multiscale.fe.rigid_motion import rigid_motions
 
 if TYPE_CHECKING:
     from multiscale.macro.discrete.link_system import LinkSystem
@@ -164,16 +165,11 @@ def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
     points : ndarray, shape (nodes, 3), positions, m
     fixed : ndarray of bool, shape (nodes, components), fixed components
     """
-    points, components = points - points.mean(axis=0), fixed.shape[1]
-    x, y, z = points.T / (float(np.abs(points).max()) or 1.0)  # lengths relative to the size
-    motion = np.zeros((len(points), components, 6))
-    for i in range(3):
-        motion[:, i, i] = 1.0
-    motion[:, 1, 3], motion[:, 2, 3] = -z, y
-    motion[:, 0, 4], motion[:, 2, 4] = z, -x
-    motion[:, 0, 5], motion[:, 1, 5] = -y, x
-    for i in range(3, components):
-        motion[:, i, i] = 1.0
+    n, components = fixed.shape
+    size = float(np.abs(points - points.mean(axis=0)).max()) or 1.0
+    places = np.repeat(points / size, components, axis=0)
+    motion = rigid_motions(places, np.tile(np.arange(components), n)).reshape(n, components, 6)
+    motion[:, range(3, components), range(3, components)] = 1.0  # rotations of nodes
 
     def rank(rows: np.ndarray) -> int:
         tol = 1e-10 * len(rows)

@@ -5,18 +5,19 @@ from scipy.sparse import csc_array, diags_array, vstack
 
 from multiscale.convergence import Solution, Status
 from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.link_state import force_scale
+from multiscale.macro.discrete.link_state import LinkState, force_scale
 from multiscale.nonsmooth.conic import solve_conic
 
 __all__ = ["solve_dual_program"]
+
+LEAST_TOLERANCE = 1e-7
+"""Forces out of balance that the answers of clarabel may leave, relative to the largest load."""
 
 TOLERANCES = (1e-13, 1e-12, 1e-11, 1e-10)
 """Tolerances of gap and feasibility for clarabel on scaled data, tried in turn until one is met."""
 
 
-def solve_dual_program(
-    model: LinkEquations, load_factor: float, *, tolerance: float = 1e-8
-) -> Solution:
+def solve_dual_program(model: LinkEquations, load_factor: float, *, tolerance: float) -> LinkState:
     r"""Find the tensions of least complementary energy in equilibrium with the load.
 
     .. math::
@@ -34,7 +35,7 @@ def solve_dual_program(
 
     Returns
     -------
-    Solution, ``value`` are tensions and displacement, shape (rows + n,), N and m
+    LinkState, with the slacks that the displacement leaves; never more accurate than about 1e-7
 
     References
     ----------
@@ -67,11 +68,17 @@ def solve_dual_program(
     u = -scale / unit * np.array(answer.z)[: model.n]
     unbalanced = model.gather(tension) - load
     residual = float(np.abs(unbalanced).max(initial=0.0)) / force_scale(model, load)
-    value = np.concatenate([tension, u])
+    misfit = np.abs((tension - model.prestress) / model.stiffness - model.elongate(u))
+    # tension or slack is zero: the smaller of the two is rounding
+    typical = 1.0 / unit if finite.any() else 0.0
+    slack = np.where((rope | prop) & (misfit > typical * np.abs(tension)), misfit, 0.0)
+    detail = ""
     if status == "PrimalInfeasible":
-        return Solution(value, Status.INFEASIBLE, (residual,))
-    if not np.isfinite(residual):
-        return Solution(value, Status.NOT_FINITE, (residual,))
-    if status == "Solved" and residual <= tolerance:
-        return Solution(value, Status.CONVERGED, (residual,))
-    return Solution(value, Status.STALLED, (residual,), detail=f"status of clarabel: {status}")
+        why = Status.INFEASIBLE
+    elif not np.isfinite(residual):
+        why = Status.NOT_FINITE
+    elif status == "Solved" and residual <= max(tolerance, LEAST_TOLERANCE):
+        why = Status.CONVERGED
+    else:
+        why, detail = Status.STALLED, f"status of clarabel: {status}"
+    return LinkState(Solution(u, why, (residual,), detail=detail), tension, slack)

@@ -4,22 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from multiscale.convergence import Solution
 from multiscale.errors import CaseError
 from multiscale.macro.discrete.compatibility import LinkEquations
+from multiscale.macro.discrete.link_state import LinkState, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.nonsmooth import solve_lcp
 
-__all__ = ["MAX_DENSE_LINKS", "complementarity_problem", "solve_complementarity"]
+__all__ = ["solve_complementarity"]
 
 MAX_DENSE_LINKS = 5000
 """Largest number of links that may go slack: the matrix is dense."""
 
 
-def complementarity_problem(
-    model: LinkEquations, tangent: Tangent, load_factor: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r"""Condense the structure onto the links that may go slack.
+def solve_complementarity(
+    model: LinkEquations, tangent: Tangent, load_factor: float, *, tolerance: float = 1e-10
+) -> LinkState:
+    r"""Condense the structure onto the links that may go slack, and find their slacks.
 
     .. math::
         A_c \lambda_c - \tau_c = -k_c B_c K^{-1} F^d - \tau_c^0, \quad
@@ -31,12 +31,12 @@ def complementarity_problem(
     Parameters
     ----------
     load_factor : float, dimensionless
+    tolerance : float
+        Bound on the residual of :func:`multiscale.nonsmooth.solve_lcp`, dimensionless.
 
     Returns
     -------
-    tuple of ndarray
-        :math:`A_c` (N/m), the tensions :math:`\tau_c` without slack (N), and the displacement
-        :math:`K^{-1} B_c^T k_c` of unit slacks, shape (n, links).
+    LinkState, whose residuals belong to (10)
 
     Raises
     ------
@@ -53,38 +53,11 @@ def complementarity_problem(
         )
     k = model.stiffness[one_sided]
     sign = np.where(np.isfinite(model.lower[one_sided]), 1.0, -1.0)
-    pull = np.zeros((model.n, one_sided.size))
-    for p in range(model.unknown.shape[1]):
-        row = model.unknown[one_sided, p]
-        held = row < 0
-        column = np.flatnonzero(~held)
-        pull[row[~held], column] += (sign * k * model.coefficient[one_sided, p])[~held]
+    pull = (model.operator[one_sided].T * (sign * k)).toarray()  # B_c^T k_c
     solve = tangent.factorise(tangent.entries(model.stiffness))
     motion = solve(pull)
     matrix = np.diag(k) - pull.T @ motion
     free = solve(load_factor * model.load - model.gather(model.prestress))
     taut = sign * model.prestress[one_sided] + pull.T @ free
-    return 0.5 * (matrix + matrix.T), taut, motion
-
-
-def solve_complementarity(
-    model: LinkEquations, tangent: Tangent, load_factor: float, *, tolerance: float = 1e-10
-) -> Solution:
-    """Solve (10) by :func:`multiscale.nonsmooth.solve_lcp`.
-
-    Parameters
-    ----------
-    model, tangent, load_factor
-        As for :func:`complementarity_problem`.
-    tolerance : float
-        Bound on the residual of :func:`multiscale.nonsmooth.solve_lcp`, dimensionless.
-
-    Returns
-    -------
-    Solution, ``value`` is the displacement, shape (n,), m; residuals belong to (10)
-    """
-    matrix, taut, motion = complementarity_problem(model, tangent, load_factor)
-    answer = solve_lcp(matrix, taut, tolerance=tolerance)
-    solve = tangent.factorise(tangent.entries(model.stiffness))
-    free = solve(load_factor * model.load - model.gather(model.prestress))
-    return replace(answer, value=free - motion @ answer.value)
+    answer = solve_lcp(0.5 * (matrix + matrix.T), taut, tolerance=tolerance)
+    return state_of(model, replace(answer, value=free - motion @ answer.value))

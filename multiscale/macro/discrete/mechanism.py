@@ -14,7 +14,6 @@ from multiscale.numerics.factorisation import Solve
 
 __all__ = [
     "factorise_taut",
-    "mechanism_modes",
     "name_mechanism",
     "name_motion",
     "prestress_by_itself",
@@ -58,7 +57,14 @@ def self_stress(system: LinkSystem) -> np.ndarray:
     >>> np.round(tension[[0, 4, 8, 12]] / tension[0], 6)
     array([ 1.      ,  1.414214,  1.414214, -2.44949 ])
     """
-    left, _, rank = _decompose(system)
+    operator = compatibility(system)
+    if max(operator.shape) > MAX_DENSE_SIZE:
+        raise CaseError(
+            f"modes are computed by a dense decomposition of at most {MAX_DENSE_SIZE} links or "
+            f"unknowns, got {operator.shape}; analyse one module"
+        )
+    left, values, _ = svd(operator.toarray())
+    rank = np.count_nonzero(values > RANK_TOLERANCE * values.max(initial=0.0))
     modes = left[:, rank:].T[:, : system.n_links]
     if len(modes) == 1:
         cables = np.isfinite(system.bounds[0])
@@ -131,41 +137,6 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
         )
     tension = found.x[:m] @ states
     return replace(system, prestress=largest / np.abs(tension).max() * tension)
-
-
-def mechanism_modes(system: LinkSystem) -> np.ndarray:
-    """Return independent motions without elongation, rigid motions included if they are free.
-
-    Parameters
-    ----------
-    system : LinkSystem, the structure with its supports
-
-    Returns
-    -------
-    ndarray, shape (modes, nodes, c), motions, orthonormal in the unknowns
-
-    Raises
-    ------
-    CaseError
-        If the structure is too large for a dense decomposition.
-    """
-    _, right, rank = _decompose(system)
-    free = ~np.asarray(system.fixed, dtype=bool)
-    modes = np.zeros((len(right) - rank, *free.shape))
-    modes[:, free] = right[rank:]
-    return modes
-
-
-def _decompose(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the singular vectors of the compatibility operator, and its rank."""
-    operator = compatibility(system)
-    if max(operator.shape) > MAX_DENSE_SIZE:
-        raise CaseError(
-            f"modes are computed by a dense decomposition of at most {MAX_DENSE_SIZE} links or "
-            f"unknowns, got {operator.shape}; analyse one module"
-        )
-    left, values, right = svd(operator.toarray())
-    return left, right, int(np.count_nonzero(values > RANK_TOLERANCE * values.max(initial=0.0)))
 
 
 def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:

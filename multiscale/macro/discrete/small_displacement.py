@@ -11,7 +11,7 @@ from multiscale.macro.discrete.dual_program import solve_dual_program
 from multiscale.macro.discrete.interior_point import solve_interior_point
 from multiscale.macro.discrete.link_complementarity import solve_complementarity
 from multiscale.macro.discrete.link_newton import solve_newton
-from multiscale.macro.discrete.link_state import LinkState, state_of
+from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, join_solutions
@@ -49,15 +49,14 @@ def find_state(
     """
     rigid = np.isinf(model.stiffness).any()
     if method == "dual":
-        return _by_dual_program(model, load_factor, limits)
+        return solve_dual_program(model, load_factor, tolerance=limits.tolerance)
     if method == "lcp":
         if rigid:
             raise CaseError(
                 "method 'lcp' needs extensible links; use method='auto' or 'dual' for links of "
                 "fixed length"
             )
-        solution = solve_complementarity(model, tangent, load_factor, tolerance=limits.tolerance)
-        return state_of(model, solution)
+        return solve_complementarity(model, tangent, load_factor, tolerance=limits.tolerance)
 
     if rigid and method == "newton":
         raise CaseError(
@@ -78,16 +77,3 @@ def find_state(
             parts.append(("newton", state.solution))
     whole = join_solutions([part for _, part in parts], [name for name, _ in parts])
     return replace(state, solution=whole)
-
-
-def _by_dual_program(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
-    """Return the tensions of the dual program, and the slacks from its displacement."""
-    answer = solve_dual_program(model, load_factor, tolerance=max(limits.tolerance, 1e-7))
-    tension, u = np.split(answer.value, [len(model.unknown)])
-    give = 1.0 / model.stiffness
-    misfit = np.abs((tension - model.prestress) * give - model.elongate(u))
-    one_sided = np.isfinite(model.lower) | np.isfinite(model.upper)
-    # tension or slack is zero: the smaller of the two is rounding
-    typical = np.median(give[give > 0.0]) if give.any() else 0.0
-    slack = np.where(one_sided & (misfit > typical * np.abs(tension)), misfit, 0.0)
-    return LinkState(replace(answer, value=u), tension, slack)

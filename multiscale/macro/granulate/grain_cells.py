@@ -83,7 +83,7 @@ def compact(
         state, done = step_grains(model, state, step, solver)
         record.add(state, done)
         fastest = float(np.abs(state.rate).max()) * step
-        quiet = quiet + 1 if fastest < REST_STRAIN and done.n_contacts else 0
+        quiet = quiet + 1 if fastest < REST_STRAIN and done["n_contacts"] else 0
         if quiet == REST_STEPS:
             break
     record.show(state)

@@ -40,8 +40,8 @@ def account_grains(
     rates: tuple[np.ndarray, np.ndarray, np.ndarray],
     branch: np.ndarray,
     cell: tuple[float, float],
-) -> tuple[float, float, float, float, float, float]:
-    r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping.
+) -> dict[str, float]:
+    r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def account_grains(
 
     Returns
     -------
-    tuple of float, the six energies, J
+    dict of str to float, by the names of ``GRANULATE``; work and dissipation in the step
 
     Notes
     -----
@@ -112,11 +112,11 @@ def account_grains(
     )
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
     springs += data[:, 4] * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
-    return (
-        kinetic(velocity, rates[2]),
-        0.5 * float(np.sum(springs)),
-        work,
-        -power,
-        kinetic(velocity - slow, rates[2] - rates[1]),
-        kinetic(old, rates[0]) - kinetic(slow, rates[1]),
-    )
+    return {
+        "kinetic_energy": kinetic(velocity, rates[2]),
+        "elastic_energy": 0.5 * float(np.sum(springs)),
+        "work": work,
+        "contact_dissipation": -power,
+        "numerical_dissipation": kinetic(velocity - slow, rates[2] - rates[1]),
+        "damping_dissipation": kinetic(old, rates[0]) - kinetic(slow, rates[1]),
+    }

@@ -1,8 +1,8 @@
 r"""Time steps of rigid grains in frictional contact, eqs (6) and (9) of the source."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from multiscale.macro.granulate.grain_state import GrainState, update_neighbours
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.macro.granulate.step import solve_velocities
 
-__all__ = ["Step", "step_grains"]
+__all__ = ["step_grains"]
 
 CONTACT_DISTANCE = 0.02
 """Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
@@ -28,45 +28,9 @@ ALLOWED_OVERLAP = (1e-3, 8e-3)
 to the smaller radius."""
 
 
-@dataclass(frozen=True)
-class Step:
-    """Convergence, energies and cost of a step.
-
-    Attributes
-    ----------
-    residual : float, natural-map error relative to the closing velocities, dimensionless
-    converged : bool, whether the residual is at most the tolerance
-    sweeps : int, number of sweeps made
-    penetration : float, largest overlap after the step, relative to the smaller radius of the pair
-    n_contacts : int, number of contacts with an impulse
-    kinetic, elastic : float, energies after the step, J
-    work : float, work of gravity, walls and pressure in the step, J
-    contact_dissipation, numerical_dissipation, damping : float
-        Energy dissipated in the step by contacts, time scheme and damping, J.
-    search_time, solver_time : float, wall time of the neighbour search and of the solver, s
-    stress : ndarray, shape (3,), or None
-        Mean normal stresses along the axes of a cell under a pressure, tension positive, Pa.
-    """
-
-    residual: float
-    converged: bool
-    sweeps: int
-    penetration: float
-    n_contacts: int
-    kinetic: float
-    elastic: float
-    work: float
-    contact_dissipation: float
-    numerical_dissipation: float
-    damping: float
-    search_time: float
-    solver_time: float
-    stress: np.ndarray | None
-
-
 def step_grains(
     model: Model, state: GrainState, h: float, solver: Solver, accuracy: float | None = None
-) -> tuple[GrainState, Step]:
+) -> tuple[GrainState, dict[str, Any]]:
     r"""Make one Moreau-Jean step.
 
     Parameters
@@ -80,7 +44,9 @@ def step_grains(
     Returns
     -------
     state : GrainState, state at the end of the step
-    step : Step, convergence, energies and cost
+    step : dict
+        Variables of the step by their names in ``GRANULATE``, but that work and dissipation are
+        those of the step alone; ``stress`` of a cell under a pressure.
 
     Notes
     -----
@@ -101,13 +67,21 @@ def step_grains(
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
     free = _move_freely(model, state, acted)
-    searched = perf_counter() - began
+    searched = perf_counter()
     solved = _solve_contacts(model, state, solver, (h, acted, accuracy is not None), free)
     new = _advance(model, state, (h, acted), solved)
     worst, _ = penetration(
         new.pairs, new.position, model.grains.radius, new.period, model.walls_at(new.point)
     )
-    energies = account_grains(
+    done = {
+        "residual": solved.residual,
+        "converged": int(solved.residual <= solver.tolerance),
+        "iterations": solved.sweeps,
+        "penetration": worst,
+        "n_contacts": int(np.count_nonzero(solved.contacts.impulse.any(axis=1))),
+        "search_time": searched - began,
+    }
+    done |= account_grains(
         model,
         (h, acted),
         (state.velocity, free.damped, new.velocity),
@@ -117,22 +91,10 @@ def step_grains(
         solved.cell[2:],
         cell_inertia(model, state.period),
     )
-    total = perf_counter() - began
-    stress = None  # diagonal of the mean stress after Love and Weber
-    if model.pressure is not None:
+    if model.pressure is not None:  # diagonal of the mean stress after Love and Weber
         moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
-        stress = np.asarray(-moments / (acted * model.volume(state.period)))
-    return new, Step(
-        solved.residual,
-        solved.residual <= solver.tolerance,
-        solved.sweeps,
-        worst,
-        int(np.count_nonzero(solved.contacts.impulse.any(axis=1))),
-        *energies,
-        searched,
-        total - searched,
-        stress,
-    )
+        done["stress"] = -moments / (acted * model.volume(state.period))
+    return new, done | {"wall_time": perf_counter() - began}
 
 
 class _FreeMotion(NamedTuple):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_motion import Step, step_grains
+from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_state import GrainState, initial_state
 from multiscale.macro.granulate.model import Model, Solver
 from multiscale.schema import GRANULATE
@@ -83,8 +83,8 @@ def simulate_grains(
             state, done = step_grains(model, state, h, solver, accuracy)
             record.add(state, done)
             if callback is not None:
-                callback(len(record.steps) - 1, done.residual)
-            if not np.isfinite(done.kinetic):
+                callback(len(record.rows) - 1, done["residual"])
+            if not np.isfinite(done["kinetic_energy"]):
                 record.failure = (
                     f"a velocity became infinite at {state.time:g} s; take smaller steps"
                 )
@@ -103,38 +103,34 @@ class Record:
     Attributes
     ----------
     failure : str, reason for which the simulation ended early; empty if none
-    steps : list of Step, result of each step
-    rows : list of dict, state after each step, by variable
+    rows : list of dict, each step and the state after it, by variable
     frames : list of dict, stored positions and forces, by variable
     """
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self.failure = ""
-        self.steps: list[Step] = []
         self.rows: list[dict[str, Any]] = []
         self.frames: list[dict[str, Any]] = []
 
-    def add(self, state: GrainState, step: Step) -> None:
-        """Record the variables of every step."""
-        n, walls, repeats = self.model.grains.n, len(self.model.walls), self.model.strained
-        ends, impulse = state.contacts.ends, state.contacts.vectors
-        on_wall = ends[:, 1] >= n
-        force = np.zeros((walls, 3))
-        np.add.at(force, ends[on_wall, 1] - n, -impulse[on_wall] / state.force_time)
-        strain = np.zeros(3)  # logarithmic, zero along axes without a period
-        strain[repeats] = np.log(state.period[repeats] / np.asarray(self.model.period)[repeats])
-        self.steps.append(step)
-        self.rows.append(
-            {
-                "time": state.time,
-                "time_step": state.step_length,
-                "wall_force": force,
-                "wall_position": state.point,
-                "period": state.period,
-                "strain": strain,
-            }
-        )
+    def add(self, state: GrainState, step: dict[str, Any]) -> None:
+        """Record the variables of a step."""
+        model, repeats = self.model, self.model.strained
+        row = step | {"time": state.time, "time_step": state.step_length}
+        if model.walls:
+            ends, impulse = state.contacts.ends, state.contacts.vectors
+            on_wall = ends[:, 1] >= model.grains.n
+            force = np.zeros((len(model.walls), 3))
+            wall = ends[on_wall, 1] - model.grains.n
+            np.add.at(force, wall, -impulse[on_wall] / state.force_time)
+            row |= {"wall_force": force, "wall_position": state.point}
+        if repeats.any():
+            row["period"] = state.period
+        if model.pressure is not None:
+            strain = np.zeros(3)  # logarithmic, zero along axes without a period
+            strain[repeats] = np.log(state.period[repeats] / np.asarray(model.period)[repeats])
+            row["strain"] = strain
+        self.rows.append(row)
 
     def show(self, state: GrainState) -> None:
         """Record positions and forces of the last step as a frame."""
@@ -145,7 +141,7 @@ class Record:
         radius = np.append(grains.radius, np.zeros(len(self.model.walls)))
         self.frames.append(
             {
-                "frame_step": len(self.steps) - 1,
+                "frame_step": len(self.rows) - 1,
                 "position": state.position,
                 "velocity": state.velocity[:n, :3],
                 "contact_ends": ends,
@@ -160,50 +156,34 @@ class Record:
         """Return the record as a dataset that follows ``GRANULATE``."""
         import xarray as xr
 
-        steps, frames, rows = self.steps, self.frames, self.rows
-        values: dict[str, Any] = {
-            "converged": [int(s.converged) for s in steps],
-            "iterations": [s.sweeps for s in steps],
-            "kinetic_energy": [s.kinetic for s in steps],
-            "elastic_energy": [s.elastic for s in steps],
-            "damping_dissipation": np.cumsum([s.damping for s in steps]),
-            "wall_time": [s.search_time + s.solver_time for s in steps],
+        frames, rows = self.frames, self.rows
+        values: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        for name in ("work", *(name for name in rows[0] if name.endswith("_dissipation"))):
+            values[name] = np.cumsum(values[name])
+        values |= {
             "radius": self.model.grains.radius,
             "mass": self.model.grains.mass,
             "contact_frame": np.repeat(
                 np.arange(len(frames)), [len(frame["contact_ends"]) for frame in frames]
             ),
         }
-        for name in ("residual", "penetration", "n_contacts", "search_time"):
-            values[name] = [getattr(step, name) for step in steps]
-        for name in ("work", "contact_dissipation", "numerical_dissipation"):
-            values[name] = np.cumsum([getattr(step, name) for step in steps])
         spin = ("spin",) if self.model.turns else ()
         for name in ("frame_step", "position", "velocity", *spin):
             values[name] = np.array([frame[name] for frame in frames])
         for name in ("contact_ends", "contact_force", "branch"):
             values[name] = np.concatenate([frame[name] for frame in frames])
-        for name in ("time", "time_step"):
-            values[name] = np.array([row[name] for row in rows])
-        if self.model.pressure is not None:
-            values["stress"] = np.array([step.stress for step in steps])
-            values["strain"] = np.array([row["strain"] for row in rows])
-        if np.isfinite(self.model.period).any():
-            values["period"] = np.array([row["period"] for row in rows])
         if self.model.walls:
             _, values["wall_direction"], values["wall_radius"] = self.model.shapes
-            for name in ("wall_force", "wall_position"):
-                values[name] = np.array([row[name] for row in rows])
         result = GRANULATE.assign(xr.Dataset(), values)
         result = result.assign_coords(
-            step=range(len(steps)),
+            step=range(len(rows)),
             frame=range(len(frames)),
             grain=range(self.model.grains.n),
             component=["x", "y", "z"],
         ).assign_attrs(failure=self.failure, cautions="")
-        if missed := [s.residual for s in steps if not s.converged]:
+        if missed := [row["residual"] for row in rows if not row["converged"]]:
             cautions = (
-                f"{len(missed)} of {len(steps)} steps missed the tolerance of their contacts; the "
+                f"{len(missed)} of {len(rows)} steps missed the tolerance of their contacts; the "
                 f"largest error is {max(missed):.1e} of the closing velocities"
             )
             result = result.assign_attrs(cautions=cautions)

@@ -1,6 +1,5 @@
 """One assembly, three ways to solve it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -22,7 +21,7 @@ __all__ = ["AssembledNewton", "LatinMethod", "NewtonSchur", "solve_assembly"]
 
 
 @dataclass(frozen=True)
-class AssembledNewton:
+class AssembledNewton(Method):
     """Newton's method on the whole, uncut: the fastest where its factors fit into memory.
 
     It takes all laws but rigid contact, on one process; see :func:`solve_whole`.
@@ -30,11 +29,6 @@ class AssembledNewton:
 
     name: ClassVar[str] = "Newton's method on the whole"
     condenses: ClassVar[bool] = True
-    coarse: ClassVar[bool] = False
-    tolerance: float = 1e-10
-    max_iterations: int = 100
-    parts: tuple[int, int] = (1, 1)
-    after_step: Callable[[], object] | None = None
 
     def solve(
         self,
@@ -44,32 +38,21 @@ class AssembledNewton:
         near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
         """Solve by :func:`solve_whole`."""
-        return solve_whole(
-            problem,
-            load_factor,
-            after=after,
-            near=near,
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            after_step=self.after_step,
-        )
+        return solve_whole(problem, load_factor, after=after, near=near, **self.options)
 
 
 @dataclass(frozen=True)
-class LatinMethod:
+class LatinMethod(Method):
     """Micro-macro LATIN: all laws, rigid contact too, and many processes; see :func:`solve_latin`.
 
     It alone gives an indicator of the error.
     """
 
     name: ClassVar[str] = "LATIN"
-    condenses: ClassVar[bool] = False
-    parts: tuple[int, int] = (1, 1)
-    coarse: bool = True
     tolerance: float = 1e-8
     max_iterations: int = 400
+    coarse: bool = True
     team: ProcessGroup | None = None
-    after_step: Callable[[], object] | None = None
 
     def solve(
         self,
@@ -79,33 +62,18 @@ class LatinMethod:
         near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
         """Solve by :func:`solve_latin`, which begins each step where the last one ended."""
-        return solve_latin(
-            problem,
-            load_factor,
-            after=after,
-            coarse=self.coarse,
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            team=self.team,
-            after_step=self.after_step,
-        )
+        return solve_latin(problem, load_factor, after=after, **self.options)
 
 
 @dataclass(frozen=True)
-class NewtonSchur:
+class NewtonSchur(Method):
     """Newton's method with a balanced Schur complement; see :func:`solve_schur`.
 
     It takes all laws but rigid contact, on many processes.
     """
 
     name: ClassVar[str] = "Newton-Schur"
-    condenses: ClassVar[bool] = False
-    coarse: ClassVar[bool] = True
-    parts: tuple[int, int] = (1, 1)
-    tolerance: float = 1e-10
-    max_iterations: int = 100
     team: ProcessGroup | None = None
-    after_step: Callable[[], object] | None = None
 
     def solve(
         self,
@@ -115,15 +83,7 @@ class NewtonSchur:
         near: "xr.Dataset | None" = None,
     ) -> "xr.Dataset":
         """Solve by :func:`solve_schur`, which begins each step where the last one ended."""
-        return solve_schur(
-            problem,
-            load_factor,
-            after=after,
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            team=self.team,
-            after_step=self.after_step,
-        )
+        return solve_schur(problem, load_factor, after=after, **self.options)
 
 
 def solve_assembly(

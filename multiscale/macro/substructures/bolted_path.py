@@ -9,8 +9,10 @@ the distance :math:`\delta` of the washers and its value :math:`\delta_0` when t
 so that the pair of forces is :math:`F - k \delta_0` from then on.
 """
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -30,21 +32,36 @@ LOOSE = 1e-9
 """Force of a bolt, relative to the largest of its path, up to which it is none."""
 
 
-class Method(Protocol):
-    """A way to solve an assembly: a name, a cut of every body into parts, and a solver."""
+@dataclass(frozen=True)
+class Method(ABC):
+    """A way to solve an assembly.
+
+    Parameters
+    ----------
+    parts : tuple of int, substructures of every body along x and y
+    tolerance, max_iterations, after_step : options of its solver
+    """
 
     name: ClassVar[str]
-    condenses: ClassVar[bool]
+    condenses: ClassVar[bool] = False
     """Whether bodies are condensed onto their joints before it follows a path."""
+
+    parts: tuple[int, int] = (1, 1)
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+    after_step: Callable[[], object] | None = None
 
     @property
     def coarse(self) -> bool:
         """Whether a coarse problem balances the resultants of interfaces."""
+        return not self.condenses
 
     @property
-    def parts(self) -> tuple[int, int]:
-        """Substructures of every body along x and y."""
+    def options(self) -> dict[str, Any]:
+        """All options of its solver."""
+        return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "parts"}
 
+    @abstractmethod
     def solve(
         self,
         problem: CutProblem,
@@ -66,29 +83,34 @@ def bolt_pull(bolt: CutBolt, n: int) -> np.ndarray:
 
 
 def lock_bolts(
-    problem: CutProblem, tension: np.ndarray, stretch: np.ndarray, factor: float
+    problem: CutProblem,
+    tension: np.ndarray | None = None,
+    stretch: np.ndarray | None = None,
+    factor: float = 1.0,
 ) -> CutProblem:
     """Let the shanks carry what changes; the first load case then stays at its factor.
 
     Parameters
     ----------
-    problem : CutProblem, with bolts that are not locked
-    tension, stretch : ndarray, shape (bolts,)
-        Force of the bolts, N, and distance by which their washers have moved apart, m.
+    problem : CutProblem
+        With bolts that are not locked; returned as it is if it has none.
+    tension, stretch : ndarray, shape (bolts,), optional
+        Force of the bolts, N, and distance by which their washers have moved apart, m; zero if not
+        given, as shanks answer to changes alone.
     factor : float, factor of the first load case, not zero
     """
-    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
-    position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
-    for part in problem.substructures:
-        position[part.unknown], component[part.unknown] = part.position, part.component
+    if not problem.bolts:
+        return problem
+    (position, component), nothing = problem.places(), np.zeros(len(problem.bolts))
     pull, shanks = np.zeros(problem.n), []
-    for bolt, force, apart in zip(problem.bolts, tension, stretch, strict=True):
+    forces, stretches = (nothing if one is None else one for one in (tension, stretch))
+    for bolt, force, apart in zip(problem.bolts, forces, stretches, strict=True):
         pull += (force - bolt.stiffness * apart) * bolt_pull(bolt, problem.n)  # (1)
         ends = np.array(bolt.unknown)
         K = csr_array(bolt.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]]))
         load = np.zeros((2, problem.n_cases))
         shanks.append(Substructure(K, load, ends, position[ends], component[ends]))
-    pull /= factor * shares
+    pull /= factor * problem.shares
     parts = [
         replace(part, load=np.column_stack([pull[part.unknown], part.load[:, 1:]]))
         for part in problem.substructures
@@ -182,7 +204,7 @@ def _say_parted(
     problem: CutProblem, factor: np.ndarray, pressure: np.ndarray, tension: np.ndarray
 ) -> str:
     """Say that a load parts what bolts of given tensions, N, clamp; nothing if it does not."""
-    load = np.concatenate([part.load @ factor for part in problem.substructures])
+    load = problem.load(factor)
     slide = find_slide(problem, load, pressure)
     if slide is None or slide.joints:
         return ""

@@ -81,7 +81,7 @@ class CondensedProblem:
     def with_loads(self, load: np.ndarray) -> "CondensedProblem":
         """Return the problem with further load cases, shape (whole.n, cases), N, after its own."""
         whole = self.whole
-        share = load / whole.sum_up([np.ones(part.n) for part in whole.substructures])[:, None]
+        share = load / whole.shares[:, None]
         parts = [
             replace(part, load=np.column_stack([part.load, share[part.unknown]]))
             for part in whole.substructures
@@ -134,10 +134,7 @@ def condense_problem(
     MultiscaleError
         If a body can move without force while its kept unknowns are held.
     """
-    parts, count = problem.substructures, np.zeros(problem.n)
-    for part in parts:
-        count[part.unknown] += 1
-    wanted = count > 1
+    parts, wanted = problem.substructures, problem.shares > 1.0
     wanted[[*kept, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
     keeps = [wanted[part.unknown] for part in parts]
     for joint in problem.joints:

@@ -70,7 +70,7 @@ def simulate_latin(
     times = np.asarray(times, dtype=float)
     h = _step(times)
     inertia = _masses(problem, mass) / h**2
-    shares = problem.sum_up([np.ones(part.n) for part in problem.substructures])
+    shares = problem.shares
     shared = csr_array(diags_array(1.0 / shares) @ inertia)
     parts = tuple(
         replace(part, stiffness=csr_array(part.stiffness + shared[part.unknown][:, part.unknown]))

@@ -417,7 +417,7 @@ class Newton:
 
     def why(self, status: Status, closest: Imbalance) -> str:
         """Say why a step failed, from where it was closest to a solution."""
-        load = np.concatenate([part.load @ self.factor for part in self.problem.substructures])
+        load = self.problem.load(self.factor)
         pressure = -self._joined(closest.tractions)[0]
         if slide := find_slide(self.problem, load, self.before, pressure):
             return str(slide)

@@ -112,7 +112,6 @@ def solve_path(
 ) -> FollowedPath:
     """Solve a path, maybe near another one, and let the loads measure the displacement."""
     result, whole = follow_bolts(problem, factors, method, near=near), assemble(problem)
-    nothing = np.zeros(len(problem.bolts))
-    locked = assemble(lock_bolts(problem, nothing, nothing, 1.0)) if problem.bolts else whole
+    locked = assemble(lock_bolts(problem)) if problem.bolts else whole
     work = problem.unknowns(result["displacement"].values) @ whole.load
     return FollowedPath(problem, whole, locked, result, work)

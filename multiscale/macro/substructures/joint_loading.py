@@ -11,15 +11,10 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.substructures.assembly_methods import LatinMethod
 from multiscale.macro.substructures.bolted_path import Method, follow_bolts
-from multiscale.macro.substructures.closed_cycles import (
-    closed_cycle,
-    cycle_work,
-    find_cycles,
-    to_and_fro,
-    with_amplitudes,
-)
+from multiscale.macro.substructures.closed_cycles import closed_cycle, with_amplitudes
 from multiscale.macro.substructures.followed_path import FollowedPath, condense_assembly, solve_path
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
+from multiscale.macro.substructures.load_path import LoadPath
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT
 
@@ -80,12 +75,17 @@ class JointLoading:
                 f"amplitudes must be positive and rise (Pa), got {list(self.amplitudes)}"
             )
 
-    def factors(self) -> np.ndarray:
-        """Preload and shear of every step, Pa, shape (steps, 2)."""
-        preload = np.array(self.preloads)
-        swing = to_and_fro(self.steps, self.cycles) if self.cycles else np.zeros(0)
-        shear = np.append(np.zeros(preload.size), self.shear * swing)
-        return np.stack([np.append(preload, np.full(swing.size, preload[-1])), shear], axis=1)
+    def path(self, areas: Sequence[float] = (1.0, 1.0)) -> LoadPath:
+        """Return the path over preload and shear of 1 Pa on faces of some areas, m²."""
+        return LoadPath(
+            ("preload", "shear"),
+            tuple(areas),
+            tuple((preload, 0.0) for preload in self.preloads),
+            cycled="shear",
+            amplitude=self.shear or 1.0,
+            cycles=self.cycles,
+            cycle_steps=self.steps,
+        )
 
 
 def load_joint(
@@ -174,7 +174,8 @@ def follow_joint(
     near : FollowedJoint, optional
         The same structure and loading with other laws, from which the method may begin.
     """
-    path = solve_path(problem, loading.factors(), method, near.path.result if near else None)
+    before = near.path.result if near else None
+    path = solve_path(problem, loading.path().factors(), method, before)
     top, known = np.array(loading.amplitudes), near.cycles if near else []
     shear = np.ravel(top[:, None] * np.append(1.0, closed_cycle(loading.amplitude_steps)))
     cycles: list[xr.Dataset] = []
@@ -193,11 +194,11 @@ def measure_joint(
 ) -> "xr.Dataset":
     """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
     loading, path, area = followed.loading, followed.path, np.array(areas)
-    problem, result, factors = path.problem, path.result, loading.factors()
-    approach, along = (path.work / area).T
+    problem, result, loads = path.problem, path.result, loading.path(areas)
+    (preload, shear), (approach, along) = loads.factors().T, (path.work / area).T
     values: dict[str, Any] = {
-        "preload": factors[:, 0],
-        "shear": factors[:, 1],
+        "preload": preload,
+        "shear": shear,
         "approach": approach,
         "shear_displacement": along,
         **contact_state(problem, result),
@@ -213,10 +214,8 @@ def measure_joint(
     result = MACRO_RESULT.assign(result, values)
     result = with_load_shares(result, shares, data, extrapolate=extrapolate)
     if loading.cycles:
-        along = result["shear_displacement"].to_numpy()
-        closed = find_cycles(len(loading.preloads), loading.steps, loading.cycles)
-        cycles = np.array([along[cycle] for cycle in closed])
-        lost = {"cycle_energy": area[1] * cycle_work(loading.shear, cycles)}
+        moved = np.stack([result[name] for name in ("approach", "shear_displacement")], axis=1)
+        lost = {"cycle_energy": loads.cycle_energy(moved)}
         result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
     if loading.amplitudes:
         result = with_amplitudes(result, followed, float(area[1]), extrapolate=extrapolate)

@@ -22,7 +22,7 @@ from multiscale.schema import MACRO_RESULT
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["LoadPath", "follow_cut_loads", "require_held"]
+__all__ = ["LoadPath", "follow_cut_loads", "refuse_free", "require_held"]
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,25 @@ class LoadPath:
         """Factors of the loads at every load step, shape (load steps, loads)."""
         ends = np.array([np.zeros(len(self.names)), *self.steps])
         share = (np.arange(1, self.substeps + 1) / self.substeps)[:, None]
-        path = [last + share * (end - last) for last, end in pairwise(ends)]
-        path[-1][-1] = ends[-1]
+        path = [(1.0 - share) * last + share * end for last, end in pairwise(ends)]
         if self.cycles:
             swing = self.amplitude * to_and_fro(self.cycle_steps, self.cycles)
             which = np.array(self.names) == self.cycled
             path.append(ends[-1] + np.outer(swing, which))
         return np.concatenate(path)
+
+    def closed(self) -> list[slice]:
+        """Find the load steps of every cycle, with both ends."""
+        return find_cycles(self.substeps * len(self.steps), self.cycle_steps, self.cycles)
+
+    def cycle_energy(self, displacement: np.ndarray) -> np.ndarray:
+        """Energy that every cycle loses, J, of the displacement of all loads, (load steps, loads).
+
+        See :func:`~.closed_cycles.cycle_work`.
+        """
+        case = self.names.index(self.cycled)
+        q = np.array([displacement[cycle, case] for cycle in self.closed()])
+        return np.asarray(self.forces[case] * cycle_work(self.amplitude, q))
 
     def ends(self) -> np.ndarray:
         """Step that each load step ends, or -1, shape (load steps,)."""
@@ -102,10 +114,15 @@ def require_held(assembly: Assembly) -> None:
     CaseError
         With the bodies and their motions, or as :func:`cut_assembly`.
     """
+    refuse_free(assembly, cut_assembly(assembly))
+
+
+def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None:
+    """Refuse bodies that may move freely in the cut problem of an assembly, with more words."""
     names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
-    if free := say_free_motions(cut_assembly(assembly), names):
+    if free := say_free_motions(problem, names):
         raise CaseError(
-            f"{free}: hold each body by supports, by an interface with friction or by bolts"
+            f"{free}: hold each body by supports, by an interface with friction or by bolts{more}"
         )
 
 
@@ -173,15 +190,13 @@ def follow_cut_loads(
     else:
         result = MACRO_RESULT.assign(result, values)
     if path.cycles:
-        cycles = find_cycles(path.substeps * len(path.steps), path.cycle_steps, path.cycles)
-        case = path.names.index(path.cycled)
-        q = result["load_displacement"].to_numpy()[:, case]
-        lost = cycle_work(path.amplitude, np.array([q[cycle] for cycle in cycles]))
-        energies: dict[str, Any] = {"cycle_energy": forces[case] * lost}
+        energies: dict[str, Any] = {
+            "cycle_energy": path.cycle_energy(result["load_displacement"].to_numpy())
+        }
         if joints:
             weighted = result["dissipation"].to_numpy() * result["point_area"].to_numpy()
             own = _by_interface(result, weighted)
-            slipped = np.array([own[cycle][1:].sum(axis=0) for cycle in cycles])
+            slipped = np.array([own[cycle][1:].sum(axis=0) for cycle in path.closed()])
             total = slipped.sum(axis=1, keepdims=True)
             share = slipped / np.where(total > 0.0, total, 1.0)
             energies["interface_energy"] = share * energies["cycle_energy"][:, None]

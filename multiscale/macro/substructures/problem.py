@@ -208,10 +208,25 @@ class CutProblem:
         numbers = np.concatenate([part.unknown for part in self.substructures])
         return np.bincount(numbers, np.concatenate(values), minlength=self.n)
 
+    @property
+    def shares(self) -> np.ndarray:
+        """Number of substructures that have an unknown, shape (n,)."""
+        return self.sum_up([np.ones(part.n) for part in self.substructures])
+
     def average(self, value: np.ndarray) -> np.ndarray:
         """Mean over the substructures of values given one after the other, shape (n,)."""
-        ones = [np.ones(part.n) for part in self.substructures]
-        return np.asarray(self.sum_up([value]) / np.maximum(self.sum_up(ones), 1.0))
+        return np.asarray(self.sum_up([value]) / np.maximum(self.shares, 1.0))
+
+    def load(self, factor: np.ndarray) -> np.ndarray:
+        """Return the forces on all substructures in turn at factors of the cases, N."""
+        return np.concatenate([part.load @ factor for part in self.substructures])
+
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position, (n, 3), m, and component, (n,), of the unknowns."""
+        position, component = np.zeros((self.n, 3)), np.zeros(self.n, dtype=int)
+        for part in self.substructures:
+            position[part.unknown], component[part.unknown] = part.position, part.component
+        return position, component
 
     @property
     def n_links(self) -> int:

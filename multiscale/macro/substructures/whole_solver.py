@@ -104,8 +104,7 @@ def solve_whole(
         jump = slid + solution.jump
         failure = ""
         if not solution.converged:
-            loads = np.concatenate([part.load @ factor for part in problem.substructures])
-            slide = find_slide(problem, loads, before, -response.traction[0])
+            slide = find_slide(problem, problem.load(factor), before, -response.traction[0])
             failure = str(slide or solution.status.value)
         columns.append(
             {

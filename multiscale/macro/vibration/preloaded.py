@@ -14,10 +14,10 @@ from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.interface_newton import face_stiffness
 from multiscale.macro.substructures.assembly_methods import AssembledNewton
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
-from multiscale.macro.substructures.capacity import say_free_motions
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.joint_state import joint_shares, states_after
+from multiscale.macro.substructures.load_path import refuse_free
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_solver import SideBySide
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
@@ -61,7 +61,7 @@ class Preloaded:
 
     def loaded(self, load: np.ndarray) -> Assembled:
         """Return the small structure with locked bolts under loads, (whole unknowns, cases), N."""
-        own = assemble(_lock(self.condensed.with_loads(load).small))
+        own = assemble(lock_bolts(self.condensed.with_loads(load).small))
         return replace(own, load=own.load[:, own.load.shape[1] - load.shape[1] :])
 
     def tangent(self) -> csr_array:
@@ -69,7 +69,7 @@ class Preloaded:
 
         Shape (whole unknowns, whole unknowns).
         """
-        whole = assemble(_lock(self.free))
+        whole = assemble(lock_bolts(self.free))
         tangent = self.law.respond(self.jump, self.law.unsheared(self.state)).tangent
         B, points = whole.jump, whole.weight.size
         if points:
@@ -114,7 +114,7 @@ def press_structure(
     """
     free = cut_assembly(assembly)
     held = _hold(free)
-    _require_joined(assembly, held)
+    refuse_free(assembly, held, "; the structure as a whole may be free")
     known = near.condensed.insides if near else ()
     condensed = condense_problem(held, largest=MOST, insides=known)
     joints = condensed.small.joints
@@ -150,16 +150,7 @@ def require_joined(assembly: Assembly) -> None:
     CaseError
         With the bodies and their motions, or as ``cut_assembly``.
     """
-    _require_joined(assembly, _hold(cut_assembly(assembly)))
-
-
-def _require_joined(assembly: Assembly, held: CutProblem) -> None:
-    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
-    if loose := say_free_motions(held, names):
-        raise CaseError(
-            f"{loose}: hold each body by supports, by an interface with friction or by bolts; the "
-            f"structure as a whole may be free"
-        )
+    refuse_free(assembly, _hold(cut_assembly(assembly)), "; the structure as a whole may be free")
 
 
 def _hold(problem: CutProblem) -> CutProblem:
@@ -180,9 +171,3 @@ def _hold(problem: CutProblem) -> CutProblem:
         springs[part.unknown] = 0.0
         parts.append(replace(part, stiffness=csr_array(part.stiffness + diags_array(own))))
     return replace(problem, substructures=tuple(parts))
-
-
-def _lock(problem: CutProblem) -> CutProblem:
-    """Let the shanks carry what changes."""
-    nothing = np.zeros(len(problem.bolts))
-    return lock_bolts(problem, nothing, nothing, 1.0) if problem.bolts else problem

@@ -64,10 +64,7 @@ class FreeMotions:
 
 def find_free_motions(problem: CutProblem, stiffness: csr_array) -> FreeMotions:
     """Find the rigid motions of all bodies together that the stiffness does not resist."""
-    position, component = np.zeros((problem.n, 3)), np.zeros(problem.n, dtype=int)
-    for part in problem.substructures:
-        position[part.unknown], component[part.unknown] = part.position, part.component
-    rigid = rigid_motions(position, component)
+    rigid = rigid_motions(*problem.places())
     rigid /= norm(rigid, axis=0)
     size = np.sqrt(stiffness.diagonal() @ rigid**2)
     energy = rigid.T @ (stiffness @ rigid) / np.outer(size, size)
@@ -217,8 +214,5 @@ def tangent_modes(
 
 def _along_axes(problem: CutProblem, mass: csr_array, shape: np.ndarray) -> np.ndarray:
     """Choose shapes of one frequency by the shares of their masses that move along the axes."""
-    component = np.zeros(problem.n, dtype=int)
-    for part in problem.substructures:
-        component[part.unknown] = part.component
-    lean = 1.0 + component % 3
+    lean = 1.0 + problem.places()[1] % 3
     return np.asarray(shape @ np.linalg.eigh(shape.T @ (lean[:, None] * (mass @ shape)))[1])

@@ -1,17 +1,15 @@
 """Damage: plane sections of a representative volume, its stiffness, and fatigue."""
 
 from multiscale.io.images import VoxelImage
+from multiscale.laws.bulk.moduli import (
+    youngs_modulus_along,
+)
 from multiscale.micro.damage.cavities import Cavities, voxelise
 from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
 from multiscale.micro.damage.compare import compare_stiffness
 from multiscale.micro.damage.crack_growth import (
     Microcracks,
     grow_microcracks,
-    random_microcracks,
-    softening_of,
-)
-from multiscale.micro.damage.effective_moduli import (
-    youngs_modulus_along,
 )
 from multiscale.micro.damage.fatigue import two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
@@ -29,6 +27,7 @@ from multiscale.micro.damage.shapes import (
     penny_cracks,
     spheres,
 )
+from multiscale.micro.damage.volume_growth import grow_volumes, softening_of
 
 __all__ = [
     "Cavities",
@@ -46,13 +45,13 @@ __all__ = [
     "effective_stiffness",
     "ellipsoids",
     "grow_microcracks",
+    "grow_volumes",
     "lattice",
     "local_fatigue",
     "max_damage",
     "mesh_stiffness",
     "penny_cracks",
     "plane_damage",
-    "random_microcracks",
     "random_spheres",
     "softening_of",
     "spheres",

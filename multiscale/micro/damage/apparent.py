@@ -6,8 +6,8 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.io.images import VoxelImage
+from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.cavities import Cavities, voxelise
-from multiscale.micro.damage.effective_moduli import youngs_modulus_along
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.rve import SIDES, STRAINS, effective_stiffness
 from multiscale.micro.damage.sections import max_damage, section_normals
@@ -50,7 +50,7 @@ def measure_volume(
     youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
     voxels : int, along the longest edge, of the stiffness of cavities
     element_size : float, optional
-        Edge of the elements of a mesh in place of voxels, m, with periodic sides alone.
+        Edge of the elements of a mesh in place of voxels, m.
     level, sections, slab
         See :func:`~.sections.max_damage`.
     share : float, edge of the volume over the edge of the representative volume
@@ -68,7 +68,9 @@ def measure_volume(
     def solve(sides: str, *, halved: bool) -> np.ndarray:
         if element_size is not None and isinstance(rve, Cavities):
             size = (1.0 + halved) * element_size
-            solution = mesh_stiffness(rve, youngs_modulus, poissons_ratio, element_size=size)
+            solution = mesh_stiffness(
+                rve, youngs_modulus, poissons_ratio, element_size=size, sides=sides
+            )
         else:
             one = image.coarsened() if halved else image
             solution = effective_stiffness(one, youngs_modulus, poissons_ratio, sides=sides)
@@ -76,10 +78,7 @@ def measure_volume(
             ended.append(f"{sides} sides: {solution.detail}")
         return np.asarray(solution.unwrap())
 
-    meshed = element_size is not None
     for k, sides in enumerate(SIDES):
-        if meshed and sides != "periodic":
-            continue
         try:
             stiffness[k] = solve(sides, halved=False)
         except ConvergenceError as error:

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io.images import VoxelImage
+from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.cavities import Cavities
-from multiscale.micro.damage.effective_moduli import youngs_modulus_along
 from multiscale.micro.damage.rve import STRAINS, effective_stiffness
 from multiscale.schema import RVE_STIFFNESS
 

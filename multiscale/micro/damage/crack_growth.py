@@ -20,20 +20,19 @@ toughness, and this crack grows a little. Nothing is iterated.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.softening import Softening
 from multiscale.micro.damage.cavities import Cavities
-from multiscale.micro.damage.shapes import penny_cracks
+from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, penny_cracks
 from multiscale.schema import CRACK_GROWTH, with_cautions
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Microcracks", "grow_microcracks", "random_microcracks", "softening_of"]
+__all__ = ["Microcracks", "grow_microcracks"]
 
 GROWTH = 0.02
 """Part of its radius by which a crack grows in an event."""
@@ -89,6 +88,40 @@ class Microcracks:
                 f"of {self.edge:g} m by {self.edge:g} m; give cracks, and smaller ones"
             )
 
+    @classmethod
+    def of(cls, rve: Cavities, **solid: float) -> Self:
+        """Take the cracks of a volume.
+
+        Parameters
+        ----------
+        rve : Cavities, a periodic cube with circular cracks alone, of a :class:`~.recipe.Recipe`
+        **solid : float, the other parameters of the class
+
+        Raises
+        ------
+        CaseError
+            If the volume is no periodic cube, or holds anything but circular cracks.
+        """
+        flat = [kind for kind in rve.bodies if isinstance(kind, Cracks)]
+        semi_axes = [np.linalg.norm(kind.root, axis=1) for kind in flat]
+        if np.ptp(rve.size) > NEGLIGIBLE * max(rve.size) or not rve.periodic:
+            raise CaseError(
+                f"cracks grow in a periodic cube, got a volume of {rve.size} m; give one size"
+            )
+        if len(flat) < len(rve.bodies) or any(
+            np.any(np.ptp(one, axis=1) > NEGLIGIBLE * one.max()) for one in semi_axes
+        ):
+            raise CaseError(
+                "the volume holds pores or elliptic cracks, and growth is known of circular "
+                "cracks alone; leave the others out"
+            )
+        if not flat:
+            raise CaseError("the volume holds no crack that could grow; give cracks")
+        centre, normal = (
+            np.concatenate([getattr(kind, name) for kind in flat]) for name in ("centre", "normal")
+        )
+        return cls(rve.size[0], centre, normal, np.concatenate(semi_axes)[:, 0], **solid)
+
     def at(self, radius: np.ndarray) -> Cavities:
         """Return the volume with cracks of such radii, for :func:`plane_damage` and others."""
         cracks = penny_cracks(self.centre, self.normal, radius)
@@ -131,34 +164,6 @@ class Microcracks:
         d = np.pi * radius**2 / self.edge**2
         pull = np.maximum(self.opening_traction(stress), 0.0)
         return np.asarray(2.0 * pull * np.sqrt(radius / np.pi) * np.sqrt(1.0 - d / 3.0) / (1.0 - d))
-
-
-def random_microcracks(
-    edge: float,
-    density: float,
-    mean_radius: float,
-    *,
-    deviation: float = 0.5,
-    seed: int = 0,
-    **solid: float,
-) -> Microcracks:
-    """Cracks of random places, directions and lognormal radii in a cube.
-
-    Parameters
-    ----------
-    edge : float, edge of the cube, m
-    density : float, number of cracks per volume, 1/m³
-    mean_radius : float, m
-    deviation : float, standard deviation of the logarithm of the radius, dimensionless
-    seed : int
-    **solid : float, the other parameters of :class:`Microcracks`
-    """
-    rng = np.random.default_rng(seed)
-    n = max(1, int(rng.poisson(density * edge**3)))
-    normal = rng.normal(size=(n, 3))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    radius = mean_radius * np.exp(deviation * rng.normal(size=n) - 0.5 * deviation**2)
-    return Microcracks(edge, rng.uniform(0.0, edge, (n, 3)), normal, radius, **solid)
 
 
 def grow_microcracks(
@@ -234,42 +239,6 @@ def grow_microcracks(
         f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: "
         + ("from there on it grows as if it were alone" if through else "there the search ends"),
     )
-
-
-def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
-    """Return the softening law of a volume from the growth of its cracks.
-
-    Parameters
-    ----------
-    growth : Dataset
-        Follows ``CRACK_GROWTH``, of pull along one direction.
-    strength : float, stress at the factor one, Pa
-
-    Notes
-    -----
-    The law begins at the largest stress; what opens before is spread over the volume and is no
-    part of the crack.
-
-    Raises
-    ------
-    CaseError
-        If no crack has cut the volume.
-    """
-    if not int(growth["converged"]):
-        raise CaseError(
-            "the softening law of the volume is unknown, as its crack reaches another one before "
-            "it cuts the volume; give fewer cracks, or through=True, as if it grew alone"
-        )
-    factor, opening = growth["factor"].to_numpy(), growth["opening"].to_numpy()
-    peak = int(np.argmax(factor))
-    w, s = opening[peak:] - opening[peak], strength * factor[peak:]
-    kept = [0]
-    for k in range(1, w.size):
-        if w[k] > w[kept[-1]] and s[k] < s[kept[-1]]:
-            kept.append(k)
-    w, s = w[kept], s[kept]
-    last = w[-1] + (w[-1] - w[-2]) * s[-1] / max(s[-2] - s[-1], 1e-300)
-    return Softening(np.append(w, last), np.append(s, 0.0))
 
 
 def _touches(cracks: Microcracks, radius: np.ndarray, grows: int) -> bool:

@@ -8,6 +8,9 @@ from multiscale.errors import CaseError
 
 __all__ = ["FatigueMaterial", "StressBlock"]
 
+TRACE = 1e-9
+"""Trace of a plastic strain over its largest component that is rounding."""
+
 
 @dataclass(frozen=True)
 class FatigueMaterial:
@@ -74,6 +77,43 @@ class FatigueMaterial:
             )
         if not 0.0 <= self.closure <= 1.0:
             raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
+
+    def driving_stress(self, stress: np.ndarray, plastic_strain: np.ndarray) -> np.ndarray:
+        r"""Return the stress that drives the inclusion of an elastic volume as this one does.
+
+        Parameters
+        ----------
+        stress : ndarray, shape (points, 6)
+            Corners of a path of the macro stress, Pa: xx, yy, zz, yz, xz, xy.
+        plastic_strain : ndarray, shape (points, 6)
+            Plastic strain :math:`\varepsilon^p` of the volume at the corners, without a trace and
+            with shear angles; corners are joined by straight lines, so that there is one wherever
+            the volume begins to yield.
+
+        Returns
+        -------
+        ndarray, shape (points, 6)
+            :math:`\sigma + 2G(1-b)\, \varepsilon^p`, Pa: the strain of an elastic-plastic volume
+            is :math:`E^{-1} : \sigma + \varepsilon^p`, of which its inclusion takes
+            :math:`(1-b)\, \varepsilon^p / (1-bD)` for every D.
+
+        Raises
+        ------
+        CaseError
+            If the shapes differ or the plastic strain changes the volume.
+        """
+        strain = np.asarray(plastic_strain, dtype=float)
+        if strain.shape != np.shape(stress) or strain.ndim != 2 or strain.shape[1] != 6:
+            raise CaseError(
+                f"stress and plastic_strain have the shape (points, 6), got {np.shape(stress)} and "
+                f"{strain.shape}"
+            )
+        if np.any(np.abs(strain[:, :3].sum(axis=1)) > TRACE * np.abs(strain).max()):
+            raise CaseError("a plastic strain keeps the volume, and plastic_strain has a trace")
+        nu = self.poissons_ratio
+        b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
+        tensor = strain * np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
+        return np.asarray(stress + self.youngs_modulus / (1.0 + nu) * (1.0 - b) * tensor)
 
     def parameters(self) -> np.ndarray:
         """Return the parameters in SI units, in the order of the fields and of the kernel."""

@@ -1,7 +1,8 @@
 r"""Cycles of a weak micro-inclusion in an elastic volume: the kernel of two-scale fatigue.
 
 With :math:`a = (1+\nu)/(3(1-\nu))` and :math:`b = 2(4-5\nu)/(15(1-\nu))`, Eshelby and Kröner's
-localisation of the strain of an elastic volume (no plastic strain at its own scale) is
+localisation of the strain of an elastic volume is (for plastic strain at its own scale see
+:meth:`~multiscale.micro.damage.FatigueMaterial.driving_stress`)
 
 .. math::
     \varepsilon^\mu = \frac{1}{1 - bD} \Big[ \varepsilon

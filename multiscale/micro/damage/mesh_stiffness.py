@@ -1,14 +1,15 @@
 r"""Effective stiffness of a volume with cavities and cracks, on a mesh that follows them.
 
 With the linear displacement of a mean strain, :math:`x \mapsto \bar\varepsilon x`, at all nodes and
-a periodic displacement of unknowns :math:`w`, the displacement is
-:math:`u = u_\varepsilon + P w` and
+a displacement of unknowns :math:`w` that is periodic, or zero at the sides of the box, the
+displacement is :math:`u = u_\varepsilon + P w` and
 
 .. math:: P^t K P\, w = -P^t K u_\varepsilon, \qquad
     V\, \bar\varepsilon_i : \bar C : \bar\varepsilon_j = u_i^t K u_j,    \tag{1}
 
 V being the volume of the whole box. The error of the energy is quadratic in the error of u, and
-the stiffness is an upper bound for the meshed cavities.
+the stiffness is an upper bound for the meshed cavities. Traction sides load the solid part of the
+sides, as in eq (1) of :mod:`~.voxel_sides`.
 """
 
 from dataclasses import dataclass
@@ -16,25 +17,25 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import qr
 from scipy.sparse import coo_array, csr_array, kron
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.convergence import Solution, Status
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.elasticity import assemble_elasticity
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
+from multiscale.laws.bulk.moduli import COMPONENTS, check_moduli, lame_parameters
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.cavity_mesh import mesh_cavities
-from multiscale.micro.damage.crack_faces import CrackedMesh
-from multiscale.micro.damage.effective_moduli import COMPONENTS
-from multiscale.micro.damage.rve import LOST_STIFFNESS, summarise_loads
+from multiscale.micro.damage.crack_faces import FACE_MARGIN, CrackedMesh
+from multiscale.micro.damage.rve import LOST_STIFFNESS, check_sides, summarise_loads
 from multiscale.micro.damage.shapes import Cylinders, Ellipsoids
 from multiscale.numerics.factorisation import factorise
 
 if TYPE_CHECKING:
     from skfem import CellBasis, MeshTet
 
-__all__ = ["PeriodicFields", "mesh_stiffness", "solve_periodic"]
+__all__ = ["SideFields", "mesh_stiffness", "solve_sides"]
 
 LARGEST_RESIDUAL = 1e-8
 """Residual of the direct solver, relative to the load, above which a solve counts as failed."""
@@ -46,6 +47,7 @@ def mesh_stiffness(
     poissons_ratio: float,
     *,
     element_size: float,
+    sides: str = "periodic",
 ) -> Solution:
     """Effective stiffness of a periodic volume with cavities and traction-free cracks.
 
@@ -54,6 +56,8 @@ def mesh_stiffness(
     rve : Cavities, a periodic volume, see :func:`~.cavity_mesh.mesh_cavities`
     youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
     element_size : float, edge of the elements, m
+    sides : {"periodic", "displacement", "traction"}
+        See :func:`~.rve.effective_stiffness`.
 
     Returns
     -------
@@ -64,7 +68,10 @@ def mesh_stiffness(
     Raises
     ------
     CaseError
-        If a modulus is outside its range or the volume cannot be meshed.
+        If a modulus is outside its range, the sides have no such condition, or the volume cannot
+        be meshed.
+    ConvergenceError
+        If traction sides would tear pieces of the solid apart.
     """
     from skfem import Basis, ElementTetP2, MeshTet
 
@@ -74,8 +81,9 @@ def mesh_stiffness(
             f"mesh_stiffness takes Cavities, got {type(rve).__name__}; effective_stiffness takes "
             f"voxel images"
         )
+    check_sides(sides)
     check_moduli(youngs_modulus, poissons_ratio)
-    lame, shear = lame_parameters(1.0, poissons_ratio)  # over Young's modulus
+    lame, shear = map(float, lame_parameters(1.0, poissons_ratio))  # over Young's modulus
     if not rve.periodic:
         raise CaseError("the stiffness needs a periodic volume; set periodic=True")
     mesh = mesh_cavities(rve, element_size)
@@ -83,19 +91,27 @@ def mesh_stiffness(
         np.ascontiguousarray(mesh.points), np.ascontiguousarray(mesh.cells), validate=False
     )
     basis = Basis(_curved(tetrahedra, rve, mesh.front), ElementTetP2(), intorder=2)
-    number = _unknowns(basis, mesh, np.array(rve.size))
-    fields = solve_periodic(basis, number, lame, shear)
-    u, residual, energy = fields.displacement, fields.residual, fields.energy / np.prod(rve.size)
+    if sides == "traction":
+        energy, residual = _solve_tractions(basis, np.array(rve.size), lame, shear)
+    else:
+        number = _unknowns(basis, mesh, np.array(rve.size))
+        if sides == "displacement":
+            place = basis.doflocs / np.array(rve.size)[:, None]
+            held = np.min(np.minimum(place, 1.0 - place), axis=0) < FACE_MARGIN
+            number = np.where(held, -1, np.cumsum(~held) - 1)
+        fields = solve_sides(basis, number, lame, shear)
+        energy, residual = fields.energy, fields.residual
+    energy = energy / np.prod(rve.size)
     seconds = perf_counter() - begin
     solved = [Status.CONVERGED if one <= LARGEST_RESIDUAL else Status.STALLED for one in residual]
-    loads = [Solution(u[:, k], solved[k], (float(residual[k]),), (seconds,)) for k in range(6)]
+    loads = [Solution(energy[k], solved[k], (float(residual[k]),), (seconds,)) for k in range(6)]
     symmetric = 0.5 * youngs_modulus * (energy + energy.T)
     return summarise_loads(symmetric, loads, LOST_STIFFNESS * youngs_modulus)
 
 
 @dataclass(frozen=True, eq=False)
-class PeriodicFields:
-    """Six states of a periodic volume, one for each mean strain.
+class SideFields:
+    """Six states of a volume, one for each mean strain.
 
     Attributes
     ----------
@@ -110,25 +126,31 @@ class PeriodicFields:
     residual: np.ndarray
 
 
-def solve_periodic(
+def solve_sides(
     basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
-) -> PeriodicFields:
+) -> SideFields:
     """Solve (1) by a factorisation for the six mean strains.
 
     Parameters
     ----------
     basis : CellBasis, element of one displacement component
-    number : ndarray of int, shape (basis.N,), number of the periodic unknown of every node
+    number : ndarray of int, shape (basis.N,)
+        Number of the unknown of every node; -1 where the displacement is that of the mean strain.
     lame, shear : float or ndarray, shape (elements,)
         Lamé's parameters, Pa.
     """
     stiffness = assemble_elasticity(basis, lame, shear)
     count = int(number.max()) + 1
-    one = csr_array((np.ones(basis.N), (np.arange(basis.N), number)), shape=(basis.N, count))
+    own = np.flatnonzero(number >= 0)
+    one = csr_array((np.ones(own.size), (own, number[own])), shape=(basis.N, count))
     place = csr_array(kron(one, np.eye(3)))
-    joined = csr_array(one.T @ stiffness[::3, ::3] @ one)
+    at_nodes = stiffness[::3, ::3]
+    joined = csr_array(one.T @ at_nodes @ one)
     joined.eliminate_zeros()  # voids without stiffness connect nothing
-    fixed = np.unique(connected_components(joined)[1], return_index=True)[1]
+    piece = connected_components(joined)[1]
+    held = piece[(one.T @ abs(at_nodes) @ (number < 0)) > 0.0]  # at the sides
+    fixed = np.unique(piece, return_index=True)[1]
+    fixed = fixed[~np.isin(piece[fixed], held)]
     pinned = (3 * fixed[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a rigid body
 
@@ -146,7 +168,50 @@ def solve_periodic(
     u = linear + place @ w
     scale = np.linalg.norm(stiffness @ linear, axis=0)
     residual = np.linalg.norm(matrix @ w[free] - load[free], axis=0) / scale
-    return PeriodicFields(u, u.T @ (stiffness @ u), residual)
+    return SideFields(u, u.T @ (stiffness @ u), residual)
+
+
+def _solve_tractions(
+    basis: "CellBasis", size: np.ndarray, lame: float, shear: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Twice the energy of mean strains, shape (6, 6), J, with traction sides, and residuals."""
+    from skfem import FacetBasis
+
+    mesh, N = basis.mesh, basis.N
+    K = assemble_elasticity(basis, lame, shear)
+    _, piece = connected_components(K[::3, ::3])
+    force, loaded = np.zeros((6, N, 3)), np.zeros(N, dtype=bool)
+    middle = mesh.p[:, mesh.facets].mean(axis=1) / size[:, None]
+    for axis in range(3):
+        for end, sign in ((0.0, -1.0), (1.0, 1.0)):
+            on = np.flatnonzero(np.abs(middle[axis] - end) < FACE_MARGIN)
+            if not on.size:
+                continue
+            face = FacetBasis(mesh, basis.elem, facets=on, intorder=2, dofs=basis.dofs)
+            share = np.zeros(N)
+            for nodes, shape in zip(face.element_dofs, face.basis, strict=True):
+                np.add.at(share, nodes, np.sum(face.dx * np.asarray(shape[0]), axis=1))
+            loaded |= share != 0.0
+            for k, (i, j) in enumerate(COMPONENTS):
+                if axis in (i, j):
+                    force[k, :, j if axis == i else i] += sign * share / (share.sum() * size[axis])
+    largest = np.argmax(np.bincount(piece))
+    if np.any(piece[loaded] != largest):
+        raise ConvergenceError("the solid is cut through, and traction sides tear it apart")
+    x = basis.doflocs.T - basis.doflocs.mean(axis=1)
+    turns = np.cross(np.eye(3)[:, None], x / size.max())
+    rigid = np.concatenate([np.broadcast_to(np.eye(3)[:, None], (3, N, 3)), turns])
+    rigid = rigid * (piece == largest)[:, None]
+    pinned = qr(rigid.reshape(6, -1), mode="r", pivoting=True)[1][:6]
+    free = np.setdiff1d(np.flatnonzero(np.repeat(piece == largest, 3)), pinned)
+    f = force.reshape(6, -1)[:, free].T
+    carried = np.abs(f).max(axis=0) > 0.0  # nothing crosses the box along the other axes
+    matrix = K[free][:, free]
+    u = factorise(matrix, name="the stiffness of the volume")(f)
+    scale = np.where(carried, np.linalg.norm(f, axis=0), 1.0)
+    energy, kept = np.zeros((6, 6)), np.ix_(carried, carried)
+    energy[kept] = np.linalg.inv((f.T @ u)[kept])
+    return energy, np.linalg.norm(matrix @ u - f, axis=0) / scale
 
 
 def _curved(mesh: "MeshTet", rve: Cavities, front: np.ndarray) -> "MeshTet":

@@ -41,13 +41,12 @@ import numpy as np
 from multiscale.convergence import Solution, Status, verdict
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
-from multiscale.micro.damage.effective_moduli import drop_soft_modes
+from multiscale.laws.bulk.moduli import check_moduli, drop_soft_modes, lame_parameters
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxel_operator import VoxelOperator
 
-__all__ = ["SIDES", "STRAINS", "effective_stiffness", "summarise_loads"]
+__all__ = ["SIDES", "STRAINS", "check_sides", "effective_stiffness", "summarise_loads"]
 
 SIDES = ("traction", "periodic", "displacement")
 """Conditions on the sides of a volume, from the softest to the stiffest."""
@@ -121,8 +120,7 @@ def effective_stiffness(
             f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; turn cavities "
             f"into one by voxelise(rve, 64), or mesh them by mesh_stiffness"
         )
-    if sides not in SIDES:
-        raise CaseError(f"there are no sides {sides!r}; choose from {', '.join(SIDES)}")
+    check_sides(sides)
     if sides != "periodic" and min(image.void.shape) < 2:
         raise CaseError(
             f"{sides} sides need two voxels or more along every axis, got {image.void.shape}"
@@ -160,6 +158,12 @@ def effective_stiffness(
     # a stiffness below the error of (2) cannot be told from zero
     lost = max(LOST_STIFFNESS, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
     return summarise_loads(youngs_modulus * stiffness, loads, lost * youngs_modulus)
+
+
+def check_sides(sides: str) -> None:
+    """Refuse sides that there are not."""
+    if sides not in SIDES:
+        raise CaseError(f"there are no sides {sides!r}; choose from {', '.join(SIDES)}")
 
 
 def _solve(

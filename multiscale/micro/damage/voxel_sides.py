@@ -32,7 +32,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from multiscale.convergence import Solution
-from multiscale.micro.damage.effective_moduli import COMPONENTS
+from multiscale.laws.bulk.moduli import COMPONENTS
 from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
 from multiscale.numerics.compiled import thread_count
 

@@ -62,13 +62,11 @@ class _Cycles:
     cycle: Callable[[np.ndarray], np.ndarray] | None = None
     held: np.ndarray = field(default_factory=lambda: np.empty(0))
     slow: bool = True
-    setups: int = 0
 
     def precondition(self, free: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the cycle for free unknowns, set up again if the last one was slow."""
         if self.slow or self.cycle is None:
             self.cycle, self.held, self.slow = _cycle(self.body, free), ~free, False
-            self.setups += 1
         cycle, released = self.cycle, self.held & free
         diagonal = self.body.stiffness.diagonal()
 
@@ -169,8 +167,10 @@ def solve_large_contact(
         if load is not None:
             lowered[held] = -1.0
             if not residuals:  # fair for the active sets that follow, too
-                lowered, count = _lower(body.stiffness, lowered, free, precondition)
-                linear += count
+                nothing = (np.zeros(0), None)
+                lowered, _, linear = _balance(
+                    body.stiffness, lowered, free, precondition, nothing, LOOSE
+                )
         v[held] = gap[active] - delta  # (1)
         v, change, count = _balance(
             body.stiffness, v, free, precondition, (lowered, load), 0.3 * goal
@@ -212,17 +212,6 @@ def solve_large_contact(
     return ContactState(
         v, np.maximum(force, 0.0), delta, active, force, status, tuple(residuals), linear
     )
-
-
-def _lower(
-    stiffness: sparse.csr_array,
-    lowered: np.ndarray,
-    free: np.ndarray,
-    precondition: Callable[[np.ndarray], np.ndarray],
-) -> tuple[np.ndarray, int]:
-    """Let the free unknowns follow the lowered contact nodes."""
-    found, _, count = _balance(stiffness, lowered, free, precondition, (np.zeros(0), None), LOOSE)
-    return found, count
 
 
 def _balance(

@@ -9,9 +9,11 @@ from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
 from multiscale.pipeline.stages.condensed_parts import CONDENSED_PARTS
 from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
+from multiscale.pipeline.stages.cracked_body import CRACKED_BODY_STAGE
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.stages.grains import GRAINS
+from multiscale.pipeline.stages.growing_cracks import GROWING_CRACKS
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
@@ -28,6 +30,7 @@ __all__ = ["STAGES", "stages_of"]
 
 STAGES: tuple[Stage, ...] = (
     REPRESENTATIVE_VOLUME,
+    GROWING_CRACKS,
     SLIDING,
     CELLS,
     SHEARED_CELLS,
@@ -45,6 +48,7 @@ STAGES: tuple[Stage, ...] = (
     ROUGH_JOINTS,
     LOADED_BODIES,
     BODY_FATIGUE,
+    CRACKED_BODY_STAGE,
     VIBRATING_BODIES,
     GRAINS,
     CONDENSED_PARTS,

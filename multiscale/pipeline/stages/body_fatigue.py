@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -13,13 +13,13 @@ from multiscale.io import write_life_fields
 from multiscale.laws import InterfaceLaw
 from multiscale.macro import Body
 from multiscale.macro.substructures import (
+    LoadPath,
     Method,
     condense_assembly,
     element_corners,
     element_stress,
     follow_cut_loads,
 )
-from multiscale.macro.substructures.closed_cycles import find_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
 from multiscale.micro.damage.inclusion import STATE_SIZE
 from multiscale.micro.damage.local_fatigue import (
@@ -33,6 +33,7 @@ from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
 from multiscale.pipeline.fatigue_settings import FatigueSettings
 from multiscale.pipeline.joint_settings import JointLaw
+from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -44,9 +45,10 @@ from multiscale.pipeline.stage import (
     Summary,
     format_table,
 )
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, body_size
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import choose_solver
-from multiscale.plotting import plot_fatigue_field
+from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, with_cautions
 from multiscale.upscaling import Dependence, changed_laws, shear_errors, structure_budget
@@ -68,8 +70,9 @@ CLOSED = 0.02
 """Stress between both ends of a cycle over its largest range, up to which the cycle is closed."""
 
 ELEMENT_MEANS = (
-    "the stress of an element is its mean, and the life depends on it by a high power: refine the "
-    "mesh where the crack starts until the life stays"
+    "the stress of an element is its mean, and the life depends on it by a high power: intervals "
+    "do not count the error of the mesh, which is not known; give every body a coarser mesh, on "
+    "which it cracks too"
 )
 
 NO_SCATTER = (
@@ -124,9 +127,9 @@ class _Cycled:
             bodies[self.number] = replace(bodies[self.number], share=1.0 - cracked)
         whole = condense_assembly(replace(parts.assembly, bodies=tuple(bodies)), self.method)
         follow = partial(follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate)
-        return self.stress(whole.restore(follow(whole.small, parts.path)), bodies)
+        return self.stress(whole.restore(follow(whole.small, parts.path)), parts.path, bodies)
 
-    def stress(self, result: "xr.Dataset", bodies: Sequence[Body]) -> np.ndarray:
+    def stress(self, result: "xr.Dataset", path: LoadPath, bodies: Sequence[Body]) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
 
         Where the body has a damage of its own, it is the stress of what is left of its sections.
@@ -136,15 +139,12 @@ class _Cycled:
         ConvergenceError
             If a step of the cycle has no answer.
         """
-        case = self.case
-        first = case.statics.substeps * len(case.statics.steps)
-        cycle = find_cycles(first, case.cycles.steps, case.cycles.cycles)[-1]
         nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
-        moved = result["displacement"].to_numpy()[cycle, nodes[0] : nodes[1]]
+        moved = result["displacement"].to_numpy()[path.closed()[-1], nodes[0] : nodes[1]]
         if not np.isfinite(moved).all():
             raise ConvergenceError(
-                f"{case.title}: the life is unknown, as steps of the last cycle have no answer; "
-                f"{result.attrs.get('failure') or result.attrs.get('cautions', '')}"
+                f"{self.case.title}: the life is unknown, as steps of the last cycle have no "
+                f"answer; {result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
         sound = 1.0 - self.bodies.bodies[self.number].damage
         return element_stress(bodies[self.number], moved) / sound
@@ -152,17 +152,17 @@ class _Cycled:
 
 def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the inclusions of a body from the cycles that the stage before has solved."""
-    assert isinstance(case.structure, Bodies)  # as the case has checked
-    bodies = case.structure.with_volumes(found, job.read_rve)
+    structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
+    bodies = structure.with_volumes(case, found, job.read_rve)
     table, result = case.fatigue, found[MACRO_RESULT.name]
     laws = bodies.read_laws(case, found, job.read_law)
-    method = choose_solver(case, body_size(bodies, case), job.team).taken.method
+    method = choose_solver(case, structure.joint_size(case), job.team).taken.method
     names = [one.name for one in bodies.bodies]
     number = names.index(table.body or names[0])
     cycled = _Cycled(bodies, case, laws, method, number)
     parts = bodies.build(case, cycled.sliders)
     body, own = parts.assembly.bodies[number], bodies.bodies[number]
-    stress = cycled.stress(result, parts.assembly.bodies)
+    stress = cycled.stress(result, parts.path, parts.assembly.bodies)
     _refuse_static(stress, table, names[number])
     material = table.material(*own.moduli)
 
@@ -183,8 +183,9 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     if crack >= 0:
         values["crack_position"] = position[corners[crack]].mean(axis=0)
     life = FATIGUE_LIFE.assign(life, values)
-    life = _with_intervals(life, stress, material, cycled, result, job)
-    life = with_cautions(life, ELEMENT_MEANS, *_of_ends(stress), *_of_coarser(life, cycled))
+    coarse = _coarser_life(cycled)
+    life = _with_intervals(life, stress, material, cycled, result, coarse, job)
+    life = with_cautions(life, "" if coarse else ELEMENT_MEANS, *_of_ends(stress))
     return life.assign_attrs(title=case.title, case=case.to_toml(), body=names[number])
 
 
@@ -204,15 +205,20 @@ def _with_intervals(
     material: FatigueMaterial,
     cycled: _Cycled,
     result: "xr.Dataset",
+    coarse: float | None,
     job: Job,
 ) -> "xr.Dataset":
     """Add the intervals of the life of the mean part and of the next part.
 
     They are changes of the logarithm of the life of the weakest inclusion at the stress of the
-    sound structure: at the ends of the interval of the fatigue limit, and by the laws. The place
+    sound structure: at the ends of the interval of the fatigue limit, by the laws, and on a mesh
+    of elements twice as large, which bounds an error that falls at least linearly. The place
     has the distance from the first crack of the structure to the first cracks of all these.
     """
     table, middle = cycled.case.fatigue, float(life["cycles_to_first"])
+    mesh = 0.0 if coarse is None else abs(float(np.log(coarse / middle)))
+    if coarse is not None:
+        life = FATIGUE_LIFE.assign(life, {"mesh_error": mesh})
     if not np.isfinite(float(life["cycles_to_crack"])) or table.limit_error is None:
         return with_cautions(life, *([NO_SCATTER] if table.limit_error is None else []))
     first = partial(first_cracks, scatter=table.scatter, max_cycles=1e3 * table.max_cycles)
@@ -234,7 +240,8 @@ def _with_intervals(
             changed = replace(material, fatigue_limit=float(shift) * material.fatigue_limit)
             lives = first(stress, changed)
             places.append(int(np.argmin(lives)))
-            logs.append(sign * np.hypot(np.log(lives.min() / middle), law_errors[kind]))
+            limit = np.log(lives.min() / middle)
+            logs.append(sign * np.sqrt(limit**2 + law_errors[kind] ** 2 + mesh**2))
         values[f"cycles_to_crack_{kind}"] = float(life["cycles_to_crack"]) * np.exp(logs)
     centre = life["position"].to_numpy()[life["corners"].to_numpy().astype(int)].mean(axis=1)
     start = centre[int(np.argmin(life["first_crack"].to_numpy()))]
@@ -312,20 +319,16 @@ def _of_ends(stress: np.ndarray) -> Iterator[str]:
         )
 
 
-def _of_coarser(life: "xr.Dataset", cycled: _Cycled) -> Iterator[str]:
-    """Say the life on coarser meshes, where these are given."""
+def _coarser_life(cycled: _Cycled) -> float | None:
+    """Return the cycles to the first crack on coarser meshes, if these are given and crack."""
     table = cycled.case.fatigue
-    for ratio, bodies in cycled.bodies.coarser().items():
+    for bodies in cycled.bodies.coarser().values():
         coarse = replace(cycled, bodies=bodies)
-        own = bodies.bodies[cycled.number]
-        material = table.material(*own.moduli)
+        material = table.material(*bodies.bodies[cycled.number].moduli)
         stress = coarse.solve(coarse.sliders)
         first = first_cracks(stress, material, scatter=table.scatter, max_cycles=table.max_cycles)
-        yield (
-            f"on elements {ratio:.3g} times as large the first inclusion cracks after "
-            f"{_say(float(first.min()))}, and not after {_say(float(life['cycles_to_first']))}: "
-            f"intervals do not count the error of the mesh"
-        )
+        return float(first.min()) if np.isfinite(first).any() else None
+    return None
 
 
 def _say(cycles: float) -> str:
@@ -358,6 +361,9 @@ def _answer(life: "xr.Dataset") -> str:
         away = 1e3 * float(life["crack_distance"])
         moves = f"moves by up to {away:.3g} mm" if away else "stays"
         told += f"; within these intervals the place {moves}"
+    if "mesh_error" in life:
+        change = np.expm1(float(life["mesh_error"]))
+        told += f"; on the coarser mesh the first life differs by {100.0 * change:.2g} %"
     return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
 
 
@@ -384,7 +390,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     life = found[FATIGUE_LIFE.name]
 
     def draw(name: str, near: bool) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot_fatigue_field(life, name, near=near, ax=ax))
+        return on_axes(lambda ax: plot_element_field(life, name, near=near, ax=ax))
 
     pictures = {
         "fatigue_amplitude": draw("equivalent_amplitude", False),
@@ -401,12 +407,12 @@ def _summary(found: Datasets) -> Summary:
 
 
 def _needs(case: Case) -> Needs:
-    bodies, again = case.structure, SOLVES if case.fatigue.scatter else 0
-    assert isinstance(bodies, Bodies)  # as the case has checked
+    again = SOLVES if case.fatigue.scatter else 0
+    bodies = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
     names = [one.name for one in bodies.bodies]
     body = bodies.bodies[names.index(case.fatigue.body or names[0])]
     inclusions = body.load().t.shape[1] * limit_factors(case.fatigue.scatter).size
-    seconds = again * choose_solver(case, body_size(bodies, case)).taken.seconds
+    seconds = again * choose_solver(case, bodies.joint_size(case)).taken.seconds
     told = f"{inclusions} inclusions, and about {again} solves as they crack"
     return Needs(
         memory=8 * STATES * STATE_SIZE * inclusions,
@@ -419,7 +425,7 @@ BODY_FATIGUE = Stage(
     schema=FATIGUE_LIFE,
     tables=("fatigue",),
     reads={"title", "fatigue"},
-    takes=(LOADED_BODIES,),
+    takes=(ROUGH_JOINTS, LOADED_BODIES),
     run=_run,
     write_fields=write_life_fields,
     needs=_needs,

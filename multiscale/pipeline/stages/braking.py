@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
 from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table, list_facts, say_error, tabulate_budget
+from multiscale.pipeline.rows import Table, list_facts, say_beside, say_error, tabulate_budget
 from multiscale.pipeline.stage import (
     Datasets,
     Section,
@@ -29,13 +28,10 @@ from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import cell_share, fit_law, law_from_dataset, observe
 from multiscale.upscaling.reading import frictions_at
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["BRAKING", "braking_answer", "solve_treads"]
 
@@ -48,7 +44,7 @@ MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
 
 
-def solve_treads(case: TyreCase, response: "xr.Dataset", law: "xr.Dataset") -> "xr.Dataset":
+def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     """Brake a tread block at every temperature and speed.
 
     Returns
@@ -130,7 +126,7 @@ def _force(footprint: Footprint) -> float:
     return footprint.braking_force if footprint.solution.converged else np.nan
 
 
-def _missed(law: "xr.Dataset") -> str:
+def _missed(law: Dataset) -> str:
     """Caution against forces where the bell misses the cells."""
     error = float(law.attrs["largest_error_over_peak"])
     if error <= TELLING:
@@ -143,7 +139,7 @@ def _missed(law: "xr.Dataset") -> str:
     )
 
 
-def _normal_law(response: "xr.Dataset", temperature: float, speed: float) -> Exponential:
+def _normal_law(response: Dataset, temperature: float, speed: float) -> Exponential:
     """Exponential law of the mean gaps at one temperature and speed."""
     at = (response["temperature"].values == temperature) & (
         response["sliding_speed"].values == speed
@@ -170,7 +166,7 @@ def _needs(case: TyreCase) -> Needs:
     )
 
 
-def _check(result: "xr.Dataset") -> None:
+def _check(result: Dataset) -> None:
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the tread block did not converge at any speed and temperature:\n"
@@ -195,7 +191,7 @@ def _summary(found: Datasets) -> Summary:
     return Summary(result.attrs["title"], question, braking_answer(result))
 
 
-def braking_answer(result: "xr.Dataset") -> list[str]:
+def braking_answer(result: Dataset) -> list[str]:
     """Say where the force of every temperature is largest."""
     lines = []
     for temperature in np.unique(result["temperature"].values):
@@ -207,10 +203,7 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
             lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known.")
             continue
         best = _hardest(result.isel(step=at))
-        error = ""
-        if "error_total" in result:
-            said = say_error(float(best["error_total"].squeeze()))
-            error = " ± an unknown error" if said == "unknown" else f" ± {said} %"
+        error = say_beside(say_error(float(best["error_total"].squeeze())))
         lines.append(
             f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
             f"{float(best['braking_force']):.4g} N{error}, "
@@ -220,7 +213,7 @@ def braking_answer(result: "xr.Dataset") -> list[str]:
     return lines
 
 
-def _hardest(result: "xr.Dataset") -> "xr.Dataset":
+def _hardest(result: Dataset) -> Dataset:
     return result.isel(step=int(np.nanargmax(result["braking_force"].values)))
 
 
@@ -228,8 +221,13 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
     force = on_axes(lambda ax: plot_braking_force(result, ax=ax), *WIDE)
     yield Section("Tread block", list_facts(result), *_tabulate(result), {"braking_force": force})
-    yield _budget(result)
     best = int(np.nanargmax(result["braking_force"].values))
+    yield Section(
+        "Error budget",
+        ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
+        *tabulate_budget(result.isel(step=[best])),
+        notes=True,
+    )
     pressed = on_axes(lambda ax: plot_footprint(result, best, ax=ax))
     rubbed = on_axes(lambda ax: plot_footprint(result, best, quantity="friction", ax=ax))
     yield Section(
@@ -237,20 +235,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     )
 
 
-def _budget(result: "xr.Dataset") -> Section:
-    """Say of each term of the error budget how large it is and how it was estimated."""
-    if "error_total" not in result:
-        return Section("Error budget", ["Nothing was estimated."])
-    best = int(np.nanargmax(result["braking_force"].values))
-    return Section(
-        "Error budget",
-        ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
-        *tabulate_budget(result.isel(step=[best])),
-        notes=True,
-    )
-
-
-def _tabulate(result: "xr.Dataset") -> Table:
+def _tabulate(result: Dataset) -> Table:
     """Return head and rows of text for a tread block: each temperature at its speeds."""
     head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
     rows: list[tuple[str, ...]] = []
@@ -258,11 +243,8 @@ def _tabulate(result: "xr.Dataset") -> Table:
         step = result.isel(step=k)
         warm = float(step["temperature"]) - ZERO_CELSIUS
         at = (f"{warm:.4g}", f"{float(step['sliding_speed']):.3g}")
-        if not int(step["converged"]):
-            rows.append((*at, "not converged", "", ""))
-            continue
         if np.isnan(step["braking_force"]):
-            rows.append((*at, "unknown", "", ""))
+            rows.append((*at, "unknown" if int(step["converged"]) else "not converged", "", ""))
             continue
         band = "none"
         if "braking_force_sample" in result:

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,22 +39,22 @@ from multiscale.pipeline.stage import (
 from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.inspection_figures import plot_bearing_curve, plot_spectral_density
-from multiscale.plotting.surface_figures import plot_contact_map, plot_surface
-from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.plotting.surface_figures import (
+    plot_bearing_curve,
+    plot_contact_map,
+    plot_spectral_density,
+    plot_surface,
+)
+from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "CELLS",
     "caution_steep",
     "count_cells",
     "run_micro",
-    "tabulate_roughness",
     "write_fields",
 ]
 
@@ -84,7 +83,7 @@ def run_micro(
     executor: Executor | None = None,
     progress: ShowProgress = unseen,
     fields: bool = True,
-) -> "xr.Dataset":
+) -> Dataset:
     """Solve all cells of a case and write their response; finished cells found are kept.
 
     Parameters
@@ -108,27 +107,23 @@ def run_micro(
     return response
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     response = _press(case, job)
     if not job.sparing:
         write_fields(case, job.out, job.out)
     return response
 
 
-def _press(case: Case, job: Job) -> "xr.Dataset":
+def _press(case: Case, job: Job) -> Dataset:
     """Press all cells of a case in the folder of a job."""
     (cells, measured), identity = measured_cells(case), case.identity()
     response = run_ensemble(
         cells,
         LoadPath(pressure=case.micro.path),
-        executor=job.executor,
-        folder=job.out / "micro",
-        sparing=job.sparing,
-        identity=identity,
         keep_fields=not job.sparing,
         keep_spots=case.micro.spots,
         keep_flow=case.micro.leakage,
-        progress=lambda finished: job.progress(finished, len(cells), "realisations"),
+        **job.ensemble("micro", identity, len(cells), "realisations"),
     )
     if case.yield_stress is not None:
         halved = run_ensemble(
@@ -189,7 +184,7 @@ def write_fields(case: Case, cells: Path, out: Path) -> None:
     write_surface_fields(fields, case.cell.size, folder)
 
 
-def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, np.ndarray]:
+def increment_errors(response: Dataset, halved: Dataset) -> dict[str, np.ndarray]:
     """Errors by the increments, relative, from the first realisation with halved ones.
 
     They are of first order: halving them takes out a half.
@@ -202,14 +197,14 @@ def increment_errors(response: "xr.Dataset", halved: "xr.Dataset") -> dict[str, 
 
 
 def with_slope_errors(
-    response: "xr.Dataset",
+    response: Dataset,
     pair: FlatCell,
     folder: Path,
     identity: str,
     one: FlatCell | None = None,
     *,
     sparing: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     """Return a response with its errors from slopes, estimated on one of its realisations.
 
     Flat cells are solved to both orders in the slope. The second order errs by about the difference
@@ -236,7 +231,7 @@ def with_slope_errors(
     return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
 
 
-def _increments(response: "xr.Dataset") -> list[str]:
+def _increments(response: Dataset) -> list[str]:
     """Say what the increments leave in cells that flow."""
     names = ("mean_gap_increment_error", "contact_fraction_increment_error")
     if names[0] not in response.variables:
@@ -248,7 +243,7 @@ def _increments(response: "xr.Dataset") -> list[str]:
     ]
 
 
-def caution_steep(response: "xr.Dataset", surface: str, beyond: str) -> list[str]:
+def caution_steep(response: Dataset, surface: str, beyond: str) -> list[str]:
     """Caution against a surface with slopes beyond those for which its cells are right."""
     steepest = float(response["rms_slope"].max())
     if steepest <= STEEP:
@@ -258,7 +253,7 @@ def caution_steep(response: "xr.Dataset", surface: str, beyond: str) -> list[str
     ]
 
 
-def _with_roughness(response: "xr.Dataset", measured: Mapping[str, Measured]) -> "xr.Dataset":
+def _with_roughness(response: Dataset, measured: Mapping[str, Measured]) -> Dataset:
     """Add the roughness of measured bodies from map to cell, and the filled share of windows."""
     if not measured:
         return response
@@ -316,10 +311,12 @@ def _needs(case: Case) -> Needs:
     )
 
 
-def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows of text: each measured body as map, windows and cells; none if none."""
+def _measured(response: Dataset) -> Iterator[Section]:
+    """Show each measured body as map, windows and cells, and the waves that its cells leave out."""
+    if "body" not in response.dims:
+        return
     rows: list[tuple[str, ...]] = []
-    for body in response["body"].values if "body" in response.dims else ():
+    for body in response["body"].values:
         one = response.sel(body=body)
         windows = ", ".join(f"{100.0 * share:.2g}" for share in one["filled_share"].values)
         filled = {"map": f"{100.0 * float(one['map_filled_share']):.2g}", "windows": windows}
@@ -335,15 +332,11 @@ def tabulate_roughness(response: "xr.Dataset") -> tuple[tuple[str, ...], list[tu
                     filled.get(stage, ""),
                 )
             )
-    return HEAD, rows
-
-
-def list_cutoffs(response: "xr.Dataset") -> list[str]:
-    """Say of each measured body which waves its cells leave out."""
-    return [
+    lines = [
         f"The cells of {body} keep the waves down to {response.attrs[f'cutoff_{body}']}."
-        for body in (response["body"].values if "body" in response.dims else ())
+        for body in response["body"].values
     ]
+    yield Section("Measured surfaces", lines, HEAD, rows)
 
 
 def count_cells(found: Datasets) -> list[tuple[str, str]]:
@@ -357,14 +350,17 @@ def count_cells(found: Datasets) -> list[tuple[str, str]]:
 
 
 def _lines(found: Datasets) -> list[str]:
-    response = found[CELLS.name]
-    head, rows = tabulate_roughness(response)
-    return format_table(" ".join(list_cutoffs(response)), head, rows) if rows else []
+    measured = _measured(found[CELLS.name])
+    tables = (format_table(" ".join(one.lines), one.head, one.rows) for one in measured)
+    return [line for table in tables for line in table]
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     response, fields = found[CELLS.name], open_dataset(out / "fields" / "fields.nc", FIELDS)
-    asked, pressure = _asked_pressure(found), fields["nominal_pressure"].to_numpy()
+    of_cells, pressure = response["nominal_pressure"], fields["nominal_pressure"].to_numpy()
+    result = found.get(MACRO_RESULT.name)
+    preloads = of_cells if result is None else result.get("preload", of_cells)
+    asked = float(np.quantile(preloads.values, 0.5, method="higher"))  # the middle one, Pa
     step = int(np.abs(np.log(pressure / asked)).argmin())
     told = f"The map shows the first cell under {1e-6 * pressure[step]:.4g} MPa"
     if not np.isclose(pressure[step], asked):
@@ -375,11 +371,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     }
     yield Section("Contact", [f"{told}."], figures=figures)
     yield from _roughness(fields)
-    if list_cutoffs(response):
-        yield Section("Measured surfaces", list_cutoffs(response), *tabulate_roughness(response))
+    yield from _measured(response)
 
 
-def _roughness(fields: "xr.Dataset") -> Iterator[Section]:
+def _roughness(fields: Dataset) -> Iterator[Section]:
     """Show statistics and spectrum of the heights of a cell; nothing of a smooth one."""
     size = (float(fields.attrs["size_x"]), float(fields.attrs["size_y"]))
     surface = Surface(fields["height"].to_numpy().T, size)
@@ -399,15 +394,6 @@ def _roughness(fields: "xr.Dataset") -> Iterator[Section]:
             "bearing_curve": on_axes(lambda ax: plot_bearing_curve(told, ax=ax)),
         },
     )
-
-
-def _asked_pressure(found: Datasets) -> float:
-    """Return the middle one of the preloads of a structure, or else of the pressures, Pa."""
-    result = found.get(MACRO_RESULT.name)
-    response = found[CELLS.name]
-    of_cells = response["nominal_pressure"]
-    asked = of_cells if result is None else result.get("preload", of_cells)
-    return float(np.quantile(asked.values, 0.5, method="higher"))
 
 
 CELLS: Stage = Stage(

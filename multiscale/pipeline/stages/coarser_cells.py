@@ -1,7 +1,6 @@
 """Stages: the first cells on half of their points, which tell the error of the grid."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from multiscale.micro import Path, run_ensemble
 from multiscale.needs import Choice, Needs
@@ -10,10 +9,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS, run_shear
-from multiscale.schema import COARSER_RESPONSE, COARSER_SHEAR_RESPONSE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import COARSER_RESPONSE, COARSER_SHEAR_RESPONSE, Dataset
 
 __all__ = ["COARSER_CELLS", "COARSER_SHEAR"]
 
@@ -21,23 +17,12 @@ FOLDER = "micro-coarser"
 BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 
 
-def _press(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _press(case: Case, found: Datasets, job: Job) -> Dataset:
     cells = make_cells(case.coarser())
-    response = run_ensemble(
-        cells,
-        Path(pressure=case.micro.pressures),
-        executor=job.executor,
-        folder=job.out / FOLDER,
-        sparing=job.sparing,
-        identity=case.identity(),
-        keep_flow=case.micro.leakage,
-        progress=lambda finished: job.progress(finished, len(cells), "coarser cells"),
-    )
+    kept = job.ensemble(FOLDER, case.identity(), len(cells), "coarser cells")
+    path = Path(pressure=case.micro.pressures)
+    response = run_ensemble(cells, path, keep_flow=case.micro.leakage, **kept)
     return response.assign_attrs(title=case.title)
-
-
-def _shear(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    return run_shear(case.coarser(), job)
 
 
 def _press_needs(case: Case) -> Needs:
@@ -66,6 +51,6 @@ COARSER_SHEAR = Stage(
     schema=COARSER_SHEAR_RESPONSE,
     tables=("micro.coarser", "micro.shear"),
     reads={**BODIES, "micro": {"pressures", "seed", "coarser", "shear"}},
-    run=_shear,
+    run=lambda case, found, job: run_shear(case.coarser(), job),
     needs=_shear_needs,
 )

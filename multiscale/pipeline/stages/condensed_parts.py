@@ -24,7 +24,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
     step = int(np.flatnonzero(solved)[-1])
     assert case.structure is not None  # it asks for the stage
-    return homogenise(case.structure.cut(case, found), result, step=step).assign_attrs(
+    return homogenise(case.structure.cut(case, found, job), result, step=step).assign_attrs(
         title=case.title
     )
 

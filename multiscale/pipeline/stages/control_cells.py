@@ -1,7 +1,6 @@
 """Stage: many flat cells, control variates of dearer ones on the same surfaces."""
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +11,9 @@ from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
 from multiscale.upscaling import loading_branch, normal_observations
 from multiscale.upscaling.control_variates import best_ratio
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["CONTROL_CELLS", "press_control"]
 
@@ -45,7 +41,7 @@ OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
 """Keys on which these cells depend, and those of them on which they do not."""
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     """Press as many as stated, or the best number; see :func:`_best_count`."""
     response, count = found[CELLS.name], case.micro.control_realisations
     pairs, told = response.sizes["realisation"], f"{count} as stated"
@@ -55,26 +51,18 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     return press_control(case, count, job).assign_attrs(title=case.title, number=told)
 
 
-def press_control(case: Case, count: int, job: Job) -> "xr.Dataset":
+def press_control(case: Case, count: int, job: Job) -> Dataset:
     """Press flat cells on the surfaces of the first realisations; finished ones are kept."""
     step = 1 if case.measured else BATCH
     whole = -(-count // step)
     way = case.checksum(include={**BODIES, "micro": KEYS}, exclude=OTHERS)
     arguments = [(case, *ends) for ends in pairwise(step * k for k in range(whole + 1))]
-    control = run_realisations(
-        _press_batch,
-        arguments,
-        executor=job.executor,
-        folder=job.out / FOLDER / way[:12],
-        sparing=job.sparing,
-        identity=way,
-        progress=lambda finished: job.progress(step * finished, step * whole, "control cells"),
-        name="cells",
-    )
+    kept = job.ensemble(f"{FOLDER}/{way[:12]}", way, whole, "control cells", each=step)
+    control = run_realisations(_press_batch, arguments, name="cells", **kept)
     return control.isel(realisation=range(count))
 
 
-def _press_batch(case: Case, start: int, stop: int) -> "xr.Dataset":
+def _press_batch(case: Case, start: int, stop: int) -> Dataset:
     """Press the flat cells of some realisations under all pressures of the path, rising."""
     import xarray as xr
 
@@ -90,7 +78,7 @@ def _press_batch(case: Case, start: int, stop: int) -> "xr.Dataset":
     return xr.concat(known, "realisation", combine_attrs="override")
 
 
-def _best_count(response: "xr.Dataset", first: "xr.Dataset") -> tuple[int, str]:
+def _best_count(response: Dataset, first: Dataset) -> tuple[int, str]:
     """Return the number of flat cells that is best for the time, and how it was found.
 
     The least variance for a time is at the ratio of :func:`best_ratio`, by the median of the

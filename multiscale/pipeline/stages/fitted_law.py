@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.pipeline.case_budget import OnGrids, case_budget
 from multiscale.pipeline.real_contact import behaviour
-from multiscale.pipeline.rows import say_error
+from multiscale.pipeline.rows import say_beside, say_error
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
@@ -19,16 +19,17 @@ from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEA
 from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
 from multiscale.pipeline.stages.sheared_cells import POINT_FRICTION, SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
-from multiscale.plotting.figure import on_axes
+from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.law_figures import (
     plot_area_law,
     plot_conductance,
     plot_gap_law,
+    plot_leakage,
     plot_shear_law,
     plot_unloading,
 )
-from multiscale.plotting.leakage_figures import plot_flow_channels, plot_leakage
-from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE
+from multiscale.plotting.surface_figures import plot_flow_channels
+from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, Dataset
 from multiscale.units import readable, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
@@ -49,9 +50,6 @@ from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 __all__ = ["FITTED_LAW"]
 
 CLOSED = 1.0 - 1e-6  # share of the area that touches, from which there is no gap left
@@ -60,7 +58,7 @@ EXPORTED = 0.01
 """Error of the pressure between the points of the tables that the page offers."""
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     response, sliding = found[MICRO_RESPONSE.name], found.get(SLIDING.name)
     steady = sliding is not None and bool(np.isfinite(sliding["steady_friction"]).any())
     control = found.get(CONTROL_CELLS.name)
@@ -107,21 +105,6 @@ def _on_grids(case: Case, found: Datasets) -> OnGrids:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     response, law = found[MICRO_RESPONSE.name], found[FITTED_LAW.name]
-    figures = {
-        "gap_law": on_axes(lambda ax: plot_gap_law(response, law, ax=ax)),
-        "area_law": on_axes(lambda ax: plot_area_law(response, law, ax=ax)),
-    }
-    unloads = "unloading_stiffness_ratio" in law
-    if unloads:
-        figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
-    if conducts := conductances(law, law["fit_pressure"].to_numpy()):
-        figures["conductance"] = on_axes(lambda ax: plot_conductance(law, ax=ax))
-    if leaks := "hydraulic_aperture" in law:
-        fields = out / "fields" / "fields.nc"
-        figures["leakage"] = on_axes(lambda ax: plot_leakage(law, ax=ax))
-        figures |= {f"flow_along_{axis}": _draw_flow(fields, axis) for axis in "xy"}
-    if sheared := SHEARED_CELLS.name in found:
-        figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
     require_law(
         law,
         "n_realisations",
@@ -133,93 +116,77 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "cross_validated_stiffness_error",
         "admissibility",
     )
-    yield Section(
-        "Interface law",
-        [
-            f"The law stands for the {response.attrs['bodies']}; it rests on "
-            f"{law.attrs['n_realisations']} realisations between "
-            f"{1e-6 * law.attrs['pressure_min']:.4g} and "
-            f"{1e-6 * law.attrs['pressure_max']:.4g} MPa, "
-            f"{law.attrs['pressures_per_decade']:.2g} pressures a decade.",
-            f"{_say_branches(law)}.",
-            *_control(law),
-            f"At pressures that were left out of the fit it erred by up to "
-            f"{100.0 * law.attrs['cross_validated_error']:.2g} % in pressure and "
-            f"{100.0 * law.attrs['cross_validated_stiffness_error']:.2g} % in stiffness.",
-            f"What every law must satisfy: {law.attrs['admissibility']}.",
-            *(_unloading(law) if unloads else ()),
-            *(_conductance(law) if conducts else ()),
-            *(_leakage(law) if leaks else ()),
-            *(_shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION]) if sheared else ()),
-        ],
-        figures=figures,
-        files={"law.csv": partial(write_law_table, law)}
-        | {
-            f"{code}.inp": partial(
-                write_pressure_overclosure,
-                law,
-                tolerance=EXPORTED,
-                friction_for=code if sheared else None,
-                conductance_for=code if "thermal_conductance" in conducts else None,
-            )
-            for code in ("abaqus", "calculix")
-        },
-    )
-
-
-def _say_branches(law: "xr.Dataset") -> str:
-    branches = told_branches(law)
-    told = ", ".join(f"{branch} is {how}" for branch, how in branches.items())
-    return told[0].upper() + told[1:]
-
-
-def _control(law: "xr.Dataset") -> list[str]:
-    """Say what control cells do for a law that has them."""
-    if "control" not in law.attrs:
-        return []
-    return [
-        f"Means and samples are of these and of {law.attrs['n_control']} flat cells, the first on "
-        f"the same surfaces, as control variates ({law.attrs['control']})."
+    told, branches = law.attrs, told_branches(law).items()
+    said = ", ".join(f"{branch} is {how}" for branch, how in branches)
+    lines = [
+        f"The law stands for the {response.attrs['bodies']}; it rests on "
+        f"{told['n_realisations']} realisations between {1e-6 * told['pressure_min']:.4g} and "
+        f"{1e-6 * told['pressure_max']:.4g} MPa, {told['pressures_per_decade']:.2g} pressures a "
+        f"decade.",
+        f"{said[0].upper()}{said[1:]}.",
     ]
-
-
-def _unloading(law: "xr.Dataset") -> list[str]:
-    error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
-    return [
-        f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at first as "
-        f"it was under load, and springs back with the exponent "
-        f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
-        f"spring back errs by {100.0 * error:.2g} % of its length."
+    if "control" in told:
+        lines.append(
+            f"Means and samples are of these and of {told['n_control']} flat cells, the first on "
+            f"the same surfaces, as control variates ({told['control']})."
+        )
+    lines += [
+        f"At pressures that were left out of the fit it erred by up to "
+        f"{100.0 * told['cross_validated_error']:.2g} % in pressure and "
+        f"{100.0 * told['cross_validated_stiffness_error']:.2g} % in stiffness.",
+        f"What every law must satisfy: {told['admissibility']}.",
     ]
+    figures = {
+        "gap_law": on_axes(lambda ax: plot_gap_law(response, law, ax=ax)),
+        "area_law": on_axes(lambda ax: plot_area_law(response, law, ax=ax)),
+    }
+    if "unloading_stiffness_ratio" in law:
+        figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
+        error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
+        lines.append(
+            f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at "
+            f"first as it was under load, and springs back with the exponent "
+            f"{float(law['unloading_exponent']):.3g}; at a pressure that the fit has not seen, the "
+            f"spring back errs by {100.0 * error:.2g} % of its length."
+        )
+    if conducts := conductances(law, law["fit_pressure"].to_numpy()):
+        figures["conductance"] = on_axes(lambda ax: plot_conductance(law, ax=ax))
+        lines.append(
+            f"The conductance follows from the stiffness at the start of "
+            f"{told['conductance_branch']}, since spots of contact hinder a current as they hinder "
+            f"a small further displacement (J. R. Barber, doi:10.1098/rspa.2002.1038). What the "
+            f"gap itself conducts comes on top, and films on the spots are not counted."
+        )
+    if "hydraulic_aperture" in law:
+        figures["leakage"] = on_axes(lambda ax: plot_leakage(law, ax=ax))
+        fields = out / "fields" / "fields.nc"
+        figures |= {f"flow_along_{axis}": on_axes(partial(_flow, fields, axis)) for axis in "xy"}
+        lines.append(
+            f"The hydraulic aperture is the distance of parallel walls that let as much of a "
+            f"liquid through, by Reynolds' equation on the open part of the gap, and the interface "
+            f"is a patchwork of the cells. {say_sealing(law)} {told.get('leakage_intervals', '')} "
+            f"The pressure of the liquid itself lifts nothing."
+        )
+    if sheared := SHEARED_CELLS.name in found:
+        figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
+        lines += _shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION])
+    files: dict[str, Callable[[Path], object]] = {"law.csv": partial(write_law_table, law)}
+    for code in ("abaqus", "calculix"):
+        files[f"{code}.inp"] = partial(
+            write_pressure_overclosure,
+            law,
+            tolerance=EXPORTED,
+            friction_for=code if sheared else None,
+            conductance_for=code if "thermal_conductance" in conducts else None,
+        )
+    yield Section("Interface law", lines, figures=figures, files=files)
 
 
-def _conductance(law: "xr.Dataset") -> list[str]:
-    branch = str(law.attrs["conductance_branch"])
-    return [
-        f"The conductance follows from the stiffness at the start of {branch}, since spots of "
-        f"contact hinder a current as they hinder a small further displacement (J. R. Barber, "
-        f"doi:10.1098/rspa.2002.1038). What the gap itself conducts comes on top, and films on the "
-        f"spots are not counted."
-    ]
+def _flow(fields: Path, axis: str, ax: Axes) -> Axes:
+    return plot_flow_channels(open_dataset(fields, FIELDS), direction=axis, ax=ax)
 
 
-def _draw_flow(fields: Path, axis: str) -> Callable[[Path], Path]:
-    """Return ``draw(file)`` of the flow along an axis of the first cell."""
-    return on_axes(
-        lambda ax: plot_flow_channels(open_dataset(fields, FIELDS), direction=axis, ax=ax)
-    )
-
-
-def _leakage(law: "xr.Dataset") -> list[str]:
-    return [
-        f"The hydraulic aperture is the distance of parallel walls that let as much of a liquid "
-        f"through, by Reynolds' equation on the open part of the gap, and the interface is a "
-        f"patchwork of the cells. {say_sealing(law)} {law.attrs.get('leakage_intervals', '')} "
-        f"The pressure of the liquid itself lifts nothing.",
-    ]
-
-
-def _shear(law: "xr.Dataset", of_points: float) -> list[str]:
+def _shear(law: Dataset, of_points: float) -> list[str]:
     """Say what the sheared cells gave, and which friction was put into them."""
     x, y = _say_ratio(law, 0), _say_ratio(law, 1)
     p, friction = law["shear_pressure"].values, float(law["shear_friction"])
@@ -239,7 +206,7 @@ def _shear(law: "xr.Dataset", of_points: float) -> list[str]:
     return lines
 
 
-def _say_ratio(law: "xr.Dataset", axis: int) -> str:
+def _say_ratio(law: Dataset, axis: int) -> str:
     """Tangential over normal stiffness along an axis, with its 95 % interval if there is one."""
     value, drawn = float(law["shear_stiffness_ratio"][axis]), np.empty(0)
     if law.sizes.get("shear_sample", 0):
@@ -265,7 +232,8 @@ def _summary(found: Datasets) -> Summary:
     }
     total = law["error_total"].isel(step=middle)
     told = [
-        f"{words} {value} ± {_say_total(total, name)}" for name, (value, words) in values.items()
+        f"{words} {value}{say_beside(say_error(float(total.sel(quantity=name))))}"
+        for name, (value, words) in values.items()
     ]
     question = (
         f"How do gap, stiffness and contact of the interface depend on its pressure, between "
@@ -284,12 +252,7 @@ def _summary(found: Datasets) -> Summary:
     return Summary(response.attrs["title"], question, said)
 
 
-def _say_total(total: "xr.DataArray", quantity: str) -> str:
-    said = say_error(float(total.sel(quantity=quantity)))
-    return "an unknown error" if said == "unknown" else f"{said} %"
-
-
-def _compared(law: "xr.Dataset") -> "xr.Dataset":
+def _compared(law: Dataset) -> Dataset:
     """Return gap, stiffness and contact at the pressures of the cells, with their total errors."""
     pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
     found = {

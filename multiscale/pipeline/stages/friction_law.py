@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +13,9 @@ from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.tyre_figures import plot_friction_bell
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import fit_law, fitted_law, friction_observations, require_law
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["FRICTION_LAW", "fit_friction"]
 
@@ -44,7 +41,7 @@ FAINT = 0.01
 """Friction over its peak, below which it is not fitted."""
 
 
-def fit_friction(case: TyreCase, response: "xr.Dataset") -> "xr.Dataset":
+def fit_friction(case: TyreCase, response: Dataset) -> Dataset:
     r"""Fit the friction of all temperatures at once.
 
     Returns

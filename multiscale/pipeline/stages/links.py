@@ -40,7 +40,7 @@ def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> "xr.D
         assert case.dynamics is not None  # the case has been validated
         return with_too_far(_move(links, case, case.dynamics, found, job))
     if case.substructures is not None:
-        problem, factors = links.cut(case, found), np.array(statics.load_factors)
+        problem, factors = links.cut(case, found, job), np.array(statics.load_factors)
         solved = solve_latin(problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team))
         result = _with_links(solved, system)
     else:
@@ -90,7 +90,7 @@ def _move(
         return simulate(
             system, times, settings.mass, load_factor=load_factor, start=start, **options
         )
-    problem, stop = links.cut(case, found), case.cut.stop(job.team)
+    problem, stop = links.cut(case, found, job), case.cut.stop(job.team)
     start = _at_rest(solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0))
     result = simulate_latin(
         problem, times, settings.mass, load_factor=load_factor, start=start, **stop

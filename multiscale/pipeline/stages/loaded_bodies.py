@@ -10,31 +10,25 @@ import numpy as np
 from multiscale.io import write_body_fields
 from multiscale.macro.substructures import (
     CutProblem,
-    JointSize,
     LoadPath,
     Method,
-    add_body_fields,
-    condense_assembly,
     follow_cut_loads,
-    require_held,
 )
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import (
     PARAMETERS,
-    Change,
     JointsOfLaw,
-    change_friction,
     few_steps,
     with_joint_budget,
 )
 from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
-from multiscale.pipeline.porous_body import PorousBody
+from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer, list_cautions
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
@@ -44,8 +38,6 @@ from multiscale.pipeline.structure_stage import (
     require_known,
     solver_needs,
     structure_stage,
-    with_law_cautions,
-    with_too_far,
 )
 from multiscale.plotting import MOST_DRAWN, load_pictures
 from multiscale.plotting.body_figures import plot_body_stress
@@ -56,7 +48,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-__all__ = ["LOADED_BODIES", "body_size", "budgeted_laws", "with_volume_cautions"]
+__all__ = ["LOADED_BODIES", "budgeted_laws"]
 
 KEPT = (
     "--quick keeps meshes that are read from files, which it cannot make coarser, and takes "
@@ -99,56 +91,28 @@ PICTURES = (
 
 def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Follow the path over the named loads."""
-    bodies = bodies.with_volumes(found, job.read_rve)
-    laws = bodies.read_laws(case, found, job.read_law)
-    parts = bodies.build(case, bodies.sliders(case, laws))
-    chosen = choose_solver(case, body_size(bodies, case), job.team)
-    method = chosen.taken.method
-    require_held(parts.assembly)
-    structure = condense_assembly(parts.assembly, method)
-    watched = counting(method, job, len(parts.path.factors()))
+    ready = ReadyBodies.of(bodies, case, found, job)
+    laws, path, structure = ready.laws, ready.parts.path, ready.structure
+    watched = counting(ready.method, job, len(path.factors()))
     result = structure.restore(
-        follow_cut_loads(structure.small, parts.path, method=watched, extrapolate=case.extrapolate)
+        follow_cut_loads(structure.small, path, method=watched, extrapolate=case.extrapolate)
     )
-    known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
-    result = with_law_cautions(result, case, found, known)
-    result = with_cautions(result, *bodies.assumed(case))
+    result = with_cautions_of(result, ready.bodies, case, found, laws)
     if laws:
         result = with_interface_contact(result, laws)
-    result = _with_budget(result, bodies, case, laws, structure.small, parts.path, method, job)
+    result = _with_budget(result, ready, path, job)
     tightening = result["factor"].to_numpy()[:, 0]
-    bolts = list_bolts(result, tightening) if parts.assembly.bolts else []
+    bolts = list_bolts(result, tightening) if ready.parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
-    solver = f"Solved by {method.name}: {chosen.why}."
     measured = [*_secants(result), *_real_pressures(result), *_energies(result)]
-    facts = [*counted, *parts.facts, *measured, *bolts, solver]
-    result = result.assign_attrs(facts="\n".join(facts))
-    result = with_volume_cautions(result, bodies)
-    damages = [body.worst_damage for body in bodies.bodies]
-    return with_too_far(add_body_fields(result, parts.assembly.bodies, damage=damages))
-
-
-def with_volume_cautions(result: "xr.Dataset", bodies: Bodies) -> "xr.Dataset":
-    """Add what representative volumes say; the `[rve]` of the case has said it beside."""
-    for one in bodies.bodies:
-        if isinstance(one, PorousBody):
-            said = list_cautions(one.volume_data) if one.rve is not None else []
-            told = [f"volume of {one.name}: {caution}" for caution in said]
-            result = with_cautions(result, *told, *one.cautions(one.load()))
-    return result
+    return ready.finish(result, [*counted, *ready.parts.facts, *measured, *bolts])
 
 
 def _with_budget(
-    result: "xr.Dataset",
-    bodies: Bodies,
-    case: Case,
-    laws: "Sequence[xr.Dataset | None]",
-    problem: CutProblem,
-    path: LoadPath,
-    method: Method,
-    job: Job,
+    result: "xr.Dataset", ready: ReadyBodies, path: LoadPath, job: Job
 ) -> "xr.Dataset":
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
+    bodies, case, laws = ready.bodies, ready.case, ready.laws
     uncertain = bodies.uncertainties()
     of_laws = any(law is not None and "error_half_width" in law for law in laws)
     if not of_laws and not uncertain:
@@ -162,13 +126,25 @@ def _with_budget(
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
-    near = follow_cut_loads(problem, short, method=method, extrapolate=True)
-    solve = partial(_solve_changed, bodies, case, laws, problem, short, near, method)
+    follow = partial(_follow, short)
+    near = follow(ready.structure.small, (), ready.method)
     rise = path.cycle_steps if path.cycles and whole and of_laws else 0
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
         result = with_cautions(result, NO_COARSER)
+    solve = ready.again(follow, near)
     return with_joint_budget(result, found, solve, asked, coarser, job, uncertain)
+
+
+def _follow(
+    path: LoadPath,
+    problem: CutProblem,
+    areas: Sequence[float],
+    method: Method,
+    near: "xr.Dataset | None" = None,
+) -> "xr.Dataset":
+    """Follow a path, maybe near another one, whatever the data of the laws."""
+    return follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
 
 
 def budgeted_laws(
@@ -187,27 +163,6 @@ def budgeted_laws(
             measured = [name for name in PARAMETERS if getattr(source, name) is None]
             found.append(JointsOfLaw(law, joints, measured))
     return result, found
-
-
-def _solve_changed(
-    bodies: Bodies,
-    case: Case,
-    laws: "Sequence[xr.Dataset | None]",
-    problem: CutProblem,
-    path: LoadPath,
-    near: "xr.Dataset",
-    method: Method,
-    change: Change,
-) -> "xr.Dataset":
-    """Follow the path again with a change, near the path without it."""
-    normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    source = change.structure if isinstance(change.structure, Bodies) else bodies
-    changed = change_friction(source.sliders(case, laws, normal), change)
-    follow = partial(follow_cut_loads, path=path, method=method, extrapolate=True)
-    if change.structure is None:
-        return follow(problem.with_laws(changed), near=near)
-    other = change.structure.build(case, changed).assembly  # type: ignore[call-arg,arg-type,union-attr]  # of the same kind
-    return follow(condense_assembly(other, method).small)
 
 
 def _secants(result: "xr.Dataset") -> Iterator[str]:
@@ -246,19 +201,8 @@ def _energies(result: "xr.Dataset") -> Iterator[str]:
                 yield f"Interface {number} loses {1e3 * lost:.4g} mJ in the last cycle."
 
 
-def body_size(bodies: Bodies, case: Case) -> JointSize:
-    """Count unknowns, points of interfaces and load steps."""
-    meshes = [body.load() for body in bodies.bodies]
-    nodes = sum(body.count_nodes(mesh) for body, mesh in zip(bodies.bodies, meshes, strict=True))
-    points = 0
-    for number, joint in enumerate(bodies.interfaces):
-        body, face = bodies.place(meshes, f"interface {number}", joint.sides[1])
-        points += np.unique(meshes[body].facets[:, meshes[body].boundaries[face]]).size
-    return JointSize(3 * nodes, points, len(meshes), len(bodies.path(case, ()).factors()))
-
-
 def _needs(bodies: Bodies, case: Case) -> Needs:
-    size = body_size(bodies, case)
+    size = bodies.joint_size(case)
     chosen = choose_solver(case, size)
     points = size.joint_points
     needs = solver_needs(chosen, size, SLABS if points else 0)

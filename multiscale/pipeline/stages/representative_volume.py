@@ -13,7 +13,7 @@ from multiscale.micro.damage import Cavities, voxelise
 from multiscale.micro.damage.apparent import measure_volume, represent
 from multiscale.micro.damage.sections import section_normals
 from multiscale.micro.ensemble import run_realisations
-from multiscale.needs import Choice, Needs, choose
+from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import Table
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.settings import Case
@@ -40,7 +40,13 @@ from multiscale.units import readable
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["REPRESENTATIVE_VOLUME", "is_representative", "measure_case"]
+__all__ = [
+    "REPRESENTATIVE_VOLUME",
+    "is_representative",
+    "measure_case",
+    "say_interval",
+    "say_mean",
+]
 
 FOLDER = "volumes"
 
@@ -185,17 +191,18 @@ def _tabulate(rve: "xr.Dataset") -> Table:
             (
                 name if len(name) == 1 else f"{name} ({normal})",
                 f"{float(one['damage']):.3f}",
-                _interval(one["damage_one_part"].to_numpy(), 1.0, ".3f"),
+                say_interval(one["damage_one_part"].to_numpy(), 1.0, ".3f"),
                 f"{1e-9 * float(one['modulus']):.4g}",
-                _interval(one["modulus_mean_law"].to_numpy(), 1e-9),
-                _interval(one["modulus_one_part"].to_numpy(), 1e-9),
-                _interval(bounds[[0, 2], k], 1.0),
+                say_interval(one["modulus_mean_law"].to_numpy(), 1e-9),
+                say_interval(one["modulus_one_part"].to_numpy(), 1e-9),
+                say_interval(bounds[[0, 2], k], 1.0),
             )
         )
     return head, rows
 
 
-def _interval(ends: np.ndarray, scale: float, digits: str = ".4g") -> str:
+def say_interval(ends: np.ndarray, scale: float, digits: str = ".4g") -> str:
+    """Say an interval, or that it is unknown."""
     low, high = scale * ends
     return f"{low:{digits}} ... {high:{digits}}" if np.isfinite(ends).all() else "unknown"
 
@@ -219,15 +226,16 @@ def _sizes(rve: "xr.Dataset") -> Table:
             (
                 readable(f"{one * edge:.4g} m"),
                 f"{own.sum()}",
-                _mean(100.0 * rve["porosity"].to_numpy()[own]),
-                _mean(worst[own]),
-                *(_mean(E[own, k]) for k in range(E.shape[1])),
+                say_mean(100.0 * rve["porosity"].to_numpy()[own]),
+                say_mean(worst[own]),
+                *(say_mean(E[own, k]) for k in range(E.shape[1])),
             )
         )
     return head, rows
 
 
-def _mean(values: np.ndarray) -> str:
+def say_mean(values: np.ndarray) -> str:
+    """Say the mean of the values that are known, and their standard deviation."""
     known = values[np.isfinite(values)]
     if not known.size:
         return "unknown"
@@ -246,7 +254,7 @@ def _causes(rve: "xr.Dataset") -> str:
 
 def _facts(rve: "xr.Dataset") -> list[str]:
     own = rve["share"].to_numpy() == 1.0
-    porosity = _mean(100.0 * rve["porosity"].to_numpy()[own])
+    porosity = say_mean(100.0 * rve["porosity"].to_numpy()[own])
     size = " x ".join(readable(f"{edge:.4g} m") for edge in rve["box_size"].to_numpy())
     told = rve.attrs["spread"]
     return [
@@ -273,7 +281,7 @@ def _summary(found: Datasets) -> Summary:
     answer = (
         f"Young's modulus lies between {E.min():.4g} and {E.max():.4g} GPa with the direction, "
         f"{loss.min():.3g} to {loss.max():.3g} % below the solid (softest direction: "
-        f"{_interval(rve['modulus_mean_law'].to_numpy()[:, k], 1e-9)} GPa, 95 %), and the worst "
+        f"{say_interval(rve['modulus_mean_law'].to_numpy()[:, k], 1e-9)} GPa, 95 %), and the worst "
         f"plane section has lost {100.0 * float(rve['damage'].max()):.3g} % of its area."
     )
     question = "How stiff is the solid with its pores and cracks, and which sections are damaged?"
@@ -323,11 +331,9 @@ def _needs(case: Case) -> Needs:
         kinematics="small strain, both sides of a crack move freely",
         choices=(
             Choice("sections", f"{rve.sections} for each normal, exact areas, eq (1)"),
-            choose(
+            Choice(
                 "bounds",
-                rve.element is None,
                 "traction and displacement sides, which tell whether the volume is representative",
-                "a mesh has periodic sides alone",
             ),
         ),
         libraries=("gmsh", "scikit-fem") if rve.element else ("numba",),

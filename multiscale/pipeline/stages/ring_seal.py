@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,12 +18,9 @@ from multiscale.pipeline.stage import (
     format_table,
 )
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.schema import INTERFACE_LAW, SEAL
+from multiscale.schema import INTERFACE_LAW, SEAL, Dataset
 from multiscale.units import readable
 from multiscale.upscaling import area_from_dataset, say_sealing
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["RING_SEAL"]
 
@@ -48,7 +44,7 @@ ANSWERS = (
 )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     law, seal = found[INTERFACE_LAW.name], case.seal
     pressure, direction = law["fit_pressure"].to_numpy(), seal.direction or "both"
     across = law.sel(direction=direction)
@@ -94,20 +90,20 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     )
 
 
-def _tabulate(result: "xr.Dataset") -> Table:
+def _tabulate(result: Dataset) -> Table:
     """Head and rows of the answers at every pressure, and the interval of the leak rate."""
     head = (*(f"{one.label} ({one.unit})" for one in ANSWERS), "leak rate, 95 % (ml/h)")
     steps = [result.isel(step=k) for k in range(result.sizes["step"])]
     return head, [(*(_say(step, one) for one in ANSWERS), _interval(step)) for step in steps]
 
 
-def _say(step: "xr.Dataset", answer: StageAnswer) -> str:
+def _say(step: Dataset, answer: StageAnswer) -> str:
     """Write an answer; the digits of a leak rate are those of its interval."""
     value, digits = answer.scale * float(step[answer.name]), 2 if answer is LEAK_RATE else 3
     return "unknown" if np.isnan(value) else f"{value:.{digits}g}"
 
 
-def _interval(step: "xr.Dataset") -> str:
+def _interval(step: Dataset) -> str:
     low, high = PER_HOUR * step["leak_rate_mean_law"].to_numpy()
     return f"{low:.2g} ... {high:.2g}" if np.isfinite(low) else "unknown"
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,15 +15,11 @@ from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.toml_model import read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
-from multiscale.plotting.figure import on_axes
-from multiscale.plotting.tyre_figures import plot_road
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.plotting.figure import Axes, on_axes
+from multiscale.plotting.surface_figures import plot_road
+from multiscale.schema import MICRO_RESPONSE, Dataset
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = ["ROADS", "make_roads", "slide_road"]
 
@@ -39,7 +34,7 @@ def make_roads(case: TyreCase) -> list[Surface]:
     ]
 
 
-def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
+def slide_road(case: TyreCase, road: Surface) -> Dataset:
     """Slide rubber over one road at every temperature, pressure and speed, in this order.
 
     Returns
@@ -89,19 +84,12 @@ def slide_road(case: TyreCase, road: Surface) -> "xr.Dataset":
     )
 
 
-def _run(case: TyreCase, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: TyreCase, found: Datasets, job: Job) -> Dataset:
     """Slide rubber over all roads; finished roads that are found are kept."""
     identity = case.identity()
     roads = make_roads(case)
-    response = run_realisations(
-        slide_road,
-        [(case, road) for road in roads],
-        executor=job.executor,
-        folder=job.out / "micro",
-        sparing=job.sparing,
-        identity=identity,
-        progress=lambda finished: job.progress(finished, len(roads), "roads"),
-    )
+    kept = job.ensemble("micro", identity, len(roads), "roads")
+    response = run_realisations(slide_road, [(case, road) for road in roads], **kept)
     return response.assign_attrs(
         title=case.title,
         bodies="rubber on a rigid road, in steady sliding; small slopes",
@@ -138,7 +126,7 @@ def _needs(case: TyreCase) -> Needs:
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
-    def plot(ax: "Axes") -> "Axes":
+    def plot(ax: Axes) -> Axes:
         case = validate(TyreCase, read_toml(out / "case.toml"), out / "case.toml", {})
         one = case.sliding.model_copy(update={"realisations": 1})
         (road,) = make_roads(case.model_copy(update={"sliding": one}))

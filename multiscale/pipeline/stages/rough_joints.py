@@ -1,37 +1,26 @@
 """Stage: elastic bodies with rough joints, at their preloads and in cycles."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.laws import InterfaceLaw
-from multiscale.macro.bodies import Assembly
 from multiscale.macro.substructures import (
-    FEW_STEPS,
+    CutProblem,
     FollowedJoint,
     JointLoading,
-    JointSize,
     Method,
-    add_body_fields,
-    condense_assembly,
     follow_joint,
     measure_joint,
 )
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import (
-    PARAMETERS,
-    Change,
-    JointsOfLaw,
-    change_friction,
-    with_joint_budget,
-)
-from multiscale.pipeline.body_settings import RoughBodies
+from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.joint_answers import joint_answers
-from multiscale.pipeline.joint_settings import Cycles
+from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.rows import (
     joint_unit,
@@ -45,14 +34,14 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections, of_stiffness
+from multiscale.pipeline.stages.loaded_bodies import budgeted_laws
+from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     counting,
     require_known,
     solver_needs,
     structure_stage,
-    with_law_cautions,
-    with_too_far,
 )
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
@@ -89,82 +78,55 @@ ANSWERS = (
 """What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
 
 
-def _solve(bodies: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
-    dataset, preloads = case.interface_law(found), case.statics.preloads
-    assembly, loading = bodies.assemble(case, dataset), _loading(case)
-    chosen = choose_solver(case, _size(bodies, case), job.team)
-    method = chosen.taken.method
-    joint = condense_assembly(assembly, method)
-    watched = counting(method, job, _count_steps(case))
-    followed = follow_joint(joint.small, loading, method=watched)
+    ready = ReadyBodies.of(structure, case, found, job)
+    assembly, small = ready.parts.assembly, ready.structure.small
+    loading = cast(JointLoading, ready.parts.loading)  # joints have one
+    law = cast("xr.Dataset", ready.laws[0])  # all joints have this one
+    watched = counting(ready.method, job, structure.joint_size(case).steps)
+    followed = follow_joint(small, loading, method=watched)
     result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
-    result = with_contact(joint.restore(result), dataset)
-    result = with_law_cautions(result, case, found, {"its law": dataset})
+    result = with_contact(ready.structure.restore(result), law)
+    result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
-    solver = f"Solved by {method.name}: {chosen.why}."
-    result = result.assign_attrs(facts="\n".join([*list_facts(result), *bolts, solver]))
-    if "error_half_width" in dataset:
+    facts = [*list_facts(result), *bolts]
+    volumes = ready.bodies.uncertainties()
+    if "error_half_width" in law or volumes:
+        preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
             short = JointLoading(preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1)
-        measured = [name for name in PARAMETERS if getattr(case.interface, name) is None]
-        law = JointsOfLaw(dataset, tuple(range(bodies.joints)), measured)
-        changed = partial(_change_laws, bodies, case, dataset)
-        near = follow_joint(joint.small, short, method=method)
-        solve = partial(_solve_changed, near, assembly.areas, changed, method)
-        asked = joint_answers(result)
-        result = with_joint_budget(result, [law], solve, asked, bodies.coarser(), job)
-    return with_too_far(add_body_fields(result, assembly.bodies, damage=bodies.damages))
+        result, laws = budgeted_laws(result, ready.bodies, case, ready.laws)
+        near = follow_joint(small, short, method=ready.method)
+        solve = ready.again(partial(_follow, short), near)
+        asked, coarser = joint_answers(result), ready.bodies.coarser()
+        result = with_joint_budget(result, laws, solve, asked, coarser, job, volumes)
+    return ready.finish(result, facts)
 
 
-def _change_laws(
-    bodies: RoughBodies, case: Case, law: "xr.Dataset", change: Change
-) -> list[InterfaceLaw]:
-    """Make the laws of all joints with a change."""
-    return change_friction(bodies.sliders(case, law, normal=change.normal), change)
-
-
-def _solve_changed(
-    near: FollowedJoint,
+def _follow(
+    loading: JointLoading,
+    problem: CutProblem,
     areas: Sequence[float],
-    laws: Callable[[Change], list[InterfaceLaw]],
     method: Method,
-    change: Change,
+    near: FollowedJoint | None = None,
 ) -> "xr.Dataset":
-    """Solve the joints again with a change, near those without it."""
-    changed = laws(change)
-    if change.structure is None:
-        problem = near.path.problem.with_laws(changed)
-        found = follow_joint(problem, near.loading, method=method, near=near)
-        return measure_joint(found, areas, extrapolate=True)
-    other: Assembly = change.structure.build(changed)  # type: ignore[call-arg,arg-type,assignment]  # of the same kind
-    found = follow_joint(condense_assembly(other, method).small, near.loading, method=method)
-    return measure_joint(found, other.areas, extrapolate=True)
-
-
-def _loading(case: Case) -> JointLoading:
-    """Preloads, and cycles if there are any."""
-    preloads = case.statics.preloads
-    return case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
-
-
-def _size(bodies: RoughBodies, case: Case) -> JointSize:
-    """Count unknowns, points of joints and load steps."""
-    (nodes, face), count = bodies.nodes, bodies.joints + 1
-    return JointSize(3 * nodes * count, face * bodies.joints, count, _count_steps(case))
+    """Load the joints, maybe near others, whatever the data of the laws."""
+    found = follow_joint(problem, loading, method=method, near=near)
+    return measure_joint(found, areas, extrapolate=True)
 
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:
-    size = _size(bodies, case)
+    size = bodies.joint_size(case)
     needs = solver_needs(choose_solver(case, size), size, bodies.slabs(case))
     own, path, pressed = len(case.statics.preloads), "alone", "the preloads"
     if case.cycles:
         few, cycles = len(case.cycles.all_amplitudes), case.cycles
         path = f"and {own} x {few} cycles of one step to their amplitudes"
         pressed = (
-            f"{_count_steps(case)} load steps: preloads, cycles at the last one ({cycles.cycles}), "
+            f"{size.steps} load steps: preloads, cycles at the last one ({cycles.cycles}), "
             f"and one cycle at each of {own} preloads and {few} amplitudes"
         )
     solves = Choice(
@@ -176,16 +138,6 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     loading = Choice("loading", pressed)
     libraries = (*needs.libraries, *bodies.mesher)
     return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
-
-
-def _count_steps(case: Case) -> int:
-    """Count the load steps: preloads, cycles at the last one, and a cycle at each amplitude."""
-    own: int = len(case.statics.preloads)
-    cycles: Cycles | None = case.cycles
-    if cycles is None:
-        return own
-    short = own * len(cycles.all_amplitudes) * (1 + 4 * FEW_STEPS)
-    return own + cycles.steps * (1 + 4 * cycles.cycles) + short
 
 
 def _answer(result: "xr.Dataset") -> list[str]:
@@ -255,7 +207,7 @@ ROUGH_JOINTS = structure_stage(
     tabulate_preloads,
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
-    takes=(FITTED_LAW,),
+    takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
     check=partial(require_known, answer="approach"),
     more=_sections,

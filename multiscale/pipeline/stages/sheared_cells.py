@@ -1,6 +1,6 @@
 """Stage: cells of both bodies with friction, pressed, sheared until they slip, and released."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import FiniteCell, run_ensemble, shear_path
@@ -8,12 +8,9 @@ from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Stage
-from multiscale.schema import SHEAR_RESPONSE
+from multiscale.pipeline.stage import Job, Stage
+from multiscale.schema import SHEAR_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["FOLDER", "POINT_FRICTION", "SHEARED_CELLS", "run_shear"]
 
@@ -30,12 +27,7 @@ READS = {
 }
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
-    """Shear the cells of a case; see :func:`run_shear`."""
-    return run_shear(case, job)
-
-
-def run_shear(case: Case, job: Job) -> "xr.Dataset":
+def run_shear(case: Case, job: Job) -> Dataset:
     """Press the cells over the pressures of the law, release them, and shear them.
 
     Pressed on the grid on which they are sheared, they have normal laws of their own, in which a
@@ -52,15 +44,8 @@ def run_shear(case: Case, job: Job) -> "xr.Dataset":
         pressed=own.micro.pressures,
     )
     way = case.checksum(include=READS, exclude={"micro": {"shear": {"realisations"}}})
-    response = run_ensemble(
-        cells,
-        path,
-        executor=job.executor,
-        folder=job.out / FOLDER / way[:12],
-        sparing=job.sparing,
-        identity=way,
-        progress=lambda finished: job.progress(finished, len(cells), "sheared cells"),
-    )
+    kept = job.ensemble(f"{FOLDER}/{way[:12]}", way, len(cells), "sheared cells")
+    response = run_ensemble(cells, path, **kept)
     ended = str(response.attrs.get("ended", "")).splitlines()
     told: dict[str, Any] = {POINT_FRICTION: shear.friction_coefficient}
     return response.assign_attrs(
@@ -105,7 +90,7 @@ SHEARED_CELLS = Stage(
     schema=SHEAR_RESPONSE,
     tables=("micro.shear",),
     reads=READS,
-    run=_run,
+    run=lambda case, found, job: run_shear(case, job),
     needs=_needs,
     folders=(FOLDER,),
 )

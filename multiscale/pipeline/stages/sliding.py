@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,16 +10,12 @@ from multiscale.micro import FiniteCell, slide_cell
 from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
-from multiscale.pipeline.case_tables import SlideSettings
 from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer
 from multiscale.plotting.sliding_figures import draw_sliding
-from multiscale.schema import SLIDING_RESPONSE
+from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["SLIDING", "describe_sliding", "make_pair"]
 
@@ -29,8 +24,8 @@ TOLERANCE = 1e-6
 """Of the contact solver, relative to the norm of the contact forces."""
 
 
-def make_pair(case: Case, slide: SlideSettings) -> FiniteCell:
-    """Build the cell of the first realisation, of two deformable bodies.
+def make_pair(case: Case, surfaces: tuple[Surface, Surface] | None = None) -> FiniteCell:
+    """Build the cell of two deformable bodies, of the first realisation if no surfaces are given.
 
     A body with a hardness flows (J2), another one is neo-Hookean, whose small strain is Hooke's.
 
@@ -39,20 +34,17 @@ def make_pair(case: Case, slide: SlideSettings) -> FiniteCell:
     CaseError
         If a surface cannot be made or read.
     """
-    first = case.model_copy(update={"micro": case.micro.model_copy(update={"realisations": 1})})
-    return _pair(case, slide, two_surfaces(first)[0])
-
-
-def _pair(case: Case, slide: SlideSettings, surfaces: tuple[Surface, Surface]) -> FiniteCell:
+    if surfaces is None:
+        micro = case.micro.model_copy(update={"realisations": 1})
+        (surfaces,) = two_surfaces(case.model_copy(update={"micro": micro}))
     lower, upper = map(_law, case.bodies)
-    return two_bodies(case.cell, surfaces, (lower, upper), slide.friction_coefficient)
+    return two_bodies(case.cell, surfaces, (lower, upper), case.slide.friction_coefficient)
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     slide = case.slide
-    assert slide is not None  # its table asks for the stage
     response = slide_cell(
-        make_pair(case, slide),
+        make_pair(case),
         slide.pressures or case.micro.pressures,
         slide.distance,
         steps=slide.steps,
@@ -76,8 +68,7 @@ def _law(body: RoughBody) -> NeoHookean | J2:
 
 
 def _needs(case: Case) -> Needs:
-    assert case.slide is not None
-    pair = cell_needs(_pair(case, case.slide, smooth_pair(case.cell)))
+    pair = cell_needs(make_pair(case, smooth_pair(case.cell)))
     slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
     steps = (case.slide.steps + 1) * len(case.slide.pressures or case.micro.pressures)
     return Needs(choices=(slide,), memory=pair.memory, seconds=pair.seconds * steps)
@@ -89,7 +80,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Sliding", describe_sliding(response), figures=figures)
 
 
-def describe_sliding(response: "xr.Dataset") -> list[str]:
+def describe_sliding(response: Dataset) -> list[str]:
     """Say the friction of each pressure: its largest value, and where it settles."""
     way = float(response["sliding_distance"][-1])
     lines = []

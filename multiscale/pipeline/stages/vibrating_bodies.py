@@ -12,6 +12,7 @@ from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import Body
 from multiscale.macro.substructures import choose_method, list_elements
+from multiscale.macro.substructures.condensed_problem import CondensedProblem
 from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
 from multiscale.macro.vibration import (
     Preloaded,
@@ -26,6 +27,8 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, change_friction, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
+from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.ready_bodies import with_cautions_of
 from multiscale.pipeline.rows import Table, padded, say_answer
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
@@ -34,12 +37,10 @@ from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.loaded_bodies import (
     KEPT,
     NO_COARSER,
-    body_size,
     budgeted_laws,
-    with_volume_cautions,
 )
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
-from multiscale.pipeline.structure_stage import structure_stage, with_law_cautions
+from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import WIDE, on_axes
@@ -128,10 +129,10 @@ def _laws(
     return change_friction(made, few)
 
 
-def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
-    bodies = bodies.with_volumes(found, job.read_rve)
+    bodies = structure.with_volumes(case, found, job.read_rve)
     laws = bodies.read_laws(case, found, job.read_law)
     still, facts = _press(bodies, case, _laws(bodies, case, laws, Change()))
     modes, largest = still.modes, _largest(still)
@@ -147,10 +148,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     if still.rest.free.bolts:
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
-    known = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
-    result = with_law_cautions(result, case, found, known)
-    result = with_cautions(result, *bodies.assumed(case))
-    result = with_volume_cautions(result, bodies)
+    result = with_cautions_of(result, bodies, case, found, laws)
     of_laws = any(law is not None and "error_half_width" in law for law in laws)
     if of_laws or bodies.uncertainties():
         result = _with_budget(result, bodies, case, laws, still, job)
@@ -213,6 +211,9 @@ def _with_budget(
     rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
+    if job.executor is not None:  # workers take no factors
+        free = CondensedProblem(still.rest.free, still.rest.free)
+        still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
     return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.uncertainties())
 
@@ -260,13 +261,13 @@ def _in_order_of(still: _Vibrating, near: _Vibrating) -> _Vibrating:
     return replace(still, modes=modes)
 
 
-def _needs(bodies: Bodies, case: Case) -> Needs:
+def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     asked = case.vibration
     reached = asked.reach(np.ones(max(asked.modes)))
     grid = sum(one.curve()[0].size for one in reached.values())
     cycles = 4 * asked.steps * len(asked.modes) * len(asked.modal_amplitudes or asked.amplitudes)
     steps = 2 * grid + (cycles if asked.cycle == "full" or asked.preload_friction else 0)
-    size = replace(body_size(bodies, case), steps=steps)
+    size = replace(bodies.joint_size(case), steps=steps)
     needs = cut_needs(
         size.unknowns, joint_points=size.joint_points, coarse=False, slabs=asked.slabs
     )

@@ -64,8 +64,8 @@ def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     model = heap()
     state, h = initial_state(model), 1e-3
     new, step = step_grains(model, state, h, TIGHT)
-    assert step.converged
-    assert step.n_contacts > 10
+    assert step["converged"]
+    assert step["n_contacts"] > 10
     contacts = new.contacts
     H, inverse, frames = delassus(model, contacts)
     n = model.grains.n
@@ -99,7 +99,7 @@ def test_conjugate_directions_carry_a_stack_in_fewer_sweeps_than_plain_ones():
     weight = 9.81 * float(model.grains.mass[0]) * h
     np.testing.assert_allclose(borne, weight * np.arange(1, n + 1), rtol=1e-5)
     np.testing.assert_allclose(borne, np.sort(plain[0].pair_impulse[:, 2]), rtol=1e-5)
-    assert conjugate[1].sweeps < 0.2 * plain[1].sweeps
+    assert conjugate[1]["iterations"] < 0.2 * plain[1]["iterations"]
 
 
 def test_coloured_sweeps_lead_to_the_same_motion():
@@ -129,8 +129,8 @@ def test_one_unknown_per_contact_leads_where_three_without_friction_do(options, 
         for _ in range(3):
             solver = Solver(**({"tolerance": 1e-11, "max_iterations": 50000} | options))
             state, step = step_grains(model, state, 1e-3, solver)
-            assert step.residual < 1e-9
-        assert step.n_contacts > 20
+            assert step["residual"] < 1e-9
+        assert step["n_contacts"] > 20
         found.append((3 if model.frictional else 1, state.velocity[:, :3]))
     (one, scalar), (three, full) = found
     assert (one, three) == (1, 3)

@@ -8,9 +8,9 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.micro.damage import (
     Microcracks,
+    Recipe,
     grow_microcracks,
     plane_damage,
-    random_microcracks,
     softening_of,
 )
 from multiscale.schema import CRACK_GROWTH
@@ -18,11 +18,19 @@ from multiscale.schema import CRACK_GROWTH
 E, NU, EDGE, K = 30e9, 0.2, 0.1, 0.6e6
 SOLID = {"youngs_modulus": E, "poissons_ratio": NU, "toughness": K}
 PULL = np.eye(6)[2]
+
+
+def drawn(edge, density, radius, *, seed, **kind):
+    """Cracks of random places, directions and radii."""
+    recipe = Recipe(crack_density=density, crack_radius=radius, crack_spread=0.5)
+    return Microcracks.of(recipe.draw((edge,) * 3, seed), **SOLID, **kind)
+
+
 ONE = Microcracks(EDGE, np.full((1, 3), 0.05), np.eye(3)[2:], np.array([0.012]), **SOLID)
 
 
 def test_random_cracks_have_kachanovs_modulus_open_and_none_closed():
-    cracks = random_microcracks(1.0, 4000.0, 0.01, seed=1, **SOLID)
+    cracks = drawn(1.0, 0.006, 0.008, seed=1)
     rho = float(np.sum(cracks.radius**3))
     expected = 1.0 / (1.0 + 16.0 * (1 - NU**2) * (10 - 3 * NU) * rho / (45.0 * (2 - NU)))
     opened, closed = (cracks.compliance(cracks.radius, sign * PULL) for sign in (1.0, -1.0))
@@ -70,7 +78,7 @@ def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weake
     for edge in (0.05, 0.1, 0.2):
         found = [
             grow_microcracks(
-                random_microcracks(edge, 2e5, 2.5e-3, seed=seed, rise=1.0, bridging=2e-3, **SOLID),
+                drawn(edge, 6.6e-3, 2.2e-3, seed=seed, rise=1.0, bridging=2e-3),
                 1e6 * PULL,
                 through=True,
             )
@@ -83,7 +91,7 @@ def test_cracks_whose_toughness_rises_grow_together_and_larger_volumes_are_weake
 
 
 def test_cracks_that_touch_end_the_search_unless_they_are_to_pass():
-    wide = random_microcracks(EDGE, 1e6, 4e-3, seed=3, **SOLID)
+    wide = drawn(EDGE, 0.14, 3.5e-3, seed=3)
     ended, passed = (grow_microcracks(wide, PULL, through=through) for through in (False, True))
     assert "reaches another one" in ended.attrs["cautions"]
     assert (int(ended["converged"]), int(passed["converged"])) == (0, 1)

@@ -411,3 +411,26 @@ def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
     assert run.broken.all()
     # the closed form of dD/dN = r (1 + a D)
     assert run.cycles[0] == pytest.approx(np.log(2.64) / (8.5e-5 * 1.64), rel=0.05)
+
+
+@pytest.mark.parametrize("hardening", [0.0, 20e9])
+def test_an_elastic_plastic_volume_drives_its_inclusion_by_its_own_flow(hardening):
+    """A matrix with kinematic hardening H that yields at 220 MPa, under 250 MPa to and fro."""
+    amplitude, own_yield, H = 250e6, 220e6, 30e9
+    flow = (amplitude - own_yield) / H  # plastic strain at both ends
+    stress = np.array([1.0, 1.0 - 2.0 * own_yield / amplitude]) * amplitude
+    stress = np.concatenate([stress, -stress])[:, None] * np.eye(6)[0]
+    strain = np.array([flow, flow, -flow, -flow])[:, None] * [1.0, -0.5, -0.5, 0.0, 0.0, 0.0]
+    material = FatigueMaterial(
+        200e9, 0.3, 200e6, 0.5e6, threshold=5.0, hardening=hardening, feedback=False
+    )
+    driven = material.driving_stress(stress, strain)
+    np.testing.assert_allclose(driven[:, :3].sum(axis=1), stress[:, 0])
+    life = two_scale_fatigue(driven, material)
+    G, b = 200e9 / 2.6, 2.0 * 2.5 / (15.0 * 0.7)
+    K = 3.0 * G * (1.0 - b) + hardening
+    # half a cycle moves the inclusion by the range of the stress and of the strain of its volume
+    per_cycle = 4.0 * (amplitude + 3.0 * G * (1.0 - b) * flow - 200e6) / K
+    assert float(life["cycles_to_initiation"]) == pytest.approx(5.0 / per_cycle, rel=5e-4)
+    with pytest.raises(CaseError, match="keeps the volume"):
+        material.driving_stress(stress, np.abs(strain))

@@ -4,11 +4,14 @@ In the dilute limit, with :math:`\nu` = .3, a sphere takes
 :math:`3(1-\nu)(9+5\nu)/(2(7-5\nu))` = 2.0045 of its volume fraction off Young's modulus.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws.bulk.moduli import COMPONENTS
 from multiscale.micro.damage import (
     Cavities,
     VoxelImage,
@@ -25,7 +28,6 @@ from multiscale.micro.damage import (
     voxelise,
     youngs_modulus_along,
 )
-from multiscale.micro.damage.effective_moduli import COMPONENTS
 from multiscale.micro.damage.rve import SIDES
 from tests.closed_forms.elastic_solids import (
     hashin_shtrikman_bound,
@@ -98,6 +100,25 @@ def test_few_spherical_voids_have_the_dilute_limit(radius):
     assert found == pytest.approx(np.full(3, 1.0 - SPHERE * phi), rel=0.03)
     # and the loss itself, which is small
     assert 1.0 - found[0] == pytest.approx(SPHERE * phi, rel=0.12)
+
+
+def test_the_sides_of_a_mesh_bound_its_stiffness_as_the_sides_of_voxels(gmsh):
+    rve = Cavities(CUBE, [spheres([[0.1, 0.5, 0.5]], 0.3)])  # reaches through a side
+    image, found = voxelise(rve, 20), []
+    for sides in ("traction", "periodic", "displacement"):
+        C = mesh_stiffness(rve, E, NU, element_size=0.4, sides=sides).unwrap()
+        voxels = effective_stiffness(image, E, NU, sides=sides).unwrap()
+        np.testing.assert_allclose(np.diag(C), np.diag(voxels), rtol=0.03)
+        found.append(C)
+    for low, high in pairwise(found):
+        assert np.linalg.eigvalsh(high - low).min() > -1e-9 * E
+    assert np.linalg.eigvalsh(found[2] - found[0]).max() > 0.02 * E
+
+
+def test_a_solid_has_one_stiffness_with_all_sides_of_a_mesh(gmsh):
+    for sides in ("traction", "displacement"):
+        C = mesh_stiffness(Cavities(CUBE), E, NU, element_size=1.0, sides=sides).unwrap()
+        np.testing.assert_allclose(C, isotropic_stiffness(E, NU), rtol=0, atol=1e-9 * E)
 
 
 @pytest.mark.slow

@@ -1,0 +1,383 @@
+"""What a case may say of stacked blocks and lap joints: bodies with rough joints, built for it."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from math import ceil, sqrt
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.lap_mesh import lap_meshes
+from multiscale.io import open_dataset
+from multiscale.laws import InterfaceLaw
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.macro import Assembly
+from multiscale.macro.bodies import LapShape, lap_joint, shank_stiffness, stacked_blocks
+from multiscale.macro.substructures import (
+    FEW_STEPS,
+    CutProblem,
+    JointLoading,
+    JointSize,
+    cut_assembly,
+)
+from multiscale.pipeline.assembly_parts import BodyInterface, MeshedBody
+from multiscale.pipeline.assembly_settings import (
+    Bodies,
+    OpenLaw,
+    StructureParts,
+    check_bodies,
+)
+from multiscale.pipeline.body_settings import COARSER, Edges, Elements, Material, fewer
+from multiscale.pipeline.joint_settings import (
+    FEW_SLABS,
+    SLABS,
+    Cycles,
+    Damage,
+    Preloads,
+    RoughInterface,
+)
+from multiscale.pipeline.porous_body import PorousBody
+from multiscale.pipeline.structure_kind import StructureKind
+from multiscale.pipeline.toml_model import Count, Length, Positive, Settings
+from multiscale.schema import DAMAGE_SECTIONS
+from multiscale.upscaling import with_damage
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from skfem import Mesh
+
+    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.stage import Datasets, Job
+
+__all__ = ["JointedBodies", "LapJoint", "RoughBodies", "StackedBlocks"]
+
+PLAN_SHARE, NEAR_HOLE = 1.15, 100
+"""Nodes of the plan of a lap joint over those of a grid, and those that hole and washer add; as
+counted at four sizes of elements."""
+
+QUICK_ELEMENTS = 4
+"""Elements along an edge, at most."""
+
+Elasticity = Elastic | AnisotropicElastic
+
+
+class RoughBodies(StructureKind, Material):
+    """Elastic bodies of one material with rough joints between each and the next."""
+
+    stage: ClassVar[str] = "rough_joints"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (
+        ("interface", "statics"),
+        ("interface", "statics", "cycles"),
+        ("interface", "statics", "vibration"),
+    )
+    models: ClassVar[Mapping[str, type[Settings]]] = {
+        "interface": RoughInterface,
+        "statics": Preloads,
+        "cycles": Cycles,
+    }
+    may_be_cut: ClassVar[bool] = True
+    may_tire: ClassVar[bool] = True
+    mesher: ClassVar[tuple[str, ...]] = ()
+    """Library that meshes the bodies."""
+
+    damage: tuple[Damage, ...] = Field(
+        (), description="Damage of bodies from below: each is 1 - D as stiff; sound if not given."
+    )
+    quick_rve: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
+
+    @property
+    @abstractmethod
+    def joints(self) -> int:
+        """Number of joints."""
+
+    @property
+    @abstractmethod
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a body and of its face, about."""
+
+    @abstractmethod
+    def meshes(self) -> "Sequence[Mesh]":
+        """Mesh every body, from below."""
+
+    @abstractmethod
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same structure on larger elements, if any, by the ratio of their sizes."""
+
+    @abstractmethod
+    def build(self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]) -> Assembly:
+        """Build bodies and joints, whose materials and laws are given from below.
+
+        Raises
+        ------
+        MultiscaleError
+            If dimensions are refused.
+        """
+
+    @property
+    def bodies(self) -> tuple[MeshedBody, ...]:
+        """All bodies, from below."""
+        own = self.model_dump(include=set(Material.model_fields)) | {"quick": self.quick_rve}
+        damages = self.damage or (0.0,) * (self.joints + 1)
+        return tuple(
+            BuiltBody.model_construct(name=f"body {k}", damage=D, source=self, number=k, **own)
+            for k, D in enumerate(damages)
+        )
+
+    def as_bodies(self, case: "Case") -> "JointedBodies":
+        """Return bodies and interfaces of a case."""
+        damages = case.interface.damage or (0.0,) * self.joints
+        interfaces = tuple(
+            BodyInterface(sides=(f"body {k}.top", f"body {k + 1}.bottom"), damage=D)
+            for k, D in enumerate(damages)
+        )
+        return JointedBodies.model_construct(
+            kind="bodies", bodies=self.bodies, interfaces=interfaces, source=self
+        )
+
+    def with_volumes(self, case: "Case", found: "Datasets", open_rve: OpenLaw) -> Bodies:
+        """Return bodies and interfaces of a case with their representative volumes."""
+        return self.as_bodies(case).with_volumes(case, found, open_rve)
+
+    def try_to_build(self, case: "Case", require: Callable[[Assembly], object]) -> None:
+        """Refuse dimensions that do not fit, and free bodies, whatever the laws."""
+        self.as_bodies(case).try_to_build(case, require)
+
+    def joint_size(self, case: "Case") -> JointSize:
+        """Count unknowns, points of joints and load steps."""
+        (nodes, face), count = self.nodes, self.joints + 1
+        own = len(case.statics.preloads)
+        if case.cycles is not None:  # at the last preload, and one cycle at each amplitude
+            short = own * len(case.cycles.all_amplitudes) * (1 + 4 * FEW_STEPS)
+            own += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
+        return JointSize(3 * nodes * count, face * self.joints, count, own)
+
+    def slabs(self, case: "Case") -> int:
+        """Slabs of the law of the joints: the loss of a cycle is a small difference."""
+        return SLABS if case.cycles else FEW_SLABS
+
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
+        """Cut every body into boxes."""
+        bodies = self.with_volumes(case, found, job.read_rve)
+        laws = bodies.sliders(case, bodies.read_laws(case, found, job.read_law))
+        return cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
+
+    @model_validator(mode="after")
+    def _check_damage(self) -> Self:
+        if self.damage and len(self.damage) != self.joints + 1:
+            raise ValueError(
+                f"damage should have one entry for each body ({self.joints + 1}), got "
+                f"{len(self.damage)}"
+            )
+        return self
+
+    def check(self, case: "Case") -> None:
+        """Refuse damages that are not one for each joint, and friction that nothing tells."""
+        check_bodies(self.bodies, case)
+        if case.has_cells:
+            slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
+            known = {"friction"} if slid else set()
+            if case.micro.shear is not None:
+                known = {"friction", "stiffness_ratio"}
+            if missing := case.interface.tell_missing(known, case.strict):
+                raise ValueError(missing)
+        damage = case.interface.damage
+        if damage and case.interface.damage_file is not None:
+            raise ValueError(
+                "[interface] has damage and damage_file, which both tell the damage of the "
+                "interfaces; leave out one of them"
+            )
+        if damage and len(damage) != self.joints:
+            raise ValueError(
+                f"[interface] damage should have one entry for each joint ({self.joints}), got "
+                f"{len(damage)}"
+            )
+
+
+class BuiltBody(MeshedBody):
+    """A body whose mesh is built; no case has such a table.
+
+    Attributes
+    ----------
+    source : RoughBodies, builds it
+    number : int, from below
+    """
+
+    source: Any
+    number: int
+
+    def load(self) -> "Mesh":
+        """Build the mesh."""
+        mesh: Mesh = self.source.meshes()[self.number]
+        return mesh
+
+
+class JointedBodies(Bodies):
+    """Stacked blocks or a lap joint as bodies with interfaces; no case has such a table.
+
+    Attributes
+    ----------
+    source : RoughBodies, builds them
+    """
+
+    source: Any
+
+    def read_laws(
+        self, case: "Case", found: "Datasets", open_law: OpenLaw
+    ) -> "list[xr.Dataset | None]":
+        """Read the law of all joints, with friction, and with the damage near the surface."""
+        interface: RoughInterface = case.interface
+        ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]
+        law = interface.complete(case.interface_law(found), ratio, pressure, case.strict)
+        if interface.damage_file is not None:
+            law = with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
+        return [law] * len(self.interfaces)
+
+    def joint_size(self, case: "Case") -> JointSize:
+        """Count unknowns, points of joints and load steps, about."""
+        size: JointSize = self.source.joint_size(case)
+        return size
+
+    def beds(self, case: "Case") -> dict[str, Any]:
+        """Pressures for which the laws of the joints are fine, Pa, and number of their slabs."""
+        return {"pressures": case.statics.joint_pressures, "slabs": self.source.slabs(case)}
+
+    def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
+        """Build bodies and joints, and the path over preload and shear."""
+        assembly = self.source.build([body.elasticity() for body in self.bodies], laws)
+        preloads = case.statics.preloads
+        loading = case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
+        return StructureParts(assembly, loading.path(assembly.areas), loading=loading)
+
+    def coarser(self) -> dict[float, Self]:
+        """Return the same structure on larger elements, if any, by the ratio of their sizes."""
+        return {
+            ratio: self.model_copy(
+                update={
+                    "source": larger,
+                    "bodies": tuple(
+                        PorousBody.of(new, old.volume_data) if isinstance(old, PorousBody) else new
+                        for new, old in zip(larger.bodies, self.bodies, strict=True)
+                    ),
+                }
+            )
+            for ratio, larger in self.source.coarser().items()
+        }
+
+
+class StackedBlocks(RoughBodies):
+    """Equal blocks with rough joints; see :func:`multiscale.macro.bodies.stacked_blocks`."""
+
+    kind: Literal["stacked_blocks"]
+    size: Edges = Field(description="Lengths of a block along x, y and z, m.")
+    elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
+    blocks: Count = Field(2, ge=2, description="Number of blocks, one on the other.")
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return self.blocks - 1
+
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same blocks on elements of twice the size; none if their number is odd."""
+        if any(number % 2 for number in self.elements):
+            return {}
+        x, y, z = (number // 2 for number in self.elements)
+        return {2.0: self.model_copy(update={"elements": (x, y, z)})}
+
+    def meshes(self) -> "Sequence[Mesh]":
+        """Mesh every block where it would be at the bottom."""
+        return [box_mesh(self.size, self.elements)] * self.blocks
+
+    def build(self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]) -> Assembly:
+        """Build the blocks and their joints."""
+        return stacked_blocks(self.size, self.elements, materials, laws)
+
+    @property
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a block and of its face."""
+        x, y, z = self.elements
+        return (x + 1) * (y + 1) * (z + 1), (x + 1) * (y + 1)
+
+    def quick(self, case: "Case") -> Self:
+        """Return the same blocks with four elements along an edge."""
+        update = {"elements": fewer(self.elements), "quick_rve": self.rve is not None}
+        return self.model_copy(update=update)
+
+
+class LapJoint(RoughBodies):
+    """Two bolted plates; see :func:`multiscale.macro.bodies.lap_joint`."""
+
+    mesher: ClassVar[tuple[str, ...]] = ("gmsh",)
+
+    kind: Literal["lap_joint"]
+    length: Length = Field(description="Length of each plate along x, m.")
+    width: Length = Field(description="Width of each plate, m.")
+    thickness: Length = Field(description="Thickness of each plate, m.")
+    overlap: Length = Field(description="Length over which the plates lie on each other, m.")
+    hole: Length = Field(description="Diameter of the hole, m.")
+    washer: Length = Field(description="Diameter of the washer, m.")
+    bolt: Length | None = Field(
+        None,
+        description="Diameter of the shank of a bolt of the modulus of the plates, m: its force "
+        "changes with the load; the force is constant if not given.",
+    )
+    element: Length = Field(description="Edge of an element in plan, m.")
+    layers: Positive = Field(2, description="Elements through each thickness.")
+
+    @property
+    def joints(self) -> int:
+        """Number of joints."""
+        return 1
+
+    @property
+    def shape(self) -> LapShape:
+        """Dimensions and mesh."""
+        return LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
+
+    def coarser(self) -> Mapping[float, Self]:
+        """Return the same joint on larger elements in plan, as far as its hole lets them grow."""
+        larger = self.model_copy(update={"element": 2.0 * self.element})
+        own, coarse = (lap_meshes(one.shape)[0].nelements for one in (self, larger))
+        ratio = sqrt(own / coarse)
+        return {ratio: larger} if ratio >= COARSER else {}
+
+    @model_validator(mode="after")
+    def _check_bolt(self) -> Self:
+        if self.bolt is not None and self.bolt > self.hole:
+            raise ValueError(
+                f"bolt of {1e3 * self.bolt:g} mm does not go through a hole of "
+                f"{1e3 * self.hole:g} mm; give the diameter of its shank"
+            )
+        if self.bolt is not None and self.porous:
+            raise ValueError(
+                "bolt has the modulus of the plates, and those of a representative volume have "
+                "none; leave it out, and the force of the bolt is constant"
+            )
+        return self
+
+    def meshes(self) -> "Sequence[Mesh]":
+        """Mesh both plates."""
+        return lap_meshes(self.shape)
+
+    def build(self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]) -> Assembly:
+        """Build the plates and their joint."""
+        shank = None
+        if self.bolt is not None:
+            shank = shank_stiffness(self.bolt, 2.0 * self.thickness, self.moduli[0])
+        return lap_joint(self.shape, materials, laws[0], shank)
+
+    @property
+    def nodes(self) -> tuple[int, int]:
+        """Nodes of a plate and of the overlap, about."""
+        plan, overlap = (
+            PLAN_SHARE * (side / self.element + 1.0) * (self.width / self.element + 1.0) + NEAR_HOLE
+            for side in (self.length, self.overlap)
+        )
+        return ceil(plan) * (self.layers + 1), ceil(overlap)
+
+    def quick(self, case: "Case") -> Self:
+        """Return the same joint with elements no finer than a quarter of the overlap."""
+        element = max(self.element, self.overlap / QUICK_ELEMENTS)
+        return self.model_copy(update={"element": element, "quick_rve": self.rve is not None})

@@ -1,0 +1,135 @@
+"""Bodies of a case with the laws of their interfaces, ready to be loaded, and loaded again."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from multiscale.macro.substructures import (
+    CutProblem,
+    Method,
+    add_body_fields,
+    condense_assembly,
+    require_held,
+)
+from multiscale.macro.substructures.condensed_problem import CondensedProblem
+from multiscale.macro.substructures.method_choice import MethodChoice
+from multiscale.pipeline.assembly_settings import Bodies, StructureParts
+from multiscale.pipeline.body_budget import Change, change_friction
+from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.porous_body import PorousBody
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, list_cautions
+from multiscale.pipeline.structure_stage import choose_solver, with_law_cautions, with_too_far
+from multiscale.schema import with_cautions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["ReadyBodies", "SolveAgain", "with_cautions_of"]
+
+Follow = Callable[..., "xr.Dataset"]
+"""From a cut problem, the areas of its loads, a method and ``near``, what is near, to a result;
+workers must be able to import it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadyBodies:
+    """Bodies of a case, built and condensed for the method that solves them.
+
+    Attributes
+    ----------
+    bodies : Bodies
+    case : Case
+    laws : sequence of Dataset or None, of every interface
+    parts : StructureParts
+    chosen : MethodChoice
+    structure : CondensedProblem
+    """
+
+    bodies: Bodies
+    case: Case
+    laws: "Sequence[xr.Dataset | None]"
+    parts: StructureParts
+    chosen: MethodChoice
+    structure: CondensedProblem
+
+    @classmethod
+    def of(
+        cls, structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job
+    ) -> "ReadyBodies":
+        """Build the structure of a case."""
+        bodies = structure.with_volumes(case, found, job.read_rve)
+        laws = bodies.read_laws(case, found, job.read_law)
+        parts = bodies.build(case, bodies.sliders(case, laws))
+        chosen = choose_solver(case, structure.joint_size(case), job.team)
+        require_held(parts.assembly)
+        condensed = condense_assembly(parts.assembly, chosen.taken.method)
+        return cls(bodies, case, laws, parts, chosen, condensed)
+
+    @property
+    def method(self) -> Method:
+        """The method that solves them."""
+        return self.chosen.taken.method
+
+    def again(self, follow: Follow, near: object) -> "SolveAgain":
+        """Return what follows the path again, near the path without a change."""
+        problem, areas = self.structure.small, self.parts.assembly.areas
+        return SolveAgain(
+            self.bodies, self.case, self.laws, problem, areas, self.method, follow, near
+        )
+
+    def finish(self, result: "xr.Dataset", facts: Sequence[str]) -> "xr.Dataset":
+        """Add what is said of bodies, loads and solver, and the fields of the elements."""
+        solver = f"Solved by {self.method.name}: {self.chosen.why}."
+        result = result.assign_attrs(facts="\n".join([*facts, solver]))
+        damages = [body.worst_damage for body in self.bodies.bodies]
+        return with_too_far(add_body_fields(result, self.parts.assembly.bodies, damage=damages))
+
+
+@dataclass(frozen=True, eq=False)
+class SolveAgain:
+    """What solves bodies again with a change, in workers too."""
+
+    bodies: Bodies
+    case: Case
+    laws: "Sequence[xr.Dataset | None]"
+    problem: CutProblem
+    areas: Sequence[float]
+    method: Method
+    follow: Follow
+    near: Any
+
+    def __call__(self, change: Change) -> "xr.Dataset":
+        """Follow the path again."""
+        normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
+        source = change.structure or self.bodies
+        laws = change_friction(source.sliders(self.case, self.laws, normal), change)
+        if change.structure is None:
+            problem = self.problem.with_laws(laws)
+            return self.follow(problem, self.areas, self.method, near=self.near)
+        other = source.build(self.case, laws).assembly
+        return self.follow(condense_assembly(other, self.method).small, other.areas, self.method)
+
+
+def with_cautions_of(
+    result: "xr.Dataset",
+    bodies: Bodies,
+    case: Case,
+    found: Datasets,
+    laws: "Sequence[xr.Dataset | None]",
+) -> "xr.Dataset":
+    """Add what laws, once each, and representative volumes say.
+
+    The `[rve]` of the case has said its own beside.
+    """
+    told = {f"the law of interface {k}": law for k, law in enumerate(laws) if law is not None}
+    if len(told) == len(laws) > 0 and all(law is laws[0] for law in laws):
+        told = {"its law": next(iter(told.values()))}
+    result = with_law_cautions(result, case, found, told)
+    result = with_cautions(result, *bodies.assumed(case))
+    for body in bodies.bodies:
+        if isinstance(body, PorousBody):
+            said = list_cautions(body.volume_data) if body.rve is not None else []
+            known = [f"volume of {body.name}: {caution}" for caution in said]
+            result = with_cautions(result, *known, *body.cautions(body.load()))
+    return result

@@ -1,0 +1,153 @@
+"""Stage: a body that cracks in bands of elements, by the softening law of its volume."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.macro import Body
+from multiscale.macro.continuum import follow_crack_band
+from multiscale.macro.continuum.body import load_vector
+from multiscale.macro.continuum.crack_band import SHAPES
+from multiscale.macro.substructures import element_corners
+from multiscale.micro.damage.volume_growth import sample_intervals, softening_samples
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.assembly_settings import Bodies
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
+from multiscale.pipeline.stages.growing_cracks import GROWING_CRACKS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
+from multiscale.pipeline.stages.representative_volume import say_interval
+from multiscale.plotting.damage_figures import plot_element_field
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.rve_figures import plot_cracked_load
+from multiscale.schema import CRACK_BAND, CRACKED_BODY, VOLUME_GROWTH, with_cautions
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["CRACKED_BODY_STAGE"]
+
+EVENT_SECONDS = 2e-6
+"""CPU seconds of an element in an event; there are about 20 events of an element that cracks."""
+
+NO_MESH = "intervals do not count the error of the mesh, which is not known: give coarser"
+
+FAILED = "the load has not fallen to its end, and the energy of the cracks is not known"
+
+
+def _loaded(bodies: Bodies, case: Case) -> tuple[Body, np.ndarray]:
+    """Build the body, and the nodal forces, N, of the last step of [statics]."""
+    parts = bodies.build(case, [])
+    body = parts.assembly.bodies[0]
+    factors = parts.path.factors()[-1]
+    return body, np.sum([f * load_vector(body, float(k)) for k, f in enumerate(factors)], axis=0)
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    bodies = case.structure.with_volumes(case, found, job.read_rve)
+    body, load = _loaded(bodies, case)
+    mean, *laws = softening_samples(found[VOLUME_GROWTH.name])
+    cracked = []
+    for k, law in enumerate((mean, *laws), start=1):
+        cracked.append(follow_crack_band(body, law, load=load))
+        job.progress(k, 1 + len(laws), "softening laws")
+    for coarser in bodies.coarser().values():
+        coarse, own = _loaded(coarser, case)
+        cracked.append(follow_crack_band(coarse, mean, load=own))
+    values: dict[str, Any] = {name: cracked[0][name].to_numpy() for name in CRACK_BAND.variables}
+    for name, variable in (("peak_load", "factor"), ("work", "dissipation")):
+        value, *each = (float(one[variable].max()) for one in cracked)
+        samples, coarse_value = np.array(each[: len(laws)]), each[len(laws) :]
+        values[name], values[f"{name}_sample"] = value, samples
+        error = 0.0
+        if coarse_value:
+            values[f"{name}_mesh"] = error = abs(coarse_value[0] / value - 1.0)
+        for kind, ends in zip(("mean_law", "one_part"), sample_intervals(samples), strict=True):
+            half = np.hypot(0.5 * (ends[1] - ends[0]), error * value)
+            values[f"{name}_{kind}"] = value + half * np.array([-1.0, 1.0])
+    values |= {"position": body.basis.doflocs.T, "corners": element_corners(body)}
+    result = CRACKED_BODY.build(values, title=case.title, body=body.name)
+    whole = all(int(one["converged"]) for one in cracked)
+    return with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)
+
+
+def _prepare(case: Case) -> None:
+    """Refuse elements whose bands have no width."""
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    one = case.structure.bodies[0]
+    if (kind := type(one.load()).__name__) not in SHAPES or one.order != 1:
+        raise CaseError(
+            f"[growth] cracks {one.name} in bands of hexahedra of first order, and its mesh is a "
+            f"{kind} of order {one.order}; mesh it by hexahedra, in a geometry of gmsh by "
+            f"transfinite, recombined volumes"
+        )
+
+
+def _answer(cracked: "xr.Dataset") -> str:
+    told = [
+        f"{float(cracked[name]):.4g} {unit}"
+        f" ({say_interval(cracked[f'{name}_mean_law'].to_numpy(), 1.0)}, 95 %; one part "
+        f"{say_interval(cracked[f'{name}_one_part'].to_numpy(), 1.0)})"
+        for name, unit in (("peak_load", "times the loads of [statics]"), ("work", "J"))
+    ]
+    mesh = (
+        f" On the coarser mesh the load changes by {100.0 * float(cracked['peak_load_mesh']):.2g} "
+        f"% and the energy by {100.0 * float(cracked['work_mesh']):.2g} %."
+        if "work_mesh" in cracked
+        else ""
+    )
+    count = int(np.count_nonzero(cracked["stiffness_share"].to_numpy() < 1.0))
+    return (
+        f"{cracked.attrs['body']} bears {told[0]}; cracking through {count} elements takes "
+        f"{told[1]}.{mesh}"
+    )
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    cracked = found[CRACKED_BODY.name]
+    figures = {
+        "cracked_load": on_axes(lambda ax: plot_cracked_load(cracked, ax=ax)),
+        "crack_field": on_axes(lambda ax: plot_element_field(cracked, "stiffness_share", ax=ax)),
+    }
+    yield Section("Crack of the body", [_answer(cracked)], figures=figures)
+
+
+def _summary(found: Datasets) -> Summary:
+    cracked = found[CRACKED_BODY.name]
+    return Summary(
+        cracked.attrs["title"], "Under which load does the body crack?", [_answer(cracked)]
+    )
+
+
+def _needs(case: Case) -> Needs:
+    assert isinstance(case.structure, Bodies)  # as the case has checked
+    n = case.structure.bodies[0].load().t.shape[1]
+    laws = 2 + (case.rve.recipe.realisations if case.rve.recipe else 1)
+    seconds = laws * 20.0 * n ** (2.0 / 3.0) * n * EVENT_SECONDS
+    told = "crack band by events, for the mean law, the law of every volume and a coarser mesh"
+    return Needs(seconds=seconds, choices=(Choice("crack of the body", told),))
+
+
+CRACKED_BODY_STAGE = Stage(
+    schema=CRACKED_BODY,
+    tables=("structure", "growth"),
+    reads={"title", "structure", "statics"},
+    takes=(LOADED_BODIES, GROWING_CRACKS),
+    run=_run,
+    needs=_needs,
+    prepare=_prepare,
+    lines=lambda found: [_answer(found[CRACKED_BODY.name])],
+    sections=_sections,
+    summary=_summary,
+    pictures=("cracked_load", "crack_field"),
+    answers=(
+        StageAnswer("peak_load", "largest load over the loads of [statics]"),
+        StageAnswer("work", "energy of the crack", "J"),
+    ),
+    failure=lambda cracked: "" if int(cracked["converged"]) else FAILED,
+)

@@ -1,0 +1,137 @@
+"""Stage: cracks of the representative volume that grow until they cut it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.micro.damage import grow_volumes
+from multiscale.needs import Choice, Needs
+from multiscale.pipeline.rows import Table
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stage import (
+    Datasets,
+    Job,
+    Section,
+    Stage,
+    StageAnswer,
+    Summary,
+    format_table,
+)
+from multiscale.pipeline.stages.representative_volume import (
+    REPRESENTATIVE_VOLUME,
+    say_interval,
+    say_mean,
+)
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.rve_figures import plot_crack_damage, plot_softening
+from multiscale.schema import VOLUME_GROWTH
+from multiscale.units import readable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["GROWING_CRACKS"]
+
+EVENT_SECONDS = 1e-6
+"""CPU seconds of a crack in an event; there are about 150 events of a crack that cuts a volume."""
+
+
+def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    volumes = case.growth.volumes(case.rve)
+    share = np.array([one for one, _ in volumes])
+    cracks = [one for _, one in volumes]
+    axis = "xyz".index(case.growth.pull)
+    result = grow_volumes(cracks, share, axis=axis, through=case.growth.through)
+    return result.assign_attrs(title=case.title)
+
+
+def _answer(growth: "xr.Dataset") -> str:
+    edge = readable(f"{float(growth.attrs['edge']):.4g} m")
+    told = [
+        f"{scale * float(growth[name]):.4g} {unit} "
+        f"({say_interval(growth[f'{name}_mean_law'].to_numpy(), scale)}, 95 %; one volume "
+        f"{say_interval(growth[f'{name}_one_part'].to_numpy(), scale)})"
+        for name, scale, unit in (("strength", 1e-6, "MPa"), ("fracture_energy", 1.0, "J/m2"))
+    ]
+    whole = (growth["share"] == 1.0) & (growth["converged"] == 1)
+    damage = float(growth["peak_damage"].to_numpy()[whole.to_numpy()].mean())
+    return (
+        f"A volume of {edge} bears a tension of {told[0]} along "
+        f"{'xyz'[int(growth.attrs['axis'])]}, at a damage of {damage:.3g} of its worst section, "
+        f"eq (1); its crack then takes {told[1]}."
+    )
+
+
+def _tabulate(growth: "xr.Dataset") -> Table:
+    """Head and rows of the size effect: means and standard deviations over volumes."""
+    head = ("edge", "volumes", "cut", "strength (MPa)", "energy (J/m2)", "damage at the strength")
+    share, rows = growth["share"].to_numpy(), []
+    columns = (("volume_strength", 1e-6), ("volume_energy", 1.0), ("peak_damage", 1.0))
+    for one in np.unique(share):
+        own = share == one
+        rows.append(
+            (
+                readable(f"{one * float(growth.attrs['edge']):.4g} m"),
+                f"{own.sum()}",
+                f"{int(growth['converged'].to_numpy()[own].sum())}",
+                *(say_mean(scale * growth[name].to_numpy()[own]) for name, scale in columns),
+            )
+        )
+    return head, rows
+
+
+def _lines(found: Datasets) -> Iterator[str]:
+    growth = found[VOLUME_GROWTH.name]
+    yield from format_table("Growth of cracks by the size of the volume", *_tabulate(growth))
+    yield _answer(growth)
+
+
+def _sections(found: Datasets, out: Path) -> Iterator[Section]:
+    growth = found[VOLUME_GROWTH.name]
+    figures = {
+        "crack_damage": on_axes(lambda ax: plot_crack_damage(growth, ax=ax)),
+        "softening": on_axes(lambda ax: plot_softening(growth, ax=ax)),
+    }
+    told = [_answer(growth), "Means over volumes, ± one standard deviation."]
+    yield Section("Growth of cracks", told, *_tabulate(growth), figures=figures)
+
+
+def _summary(found: Datasets) -> Summary:
+    growth = found[VOLUME_GROWTH.name]
+    question = "Which tension does the solid with its cracks bear, and how does it soften?"
+    return Summary(growth.attrs["title"], question, [_answer(growth)])
+
+
+def _needs(case: Case) -> Needs:
+    assert case.rve.size is not None
+    count = len(case.rve.cracks)
+    volumes = 1
+    if case.rve.recipe is not None:
+        count, volumes = round(case.rve.recipe.count(case.rve.size)), case.rve.recipe.realisations
+    told = "event by event, no iteration; a crack that reaches another one " + (
+        "grows on as if it were alone" if case.growth.through else "ends its volume"
+    )
+    return Needs(
+        seconds=150 * volumes * count * EVENT_SECONDS, choices=(Choice("growth of cracks", told),)
+    )
+
+
+GROWING_CRACKS = Stage(
+    schema=VOLUME_GROWTH,
+    tables=("rve", "growth"),
+    reads={"title", "rve", "growth"},
+    takes=(REPRESENTATIVE_VOLUME,),
+    run=_run,
+    needs=_needs,
+    prepare=lambda case: case.growth.volumes(case.rve),
+    lines=_lines,
+    sections=_sections,
+    summary=_summary,
+    pictures=("crack_damage", "softening"),
+    answers=(
+        StageAnswer("strength", "tensile strength", "MPa", 1e-6),
+        StageAnswer("fracture_energy", "fracture energy", "J/m2"),
+    ),
+)

@@ -1,0 +1,132 @@
+"""Cases with [growth]: strength and energy of volumes whose cracks grow, and of a body."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.pipeline import load_case, run
+from multiscale.report import open_finished, write_report
+from multiscale.schema import CRACKED_BODY, VOLUME_GROWTH
+from tests.support import write_body, write_scene
+
+VOLUME = """
+title = "Concrete"
+[rve]
+youngs_modulus = "30 GPa"
+poissons_ratio = 0.2
+size = "100 mm"
+voxels = 8
+level = 0
+sections = 3
+[rve.recipe]
+crack_density = 0.02
+crack_radius = "8 mm"
+crack_spread = 0.3
+crack_normal = [0, 0, 1]
+realisations = 3
+[growth]
+toughness = "0.6 MPa*m^0.5"
+through = true
+"""
+BAR = """
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "bar"
+mesh = "bar.msh"
+coarser = "coarse.msh"
+unit = "m"
+youngs_modulus = "29 GPa"
+poissons_ratio = 0
+supports = { left = "x", front = "y", bottom = "z" }
+[[structure.loads]]
+name = "pull"
+face = "bar.right"
+traction = ["1 MPa", 0, 0]
+[statics]
+steps = [{ pull = 1 }]
+"""
+SIZE = (0.4, 0.1, 0.1)
+
+
+def write_bars(folder):
+    """Write bars of 9 and of 3 hexahedra, named as in the case."""
+    for name, count in (("bar", 9), ("coarse", 3)):
+        write_body(folder / f"{name}.msh", box_mesh(SIZE, (count, 1, 1)), scale=1.0)
+
+
+@pytest.fixture(scope="module")
+def cracked(tmp_path_factory):
+    """Datasets of a bar that cracks, and the folder of their run."""
+    folder = tmp_path_factory.mktemp("growth")
+    write_bars(folder)
+    case = load_case(write_scene(folder, VOLUME + BAR))
+    return run(case, folder / "out"), folder / "out"
+
+
+def test_volumes_have_strengths_and_energies_between_their_intervals(cracked):
+    growth = cracked[0]["volume_growth"]
+    VOLUME_GROWTH.check(growth)
+    whole = growth["share"].to_numpy() == 1.0
+    # the energy per area is at most the whole toughness, on the part of the section left sound
+    release = 0.6e6**2 * (1.0 - 0.2**2) / 30e9
+    assert np.all(growth["volume_energy"].to_numpy() < 1.02 * release)
+    assert np.all(growth["volume_energy"].to_numpy()[whole] > 0.5 * release)
+    damage = growth["damage"].to_numpy()
+    # a circle of .999 of the section overlaps its periodic images
+    np.testing.assert_allclose(damage[:, -1], 0.909, atol=1e-3)
+    assert np.all(damage[:, 0] < growth["peak_damage"].to_numpy() + 1e-9)
+    mean = np.trapezoid(growth["mean_stress"], growth["mean_opening"])
+    assert mean == pytest.approx(float(growth["fracture_energy"]))
+    for name in ("strength", "fracture_energy"):
+        low, high = growth[f"{name}_mean_law"].to_numpy()
+        assert low < float(growth[name]) < high
+        assert np.ptp(growth[f"{name}_one_part"].to_numpy()) == pytest.approx(
+            2.0 * (high - low)
+        )  # sqrt(1+3)
+    small = growth["volume_strength"].to_numpy()[~whole].mean()
+    assert small > float(growth["strength"])
+
+
+def test_a_bar_has_the_strength_and_the_energy_of_the_mean_law_on_every_mesh(cracked):
+    found, growth = cracked[0]["cracked_body"], cracked[0]["volume_growth"]
+    CRACKED_BODY.check(found)
+    assert int(found["converged"]) == 1
+    assert 1e6 * float(found["peak_load"]) == pytest.approx(float(growth["strength"]), rel=1e-6)
+    energy = float(found["work"]) / (SIZE[1] * SIZE[2])
+    assert energy == pytest.approx(float(growth["fracture_energy"]), rel=0.03)
+    assert float(found["work_mesh"]) < 0.03
+    assert float(found["peak_load_mesh"]) < 1e-6
+    whole = growth["share"].to_numpy() == 1.0
+    np.testing.assert_allclose(
+        1e6 * found["peak_load_sample"], growth["volume_strength"].to_numpy()[whole], rtol=1e-6
+    )
+
+
+def test_the_report_of_growing_cracks_has_their_answers(cracked):
+    finished = open_finished(cracked[1])
+    lines = list(finished.lines())
+    assert any("bears a tension of" in line for line in lines)
+    assert any("bar bears" in line for line in lines)
+    page = write_report(cracked[1]).read_text(encoding="utf-8")
+    assert ">Growth of cracks</h2>" in page
+    assert ">Crack of the body</h2>" in page
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (("crack_density", 'porosity = 0.1\npore_radius = "9 mm"\ncrack_density'), "holds pores"),
+        (('size = "100 mm"', 'size = ["100 mm", "50 mm", "50 mm"]'), "grow in a periodic cube"),
+        (("0.6 MPa*m^0.5", "0.6 MPa"), "toughness"),
+        (("through = true", "rise = 1"), "rise and bridging belong together"),
+        (("steps = [{ pull = 1 }]", "steps = [{ pull = -1 }]"), "no element of the body is in ten"),
+        (('unit = "m"', 'unit = "m"\norder = 2'), "hexahedra of first order"),
+    ],
+)
+def test_what_cannot_crack_is_refused_with_a_sentence(change, sentence, tmp_path):
+    write_bars(tmp_path)
+    text = (VOLUME + BAR).replace(*change).replace("realisations = 3", "realisations = 1")
+    with pytest.raises(CaseError, match=sentence):
+        run(load_case(write_scene(tmp_path, text)), tmp_path / "out")

@@ -1,0 +1,216 @@
+"""Stacked blocks and lap joints as bodies: they vibrate, and take representative volumes."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.fe.lap_mesh import LapShape, lap_meshes
+from multiscale.io import open_dataset, write_dataset
+from multiscale.pipeline import load_case, run
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
+from multiscale.schema import RVE, RVE_STIFFNESS
+from tests.pipeline.test_intervals import ByPickle, write_cells
+from tests.pipeline.test_representative_volume import RECIPE, TEXT
+from tests.support import TWO_BLOCKS, case_of, write_body, write_law, write_scene
+
+SHAPE = LapShape(0.1, 0.04, 0.008, 0.04, 0.009, 0.018, 0.02, 1)
+LAP = """
+title = "Lap joint"
+[structure]
+kind = "lap_joint"
+length = "100 mm"
+width = "40 mm"
+thickness = "8 mm"
+overlap = "40 mm"
+hole = "9 mm"
+washer = "18 mm"
+element = "20 mm"
+layers = 1
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+density = "7850 kg/m^3"
+[statics]
+preloads = ["25 MPa"]
+"""
+PLATES = """
+title = "Two plates"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "lower"
+mesh = "lower.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+density = "7850 kg/m^3"
+supports = { end = "clamped" }
+[[structure.bodies]]
+name = "upper"
+mesh = "upper.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+density = "7850 kg/m^3"
+supports = { end = "yz" }
+[[structure.interfaces]]
+sides = ["lower.joint", "upper.joint"]
+[[structure.loads]]
+name = "below"
+face = "lower.washer"
+pressure = "25 MPa"
+[[structure.loads]]
+name = "above"
+face = "upper.washer"
+pressure = "25 MPa"
+[statics]
+steps = [{ below = 1, above = 1 }]
+"""
+VIBRATION = """
+[interface]
+law = "law.nc"
+friction = 0.2
+stiffness_ratio = 0.8
+extrapolate = true
+[vibration]
+modes = [1]
+amplitudes = ["1 um"]
+preload_friction = false
+slabs = 128
+"""
+STIFF = (
+    TWO_BLOCKS.replace('"10 mm"]', '"0.5 mm"]')
+    .replace("210 GPa", "1e7 GPa")
+    .replace('["5 MPa", "20 MPa"]', '["20 MPa"]')
+    .replace("friction = 0.2", 'law = "law.nc"\nfriction = 0.2')
+    .replace("poissons_ratio = 0", 'poissons_ratio = 0\ndensity = "8000 kg/m^3"')
+)
+EDGE, MASS = 0.02, 8000.0 * 0.02**2 * 0.5e-3  # of the upper block
+
+
+@pytest.mark.slow
+def test_a_lap_joint_has_the_modes_of_the_same_bodies(tmp_path):
+    pytest.importorskip("gmsh", exc_type=Exception)
+    write_law(tmp_path / "law.nc")
+    for name, mesh in zip(("lower", "upper"), lap_meshes(SHAPE), strict=True):
+        write_body(tmp_path / f"{name}.msh", mesh)
+    lap, plates = (
+        run(load_case(write_scene(tmp_path, text + VIBRATION)), tmp_path / name)["vibration"]
+        for name, text in (("lap", LAP), ("plates", PLATES))
+    )
+    np.testing.assert_allclose(lap["mode_frequency"], plates["mode_frequency"], rtol=1e-6)
+    np.testing.assert_allclose(lap["frequency"], plates["frequency"], rtol=1e-4)
+    np.testing.assert_allclose(lap["damping"], plates["damping"], rtol=0.05)  # beds differ
+    with pytest.raises(CaseError, match="body 0 has no density"):
+        case_of(tmp_path, (LAP + VIBRATION).replace("density", "# density"))
+
+
+def test_a_block_that_slides_vibrates_with_stiffness_and_loss_of_its_cycles(tmp_path):
+    """One degree of freedom: rigid blocks, of which the upper one has all the mass."""
+    write_law(tmp_path / "law.nc")
+    cycles = '[cycles]\nshear = "2 MPa"\ncycles = 1\nsteps = 4\n'
+    pressed = run(case_of(tmp_path, STIFF + cycles), tmp_path / "cycles")["macro_result"]
+    secant, loss = (float(pressed[name].squeeze()) for name in ("secant_stiffness", "cycle_loss"))
+    moved = 2e6 / secant
+    asked = f'[vibration]\namplitudes = ["{moved:.9g} m"]\npreload_friction = false\n'
+    found = run(case_of(tmp_path, STIFF + asked), tmp_path / "vibration")["vibration"]
+    k = secant * EDGE**2
+    assert float(found["frequency"][0]) == pytest.approx(np.sqrt(k / MASS) / (2 * np.pi), rel=2e-3)
+    assert float(found["damping"][0]) == pytest.approx(loss / (2 * np.pi * k * moved**2), rel=0.03)
+
+
+@pytest.mark.slow
+def test_workers_solve_the_changes_of_a_vibration(tmp_path):
+    write_cells(tmp_path / "law.nc")
+    asked = '[vibration]\namplitudes = ["20 nm"]\npreload_friction = false\nslabs = 16\n'
+    case = case_of(tmp_path, STIFF + asked).from_structure(None)
+    alone, shared = (VIBRATING_BODIES.run(case, {}, Job(tmp_path, e)) for e in (None, ByPickle()))
+    np.testing.assert_allclose(alone["damping_mean_law"], shared["damping_mean_law"], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_blocks_of_a_volume_are_as_stiff_as_its_tensor_and_as_sure(tmp_path):
+    write_law(tmp_path / "law.nc")
+    pores = TEXT.replace("voxels = 10", "voxels = 6") + RECIPE.replace("= 3", "= 2")
+    rve = run(case_of(tmp_path, pores), tmp_path / "pores")["rve"]
+    write_dataset(rve, tmp_path / "pores.nc", RVE)
+    text = TWO_BLOCKS.replace("friction = 0.2", 'law = "law.nc"\nfriction = 0.2')
+    moduli = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0\n'
+    axes = "rve_axes = [[0, 0, 1], [0, 1, 0]]\n"
+    porous = run(
+        case_of(tmp_path, text.replace(moduli, f'rve = "pores.nc"\n{axes}')), tmp_path / "porous"
+    )["macro_result"]
+    kept = {"stiffness": rve["stiffness"].values, "strain": rve["strain"].values}
+    kept |= {"other_strain": rve["strain"].values, "normal": np.eye(3), "porosity": 0.1}
+    kept |= {"modulus_ratio": np.ones(3), "damage": np.zeros(3)}
+    write_dataset(RVE_STIFFNESS.build(kept), tmp_path / "tensor.nc", RVE_STIFFNESS)
+    tensor = run(
+        case_of(tmp_path, text.replace(moduli, f'{moduli}stiffness = "tensor.nc"\n{axes}')),
+        tmp_path / "tensor",
+    )["macro_result"]
+    np.testing.assert_allclose(porous["solid_stiffness"], tensor["solid_stiffness"], rtol=1e-6)
+    # both blocks err together, so that the stiffness of the bodies errs as their modulus
+    half = porous["error_half_width"].sel(quantity="solid_stiffness", error_term="sampling")
+    largest = float(rve["modulus_error"].sel(rve_error="sampling").max())
+    np.testing.assert_allclose(half, largest / 1.02, rtol=0.03)
+    assert open_dataset(tmp_path / "pores.nc", RVE).attrs["poissons_ratio"] == 0.3
+
+
+@pytest.mark.slow
+def test_a_block_has_the_life_of_the_same_body(tmp_path):
+    write_law(tmp_path / "law.nc")
+    for name, z in (("lower", 0.0), ("upper", 0.01)):
+        mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1), origin=(0.0, 0.0, z))
+        write_body(tmp_path / f"{name}.msh", mesh)
+    joint = '[interface]\nlaw = "law.nc"\nfriction = 0.9\nstiffness_ratio = 0.8\n'
+    fatigue = """
+[fatigue]
+body = "BODY"
+fatigue_limit = "1.5 MPa"
+strength = "600 MPa"
+damage_strength = "0.0002 MPa"
+threshold = 0.0
+feedback = false
+"""
+    blocks = TWO_BLOCKS.replace('["5 MPa", "20 MPa"]', '["20 MPa"]')
+    blocks = blocks.replace("[interface]\nfriction = 0.2\nstiffness_ratio = 0.8\n", joint)
+    blocks += '[cycles]\nshear = "2 MPa"\ncycles = 2\nsteps = 2\n'
+    body = """
+[[structure.bodies]]
+name = "NAME"
+mesh = "NAME.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0
+supports = { HELD }
+"""
+    both = [("lower", 'bottom = "clamped"'), ("upper", 'front = "y"')]
+    parts = "".join(body.replace("NAME", name).replace("HELD", held) for name, held in both)
+    loads = """
+[[structure.interfaces]]
+sides = ["lower.top", "upper.bottom"]
+[[structure.loads]]
+name = "press"
+face = "upper.top"
+pressure = "20 MPa"
+[[structure.loads]]
+name = "shear"
+face = "upper.top"
+traction = ["2 MPa", 0, 0]
+[statics]
+steps = [{ press = 1 }]
+[cycles]
+load = "shear"
+cycles = 2
+steps = 2
+"""
+    bodies = f'title = "Bodies"\n[structure]\nkind = "bodies"\n{parts}{loads}{joint}'
+    lives = []
+    for text, name in ((blocks, "body 1"), (bodies, "upper")):
+        case = case_of(tmp_path, text + fatigue.replace("BODY", name))
+        lives.append(float(run(case, tmp_path / name)["fatigue_life"]["cycles_to_first"]))
+    assert np.isfinite(lives[0])
+    assert lives[0] == pytest.approx(lives[1], rel=0.02)  # beds differ
+    with pytest.raises(CaseError, match="there are body 0, body 1; name one by body"):
+        case_of(tmp_path, blocks + fatigue.replace('body = "BODY"\n', ""))
