@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from multiscale.pipeline.porous_body import RveError
 from multiscale.pipeline.real_contact import contact_dependence
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job
-from multiscale.schema import with_cautions
+from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling import (
     Dependence,
     add_budgets,
@@ -40,9 +40,6 @@ from multiscale.upscaling.budget_terms import FEW_CELLS, Term
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.shear_budget import loss_term
 from multiscale.upscaling.structure_errors import STRETCH
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "PARAMETERS",
@@ -95,12 +92,12 @@ class JointsOfLaw:
         Parameters of their sliders, of :data:`PARAMETERS`, that come from the law, and not given.
     """
 
-    law: "xr.Dataset"
+    law: Dataset
     joints: tuple[int, ...]
     measured: Collection[str]
 
 
-JointSolve = Callable[[Change], "xr.Dataset"]
+JointSolve = Callable[[Change], "Dataset"]
 """From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
 must be able to import it."""
 
@@ -132,14 +129,14 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
 
 
 def with_joint_budget(
-    result: "xr.Dataset",
+    result: Dataset,
     laws: Sequence[JointsOfLaw],
     solve: JointSolve,
     asked: JointAnswers,
     coarser: Mapping[float, Bodies],
     job: Job,
     volumes: Sequence[tuple[RveError, Bodies]] = (),
-) -> "xr.Dataset":
+) -> Dataset:
     """Return the result of rough joints with error budget and intervals of their answers.
 
     Parameters
@@ -174,7 +171,7 @@ def with_joint_budget(
     names = (*asked.read, *in_cycles)
     steps = rests if cycles is None else np.append(rests, cycles.steps)
 
-    def answers(found: "xr.Dataset") -> np.ndarray:
+    def answers(found: Dataset) -> np.ndarray:
         """Answers at rest, then in the cycles, and one for what stays as it is."""
         rows = np.full((len(names), steps.size), np.nan)
         for row, values in zip(rows, asked.read.values(), strict=False):
@@ -194,7 +191,7 @@ def with_joint_budget(
     jobs |= {("volume", k): Change(structure=structure) for k, (_, structure) in enumerate(volumes)}
     solved: dict[Hashable, np.ndarray] = {}
 
-    def finish(key: Hashable, found: "xr.Dataset") -> None:
+    def finish(key: Hashable, found: Dataset) -> None:
         solved[key] = answers(found)
         job.progress(len(solved), len(jobs), "solves for the intervals")
 
@@ -238,7 +235,7 @@ def _volume_budget(
     change: np.ndarray,
     error: RveError,
     coarser: Mapping[float, np.ndarray],
-) -> "xr.Dataset":
+) -> Dataset:
     """Carry errors of a volume to answers, by their change over the change of its parameter."""
     nothing = Term("nothing: the volume is elastic", np.zeros(value.shape))
     terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS}
@@ -269,7 +266,7 @@ class _OfLaw:
     cautions : tuple of str
     """
 
-    law: "xr.Dataset"
+    law: Dataset
     joints: tuple[int, ...]
     measured: Collection[str]
     asked: JointAnswers
@@ -283,7 +280,7 @@ class _OfLaw:
     def measure(
         cls,
         of: JointsOfLaw,
-        result: "xr.Dataset",
+        result: Dataset,
         steps: np.ndarray,
         n_rests: int,
         asked: JointAnswers,
@@ -336,7 +333,7 @@ class _OfLaw:
         coarser: Mapping[float, np.ndarray],
         others: Sequence[Dependence],
         beds: np.ndarray,
-    ) -> "xr.Dataset":
+    ) -> Dataset:
         """Carry the budget of the law to answers, from those with its changes, mesh and beds."""
         law, mean, cycles = self.law, self.pressure, self.asked.cycles
         rows, own = np.array(names), {}
@@ -393,7 +390,7 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 
 
 def _uneven_slip(
-    law: "xr.Dataset",
+    law: Dataset,
     cycles: CycleAnswers,
     pressure: np.ndarray,
     rows: np.ndarray,

@@ -7,10 +7,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.schema import RVE_STIFFNESS
+from multiscale.schema import RVE_STIFFNESS, Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
     from skfem import Element
 
 __all__ = ["Block", "RoughJoint", "soften"]
@@ -131,7 +130,7 @@ class RoughJoint:
         return self.section[0] * self.section[1]
 
 
-def soften(block: Block, stiffness: "float | xr.Dataset") -> Block:
+def soften(block: Block, stiffness: float | Dataset) -> Block:
     """Return a block with less stiffness.
 
     Parameters

@@ -2,7 +2,6 @@ r"""Newton steps of a structure that has been cut."""
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
@@ -30,9 +29,7 @@ from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import enough, step_length
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["Imbalance", "Newton"]
 
@@ -144,7 +141,7 @@ class Newton:
             for place, item in zip(self.jumps, self.joints, strict=True)
         ]
 
-    def resume(self, path: "xr.Dataset") -> None:
+    def resume(self, path: Dataset) -> None:
         """Start from the last step of a path."""
         self.u = self.problem.unknowns(path["displacement"].values[-1])[self.unknown]
         links = self.stack.links

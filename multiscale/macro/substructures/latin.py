@@ -2,7 +2,6 @@ r"""Micro-macro LATIN: one stage knows the links and laws, the other the structu
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import diags_array
@@ -24,9 +23,7 @@ from multiscale.macro.substructures.search_directions import (
     side_stiffness,
 )
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["Latin", "LatinIterate"]
 
@@ -124,7 +121,7 @@ class Latin:
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
         self.largest, self.before = 0.0, np.zeros(0)
 
-    def resume(self, path: "xr.Dataset") -> None:
+    def resume(self, path: Dataset) -> None:
         """Start from the last step of a path; it does not tell forces on perfect interfaces."""
         jointed = [index for index, _, _ in self.joints]
         states = states_after(self.problem, path)

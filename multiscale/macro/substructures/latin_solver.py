@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL,
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.anderson import Anderson
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["solve_latin", "solve_step"]
 
@@ -43,7 +41,7 @@ def solve_latin(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
-    after: "xr.Dataset | None" = None,
+    after: Dataset | None = None,
     coarse: bool = True,
     updated: bool = True,
     tolerance: float = 1e-8,
@@ -51,7 +49,7 @@ def solve_latin(
     team: ProcessGroup | None = None,
     callback: Callable[[int, float, LatinIterate], None] | None = None,
     after_step: Callable[[], object] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
 
     Parameters
