@@ -24,7 +24,7 @@ from multiscale.pipeline.assembly_parts import (
 )
 from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
-from multiscale.pipeline.porous_body import PorousBody, RveError
+from multiscale.pipeline.porous_body import PorousBody, Uncertainty
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Number,
@@ -33,7 +33,7 @@ from multiscale.pipeline.toml_model import (
 )
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
-from multiscale.upscaling.budget_terms import FEW_CELLS
+from multiscale.upscaling.budget_terms import FEW_CELLS, STATED
 from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
@@ -56,6 +56,9 @@ KINDS = {4: "tetrahedra", 8: "hexahedra"}
 
 QUICK_ELEMENT = 1.5
 """Element size of quick geometries over the size stated."""
+
+STATED_HOW = "half-widths stated with +-"
+"""How errors of stated values are known."""
 
 OpenLaw = Callable[[Path, bool], "Dataset"]
 """From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
@@ -285,12 +288,16 @@ class Bodies(StructureKind):
                 error = float(np.hypot(error, damage.half_width / (1.0 - damage.mean)))
         return share, error
 
-    def volume_errors(self) -> "list[tuple[RveError, Self]]":
-        """List what is unknown of volumes, and the structure with each parameter stretched.
+    def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
+        """List what is unknown of values stated and volumes, and the structure with each stretched.
 
-        Bodies of one volume err alike; the one that holds the fewest volumes tells by how much.
+        Every parameter is larger by :data:`STRETCH` in a structure of its own. Bodies of one volume
+        err alike; the one that holds the fewest volumes tells by how much.
         """
         listed = []
+        for key, half, stretched in self.uncertain(1.0 + STRETCH):
+            name = f"{key} ± {100.0 * half:.3g} %"
+            listed.append((Uncertainty(name, {STATED: half}, {STATED: STATED_HOW}), stretched))
         porous = [one for one in self.bodies if isinstance(one, PorousBody)]
         for volume in dict.fromkeys(one.rve for one in porous):
             alike = {one.name: one for one in porous if one.rve == volume}
@@ -309,7 +316,7 @@ class Bodies(StructureKind):
                 changed_one = one.model_copy(update={"damage": less})
                 interfaces = (*self.interfaces[:at], changed_one, *self.interfaces[at + 1 :])
                 told = "scatter of sections of the volume, over the area of the interface"
-                error = RveError(
+                error = Uncertainty(
                     f"sections at interface {at}",
                     {FEW_CELLS: self.carried(at)[1]},
                     {FEW_CELLS: told},
@@ -386,7 +393,13 @@ class Bodies(StructureKind):
             sound = changed.get(number) or law_from_dataset(law)
             damage = one.damage or float(law.get("interface_damage", 0.0))
             worn = Damaged(sound, damage) if damage else sound
-            made.append(sliders_from_dataset(law, normal=worn, **beds))
+            source = one.over(case.interface or JointLaw())
+            given = {
+                name: getattr(source, name)
+                for name in ("friction", "stiffness_ratio")
+                if getattr(source, name) is not None
+            }
+            made.append(replace(sliders_from_dataset(law, normal=worn, **beds), **given))
         return made
 
     def beds(self, case: "Case") -> dict[str, Any]:

@@ -9,10 +9,8 @@ with ``draw`` make whole figures and write them.
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.damage_figures import (
-    draw_damage,
     plot_damage_sphere,
     plot_element_field,
-    plot_stiffness_against_damage,
     plot_woehler,
     plot_worst_section,
 )
@@ -93,7 +91,6 @@ from multiscale.plotting.work_precision_figures import (
 
 __all__ = [
     "MOST_DRAWN",
-    "draw_damage",
     "draw_granulate",
     "draw_joint",
     "draw_links",
@@ -143,7 +140,6 @@ __all__ = [
     "plot_sorted_tensions",
     "plot_spectral_density",
     "plot_steady_friction",
-    "plot_stiffness_against_damage",
     "plot_surface",
     "plot_sweep",
     "plot_sweep_steps",

@@ -108,7 +108,11 @@ class CondensedProblem:
 
 
 def condense_problem(
-    problem: CutProblem, kept: Sequence[int] = (), *, largest: int | None = None
+    problem: CutProblem,
+    kept: Sequence[int] = (),
+    *,
+    largest: int | None = None,
+    insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
     """Condense each substructure, unless joints are missing or too many unknowns would be kept.
 
@@ -119,6 +123,8 @@ def condense_problem(
         Unknowns that are kept beside those that joints, bolts and neighbours touch.
     largest : int, optional
         Limit of the kept unknowns; ``DENSE`` if not given.
+    insides : sequence of CondensedStiffness, optional
+        Of a problem that differs by its loads, the laws of its joints and its preloads alone.
 
     Raises
     ------
@@ -137,7 +143,7 @@ def condense_problem(
     little = problem.n - left.size <= problem.n_cases * len(parts)  # modes may be as many
     if not problem.joints or left.size > (DENSE if largest is None else largest) or little:
         return CondensedProblem(problem, problem)
-    insides = [
+    insides = insides or [
         condense_body(part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure")
         for part, keep in zip(parts, keeps, strict=True)
     ]

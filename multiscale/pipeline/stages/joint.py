@@ -21,6 +21,7 @@ from multiscale.pipeline.rows import (
     say_value,
     tabulate,
     tabulate_budget,
+    tabulate_sensitivity,
 )
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -60,7 +61,7 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.fit import told_branches
 
-__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "of_stiffness", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_sections", "of_stiffness", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
@@ -314,21 +315,32 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     told = [*_decisions(result), *list_facts(result)[1:]]  # the first one is in the answer
     stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax), *WIDE)
     yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
-def budget_section(result: Dataset) -> Section:
-    """Say of each term of the error budget how large it is and how it was estimated."""
+def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
+    """Say of each term of the error budget how large it is and how it was estimated.
+
+    It is the budget of the first quantity, then of further ones; at the end stands how answers
+    depend on parameters that have a half-width of their own.
+    """
     if "error_total" not in result:
-        return Section("Error budget", ["Nothing was estimated."])
-    quantity = str(result["quantity"].values[0]).replace("_", " ")
-    return Section(
-        "Error budget",
-        [f"Half-widths of 95 % intervals of the {quantity}, in per cent of it."],
-        *tabulate_budget(result),
-        figures={"error_budget": on_axes(lambda ax: plot_error_budget(result, ax=ax), *WIDE)},
-        notes=True,
-    )
+        yield Section("Error budget", ["Nothing was estimated."])
+        return
+    drawn = on_axes(lambda ax: plot_error_budget(result, ax=ax), *WIDE)
+    for quantity in (str(result["quantity"].values[0]), *further):
+        name = quantity.replace("_", " ")
+        yield Section(
+            f"Error budget of the {name}" if further else "Error budget",
+            [f"Half-widths of 95 % intervals of the {name}, in per cent of it."],
+            *tabulate_budget(result, quantity),
+            figures={} if quantity in further else {"error_budget": drawn},
+            notes=True,
+        )
+    if "sensitivity" in result:
+        told = "Relative changes of the answers, to first order, if a parameter is larger by the "
+        told += "half-width of its 95 % interval, and all others stay as they are."
+        yield Section("Sensitivity", [told], *tabulate_sensitivity(result))
 
 
 JOINT = Stage(

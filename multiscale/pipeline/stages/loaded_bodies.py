@@ -29,7 +29,7 @@ from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
@@ -62,7 +62,7 @@ COARSER_ALONE = (
 
 NO_BUDGET = (
     "intervals do not count the error of the law of interface {number}, which is not known: take "
-    "the law of a run"
+    'the law of a run, or state half-widths of its values, as in friction = "0.2 +- 10 %"'
 )
 
 ANSWERS = (
@@ -106,9 +106,9 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
 def _with_budget(result: Dataset, ready: ReadyBodies, path: LoadPath, job: Job) -> Dataset:
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
-    volumes = bodies.volume_errors()
+    uncertain = bodies.uncertainties()
     of_laws = any(law is not None and "error_half_width" in law for law in laws)
-    if not of_laws and not volumes:
+    if not of_laws and not uncertain:
         return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
@@ -126,7 +126,7 @@ def _with_budget(result: Dataset, ready: ReadyBodies, path: LoadPath, job: Job) 
     if not coarser:
         result = with_cautions(result, NO_COARSER)
     solve = ready.again(follow, near)
-    return with_joint_budget(result, found, solve, asked, coarser, job, volumes)
+    return with_joint_budget(result, found, solve, asked, coarser, job, uncertain)
 
 
 def _follow(
@@ -146,6 +146,8 @@ def budgeted_laws(
     """Find the laws with a budget and their joints; a result tells of those without one."""
     shared, found = case.interface or JointLaw(), []
     for number, law in enumerate(laws):
+        if law is None and any(bodies.interfaces[number].uncertain(1.0)):
+            continue  # what is not known of it is stated
         if law is None or "error_half_width" not in law:
             result = with_cautions(result, NO_BUDGET.format(number=number))
         elif not any(law is other for other in laws[:number]):  # the first interface of its law
@@ -218,7 +220,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
     figures = {"body_stress": in_space(stressed)}
     figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
     yield Section("Loads and interfaces", told, figures=figures)
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
 def _compared(result: Dataset) -> Dataset:

@@ -33,7 +33,7 @@ from multiscale.pipeline.rows import (
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section, of_stiffness
+from multiscale.pipeline.stages.joint import budget_sections, of_stiffness
 from multiscale.pipeline.stages.loaded_bodies import budgeted_laws
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
@@ -89,7 +89,7 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
-    volumes = ready.bodies.volume_errors()
+    volumes = ready.bodies.uncertainties()
     if "error_half_width" in law or volumes:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
@@ -185,7 +185,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
             "part.",
         ]
         yield Section("Cycles of shear", cycles, *tabulate_cycles(result))
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
 def _compared(result: Dataset) -> Dataset:

@@ -11,7 +11,6 @@ from multiscale.micro.damage import (
     boolean_spheres,
     cylinders,
     ellipsoids,
-    lattice,
     max_damage,
     penny_cracks,
     plane_damage,
@@ -23,6 +22,7 @@ from multiscale.micro.damage.cavities import first_overlap
 from multiscale.micro.damage.directions import fit_tensor, sphere_directions
 from multiscale.micro.damage.voxel_sections import box_section, void_section
 from multiscale.schema import DAMAGE_SECTIONS
+from tests.micro.damage.solid import lattice
 from tests.support import observed_rate
 
 CUBE = (1.0, 1.0, 1.0)
@@ -374,7 +374,6 @@ def test_a_packing_does_not_overlap_and_has_the_porosity():
         (lambda: plane_damage(Cavities(CUBE), (0, 0, 1), slab=-1), "at least 0"),
         (lambda: plane_damage(Cavities(CUBE), (1, 2**0.5, 0), closed=True), "does not close"),
         (lambda: max_damage(Cavities(CUBE), sections=0), "sections must be at least 1"),
-        (lambda: lattice("cubic", 0.1, edge=1.0), "no lattice 'cubic'"),
         (lambda: random_spheres(CUBE, 0.1, porosity=0.6, seed=0, max_tries=2000), "too much for"),
         (lambda: random_spheres(CUBE, 0.6, porosity=0.9, seed=0), "overlap their own images"),
         (lambda: boolean_spheres(CUBE, 0.1, porosity=1.0, seed=0), "from 0 to below 1, got 1"),
