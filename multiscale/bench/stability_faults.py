@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.schema import Dataset
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
