@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
 
-from multiscale.schema import Dataset
 
 __all__ = [
     "bolts",

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from multiscale.laws import Sliders
     from multiscale.macro.substructures.whole_structure import Assembled
 
-from multiscale.schema import Dataset
 
 __all__ = ["joint_faults", "largest_overlap", "unbalanced_share"]
 
