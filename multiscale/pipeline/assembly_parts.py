@@ -21,11 +21,13 @@ from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw
 from multiscale.pipeline.toml_model import (
-    Factor,
     Length,
-    Number,
     Pressure,
     Settings,
+    UncertainFactor,
+    UncertainLength,
+    UncertainNumber,
+    UncertainPressure,
     must_rise,
     quantity,
     with_unit,
@@ -89,7 +91,7 @@ def _read_unit(value: object) -> object:
 Axes = Annotated[str, BeforeValidator(_read_axes)]
 Stress = Annotated[float, BeforeValidator(partial(_read_component, unit="Pa")), with_unit("Pa")]
 Newton = Annotated[float, BeforeValidator(partial(_read_component, unit="N")), with_unit("N")]
-Size = Annotated[float, quantity("N"), Field(gt=0.0), with_unit("N")]
+Size = Annotated[float, quantity("N", uncertain=True), Field(gt=0.0), with_unit("N")]
 Stiffness = Annotated[float, quantity("N/m"), Field(gt=0.0), with_unit("N/m")]
 Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
@@ -124,6 +126,10 @@ class MeshedBody(Material):
         1,
         description="Order of the elements: 2 puts nodes between the corners of the mesh, which "
         "bending needs where there are few elements through a thickness.",
+    )
+    youngs_modulus: UncertainPressure | None = Field(
+        None,
+        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
     )
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
@@ -224,8 +230,8 @@ class MeshedBody(Material):
 class StatedLaw(Settings):
     """A normal law without cells: the pressure p_c exp(-g/u_0) at the gap g."""
 
-    pressure_scale: Pressure = Field(description="Pressure p_c at zero gap, Pa.")
-    decay_length: Length = Field(description="Decay length u_0 of the pressure, m.")
+    pressure_scale: UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
+    decay_length: UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
     pressures: tuple[Pressure, Pressure] = Field(
         description="Pressures between which the law is meant to hold, Pa, rising."
     )
@@ -281,10 +287,10 @@ class BodyInterface(Settings):
         None, description="Initial gap over the interface; even if not given."
     )
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
-    friction: Factor | None = Field(
+    friction: UncertainFactor | None = Field(
         None, description="Coefficient of friction, if not the value of `[interface]` or the law."
     )
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
+    stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = Field(
         None,
         description="Tangential over normal stiffness, if not the value of `[interface]` or the "
         "law.",
@@ -314,8 +320,9 @@ class BodyInterface(Settings):
 
     def over(self, shared: JointLaw) -> JointLaw:
         """Return the keys of ``[interface]`` with those of this interface in their place."""
-        own = self.model_dump(include={"law", "friction", "stiffness_ratio"}, exclude_none=True)
-        return shared.model_copy(update=own)
+        own = {name: getattr(self, name) for name in ("law", "friction", "stiffness_ratio")}
+        given = {name: value for name, value in own.items() if value is not None}
+        return shared.model_copy(update=given)
 
 
 class BodyBolt(Settings):

@@ -25,6 +25,8 @@ from multiscale.pipeline.toml_model import (
     with_unit,
 )
 from multiscale.units import readable
+from multiscale.upscaling.control_variates import FEWEST_PAIRS
+from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 __all__ = [
     "ABSENT",
@@ -332,8 +334,6 @@ class MicroSettings(Settings):
 
     def _check_control(self) -> None:
         """Refuse control cells that tell nothing."""
-        from multiscale.upscaling.control_variates import FEWEST_PAIRS
-
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             raise ValueError(
@@ -355,8 +355,6 @@ class MicroSettings(Settings):
 
     def _check_shear(self, shear: ShearSettings) -> None:
         """Refuse shear that the cells pressed tell no normal law of."""
-        from multiscale.upscaling.shear_fit import FEWEST_BELOW
-
         low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
         if shear.pressures[0] < low or shear.pressures[-1] > high:
             raise ValueError(

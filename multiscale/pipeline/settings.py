@@ -54,14 +54,12 @@ from multiscale.pipeline.rough_bodies import CoatingSettings, InstrumentSurface,
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
 from multiscale.pipeline.vibration_settings import VibrationSettings
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 from multiscale.upscaling.control_variates import FEWEST_PAIRS
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.pipeline.stage import Datasets
 
 __all__ = ["KINDS", "Case"]
@@ -570,7 +568,7 @@ class Case(Settings):
         """How the structure is cut; in one part if it is not."""
         return self.substructures or Substructures()
 
-    def interface_law(self, found: "Datasets") -> "xr.Dataset":
+    def interface_law(self, found: "Datasets") -> Dataset:
         """Law of the interfaces of the structure: of the cells of the case, or of a file.
 
         Raises

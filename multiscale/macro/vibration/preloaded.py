@@ -87,6 +87,7 @@ def press_structure(
     *,
     preload_laws: Sequence[InterfaceLaw] | None = None,
     extrapolate: bool = False,
+    near: Preloaded | None = None,
 ) -> Preloaded:
     """Bring a structure to rest under its preload.
 
@@ -98,10 +99,11 @@ def press_structure(
     factors : ndarray, shape (steps, cases), factors of its loads, with bolts of their preloads
     preload_laws : sequence of InterfaceLaw, optional
         Laws of the interfaces during the preload, such as frictionless ones, with the same states.
-
     extrapolate : bool
         Whether pressures may lie far outside the data of the laws; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
+    near : Preloaded, optional
+        The same bodies under other laws and loads, whose condensed stiffness is taken.
 
     Raises
     ------
@@ -113,7 +115,8 @@ def press_structure(
     free = cut_assembly(assembly)
     held = _hold(free)
     refuse_free(assembly, held, "; the structure as a whole may be free")
-    condensed = condense_problem(held, largest=MOST)
+    known = near.condensed.insides if near else ()
+    condensed = condense_problem(held, largest=MOST, insides=known)
     joints = condensed.small.joints
     if joints and condensed.small is held and held.n > MOST:
         raise CaseError(
