@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.laws.side_by_side import SideBySide
 from multiscale.laws.spaced import Spaced
 from multiscale.numerics.factorisation import factorise
 
@@ -176,6 +177,22 @@ class CutProblem:
         """Points of every joint, among the points of all."""
         ends = np.cumsum([0, *(joint.weight.size for joint in self.joints)])
         return [slice(a, b) for a, b in pairwise(ends.tolist())]
+
+    @cached_property
+    def law(self) -> SideBySide:
+        """Laws of all joints side by side."""
+        return SideBySide([joint.law for joint in self.joints if joint.law], self.points)
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """Area of the points of all joints, m², shape (points,)."""
+        return np.concatenate([np.zeros(0), *(joint.weight for joint in self.joints)])
+
+    @property
+    def point_joint(self) -> np.ndarray:
+        """Joint of every point, by its number, shape (points,)."""
+        numbers = [np.full(joint.weight.size, joint.joint) for joint in self.joints]
+        return np.concatenate([np.zeros(0, dtype=int), *numbers])
 
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""
