@@ -7,6 +7,7 @@ import numpy as np
 from multiscale.bench.stability_faults import joint_faults, largest_overlap, unbalanced_share
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from functools import partial
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
 
-from multiscale.schema import Dataset
 
 __all__ = [
     "bolts",

@@ -4,13 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.schema import Dataset
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from multiscale.laws import Sliders
     from multiscale.macro.substructures.whole_structure import Assembled
 
-from multiscale.schema import Dataset
 
 __all__ = ["joint_faults", "largest_overlap", "unbalanced_share"]
 

@@ -34,14 +34,14 @@ class Assembled:
     Attributes
     ----------
     stiffness : csr_array, shape (n, n), stiffness of all linear parts, N/m
-    load : ndarray, shape (n, cases), N
+    load : ndarray or csr_array, shape (n, cases), N
     jump : csr_array, shape (3 points, n)
         Normal jump at all points of all joints, then each tangential one.
     weight : ndarray, shape (points,), area of these points, m²
     """
 
     stiffness: csr_array
-    load: np.ndarray
+    load: np.ndarray | csr_array
     jump: csr_array
     weight: np.ndarray
 
@@ -66,7 +66,7 @@ class Assembled:
     @cached_property
     def _full(self) -> np.ndarray | None:
         """Stiffness as a full matrix, if few of its entries are zero or it has few."""
-        n = len(self.load)
+        n = self.load.shape[0]
         few = n <= FEW or self.stiffness.nnz > FULL * n**2
         return self.stiffness.toarray() if few else None
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
-from multiscale.pipeline.case_budget import OnGrids, case_budget
+from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_beside, say_error
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
@@ -71,27 +71,30 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         n_terms=case.law.terms,
         n_samples=case.law.samples,
     )
-    grids = _on_grids(case, found)
-    law = with_loss_grid(law, grids.sheared)
+    pressed, sheared = _on_grids(case, found)
+    law = with_loss_grid(law, sheared)
     law = with_conductance(
         law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
     )
     if case.micro.leakage:
         law = with_leakage(law, response, found.get(COARSER_CELLS.name))
-    budget = case_budget(case, loading_branch(response), law, grids, control)
+    budget = case_budget(case, loading_branch(response), law, pressed, sheared, control)
     return with_budget(law, budget)
 
 
-def _on_grids(case: Case, found: Datasets) -> OnGrids:
-    """Compare the first cells with the same ones on half of their points, if there are."""
+def _on_grids(case: Case, found: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
+    """Responses of the first cells on their grid and on half of their points, and sheared laws.
+
+    Both are by the ratio of the spacings, and empty if no cells have the coarser grid.
+    """
     if not case.micro.coarser:
-        return OnGrids()
+        return {}, {}
     pressed = {1.0: loading_branch(found[MICRO_RESPONSE.name]), 2.0: found[COARSER_CELLS.name]}
     pressed = {
         ratio: one.isel(realisation=range(case.micro.coarser)) for ratio, one in pressed.items()
     }
     if case.micro.shear is None:
-        return OnGrids(pressed)
+        return pressed, {}
     sheared = {1.0: found[SHEARED_CELLS.name], 2.0: found[COARSER_SHEAR.name]}
     n = sheared[2.0].sizes["realisation"]
     laws = {
@@ -100,7 +103,7 @@ def _on_grids(case: Case, found: Datasets) -> OnGrids:
         )
         for ratio, one in sheared.items()
     }
-    return OnGrids(pressed, laws)
+    return pressed, laws
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:

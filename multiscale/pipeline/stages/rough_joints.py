@@ -89,8 +89,8 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
-    volumes = ready.bodies.uncertainties()
-    if "error_half_width" in law or volumes:
+    uncertain = ready.bodies.uncertainties()
+    if "error_half_width" in law or uncertain:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
@@ -100,7 +100,7 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
         near = follow_joint(small, short, method=ready.method)
         solve = ready.again(partial(_follow, short), near)
         asked, coarser = joint_answers(result), ready.bodies.coarser()
-        result = with_joint_budget(result, laws, solve, asked, coarser, job, volumes)
+        result = with_joint_budget(result, laws, solve, asked, coarser, job, uncertain)
     return ready.finish(result, facts)
 
 
