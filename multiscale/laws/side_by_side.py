@@ -14,7 +14,7 @@ GAIN = 1e-12
 """Energy that rounding may win in a step, relative to the largest that a point has stored."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SideBySide(InterfaceLaw):
     """Laws of interfaces side by side, each at its points, with as many state rows as any has.
 
@@ -22,10 +22,25 @@ class SideBySide(InterfaceLaw):
     ----------
     laws : sequence of InterfaceLaw
     points : sequence of slice, points of each law, among the points of all
+    spacing : ndarray, shape (points,)
+        Initial gap of every point beside the gap of its law, m, from which its normal jump counts.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential
+    >>> exponential = Exponential(1.0e9, 1.0e-6)
+    >>> law = SideBySide([exponential], [slice(0, 2)], np.array([0.0, 1.0e-6]))
+    >>> law.respond(np.zeros((3, 2)), np.zeros((0, 2))).traction[0] / 1e6
+    array([-1000.        ,  -367.87944117])
     """
 
     laws: Sequence[InterfaceLaw]
     points: Sequence[slice]
+    spacing: np.ndarray
+
+    def opened(self, jump: np.ndarray) -> np.ndarray:
+        """Jump of the laws, with the initial gap, m."""
+        return np.asarray(jump + np.eye(len(jump))[:, :1] * self.spacing)
 
     @property
     def n_state(self) -> int:  # type: ignore[override]
@@ -35,6 +50,7 @@ class SideBySide(InterfaceLaw):
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Let every law answer at its points."""
         traction, tangent = np.zeros_like(jump), np.zeros((jump.shape[0], *jump.shape))
+        jump = self.opened(jump)
         new = np.zeros_like(state)
         for law, at in zip(self.laws, self.points, strict=True):
             found = law.respond(jump[:, at], state[: law.n_state, at])
@@ -47,13 +63,17 @@ class SideBySide(InterfaceLaw):
     ) -> np.ndarray:
         """Let every law find the jump at its points."""
         k = np.broadcast_to(stiffness, source.shape)
-        return self._each(
+        apart = self.opened(np.zeros_like(source))
+        moved = source + k * apart  # t(j) + k j = b + k s for the opened jump j
+        found = self._each(
             len(source),
-            lambda law, at: law.resolvent(source[:, at], k[:, at], state[: law.n_state, at]),
+            lambda law, at: law.resolvent(moved[:, at], k[:, at], state[: law.n_state, at]),
         )
+        return np.asarray(found - apart)
 
     def at_rest(self, jump: np.ndarray) -> np.ndarray:
         """Let every law rest at its points."""
+        jump = self.opened(jump)
         return self._each(self.n_state, lambda law, at: law.at_rest(jump[:, at]))
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
@@ -70,6 +90,7 @@ class SideBySide(InterfaceLaw):
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Let every law say what a shear makes slip at its points."""
+        jump = self.opened(jump)
         return self._each(
             1, lambda law, at: law.slipping_load(jump[:, at], state[: law.n_state, at])
         ).ravel()
@@ -81,6 +102,7 @@ class SideBySide(InterfaceLaw):
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
         """Let every law say what a step does at its points, which may not win energy."""
         shares, new = np.zeros(jump.shape), np.zeros_like(state)
+        jump = self.opened(jump)
         for law, at in zip(self.laws, self.points, strict=True):
             own = state[: law.n_state, at]
             new[: law.n_state, at], done = advance_state(law, jump[:, at], own)

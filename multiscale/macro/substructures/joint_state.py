@@ -65,7 +65,7 @@ def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
-        "gap": result["jump"].values[..., 0] + np.concatenate(initial),
+        "gap": result["jump"].values[..., 0] + np.concatenate(initial) + problem.gap,
         "point_damage": np.repeat([law.damage for law in laws], sizes),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),

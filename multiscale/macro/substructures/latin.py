@@ -261,7 +261,7 @@ class Latin:
 
     def update_joints(self) -> bool:
         """Adapt the search directions of joints to the laws where they are; say if any did."""
-        jump = self.joint_fields(self.r)[0]
+        jump = self.law.opened(self.joint_fields(self.r)[0])
         tangents = {
             index: law_stiffness(law, jump[:, at], self.state[: law.n_state, at])
             for (index, _, law), at in zip(self.joints, self.problem.points, strict=True)

@@ -12,7 +12,6 @@ from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.side_by_side import SideBySide
-from multiscale.laws.spaced import Spaced
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
@@ -102,10 +101,6 @@ class CutInterface:
     joint: int = 0
     gap: np.ndarray | None = None
 
-    def with_law(self, law: InterfaceLaw) -> "CutInterface":
-        """Return the interface with another law, which counts from the initial gap."""
-        return replace(self, law=law if self.gap is None else Spaced(law, self.gap))
-
     @property
     def size(self) -> int:
         """Number of unknowns of one side."""
@@ -181,12 +176,21 @@ class CutProblem:
     @cached_property
     def law(self) -> SideBySide:
         """Laws of all joints side by side."""
-        return SideBySide([joint.law for joint in self.joints if joint.law], self.points)
+        laws = [joint.law for joint in self.joints if joint.law]
+        return SideBySide(laws, self.points, self.gap)
 
     @cached_property
     def weight(self) -> np.ndarray:
         """Area of the points of all joints, m², shape (points,)."""
         return np.concatenate([np.zeros(0), *(joint.weight for joint in self.joints)])
+
+    @cached_property
+    def gap(self) -> np.ndarray:
+        """Initial gap of the points of all joints beside the gaps of their laws, m."""
+        gap = np.zeros(self.weight.size)
+        for joint, at in zip(self.joints, self.points, strict=True):
+            gap[at] = 0.0 if joint.gap is None else joint.gap
+        return gap
 
     @property
     def point_joint(self) -> np.ndarray:
@@ -196,7 +200,7 @@ class CutProblem:
 
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""
-        joints = tuple(one.with_law(laws[one.joint]) for one in self.joints)
+        joints = tuple(replace(one, law=laws[one.joint]) for one in self.joints)
         return replace(self, joints=joints)
 
     @property
