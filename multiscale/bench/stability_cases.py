@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
 
+
 __all__ = [
     "bolts",
     "complementarity",

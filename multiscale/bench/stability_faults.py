@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from multiscale.laws import Sliders
     from multiscale.macro.substructures.whole_structure import Assembled
 
+
 __all__ = ["joint_faults", "largest_overlap", "unbalanced_share"]
 
 

@@ -26,6 +26,7 @@ from multiscale.pipeline.toml_model import (
     Settings,
     UncertainFactor,
     UncertainLength,
+    UncertainNumber,
     UncertainPressure,
     must_rise,
     quantity,
@@ -289,7 +290,7 @@ class BodyInterface(Settings):
     friction: UncertainFactor | None = Field(
         None, description="Coefficient of friction, if not the value of `[interface]` or the law."
     )
-    stiffness_ratio: Annotated[UncertainFactor, Field(gt=0.0)] | None = Field(
+    stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = Field(
         None,
         description="Tangential over normal stiffness, if not the value of `[interface]` or the "
         "law.",

@@ -180,6 +180,8 @@ class Case(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.growth is not None and self.rve is None:
+            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
         asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
         if missing and (asked or (self.structure is None and self.rve is None)):
@@ -191,8 +193,6 @@ class Case(Settings):
             self._check_cells()
         if self.structure is not None:
             self._check_structure(self.structure)
-        if self.growth is not None and self.rve is None:
-            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
         if self.growth is not None and self.structure and not self.structure.may_tire:
             raise ValueError(
                 '[growth] cracks a body of [structure] kind = "bodies"; leave out one of them, or '

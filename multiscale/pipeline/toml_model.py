@@ -46,6 +46,7 @@ __all__ = [
     "Tolerance",
     "UncertainFactor",
     "UncertainLength",
+    "UncertainNumber",
     "UncertainPressure",
     "list_tables",
     "must_rise",
@@ -114,7 +115,8 @@ Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
 UncertainPressure = Annotated[float, quantity("Pa", uncertain=True), Field(gt=0.0), with_unit("Pa")]
 UncertainLength = Annotated[float, quantity("m", uncertain=True), Field(gt=0.0), with_unit("m")]
-UncertainFactor = Annotated[float, quantity("1", uncertain=True), Field(ge=0.0), with_unit("1")]
+UncertainNumber = Annotated[float, quantity("1", uncertain=True), with_unit("1")]
+UncertainFactor = Annotated[UncertainNumber, Field(ge=0.0)]
 Number = Annotated[float, quantity("1")]
 Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 Tolerance = Annotated[Number, Field(gt=0.0, lt=1.0)]

@@ -50,12 +50,15 @@ from multiscale.plotting.link_figures import (
     plot_sorted_tensions,
 )
 from multiscale.plotting.rve_figures import (
+    plot_crack_damage,
+    plot_cracked_load,
     plot_modulus_surface,
     plot_rve,
     plot_rve_damage,
     plot_size_damage,
     plot_size_stiffness,
     plot_size_study,
+    plot_softening,
 )
 from multiscale.plotting.sliding_figures import (
     draw_sliding,
@@ -108,6 +111,8 @@ __all__ = [
     "plot_braking_force",
     "plot_contact_error",
     "plot_contact_map",
+    "plot_crack_damage",
+    "plot_cracked_load",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_element_field",
@@ -137,6 +142,7 @@ __all__ = [
     "plot_size_stiffness",
     "plot_size_study",
     "plot_sliding_friction",
+    "plot_softening",
     "plot_sorted_tensions",
     "plot_spectral_density",
     "plot_steady_friction",

@@ -205,11 +205,8 @@ def _section_image(
         + frame[1][:, None, None] * along[None, :, None]
     )
     inside = np.all((place >= 0.0) & (place < size[:, None, None]), axis=0)
-    void = np.zeros((points, points), dtype=bool)
     if isinstance(rve, Cavities):
-        for kind in rve.images:
-            for k in range(len(kind.centre)):
-                void |= kind.contains(k, place, 4.0 * half / points)
+        void = rve.void_at(place, 4.0 * half / points)
     else:
         index = np.floor(place / np.array(rve.spacing)[:, None, None]).astype(int)
         index = np.clip(index, 0, np.array(rve.void.shape)[:, None, None] - 1)

@@ -46,6 +46,7 @@ SHOWN = {
     ),
     "seal": lambda run, ax: plotting.plot_flow_channels(run["fields"], ax=ax),
     "porous_bracket": lambda run, ax: plotting.plot_body_stress(run["macro_result"], ax=ax),
+    "notched_concrete": lambda run, ax: plotting.plot_cracked_load(run["cracked_body"], ax=ax),
     "brake_reuss": lambda run, ax: draw_beam(run["vibration"], ax),
     "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
     "tensegrity_grid": plotting.plot_sorted_tensions,

@@ -17,8 +17,6 @@ References
    doi:10.1002/nag.328.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -29,10 +27,7 @@ from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.laws.softening import LAST_STRESS, SawTeeth, Softening
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.numerics.factorisation import factorise
-from multiscale.schema import CRACK_BAND
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import CRACK_BAND, Dataset
 
 __all__ = ["follow_crack_band"]
 
@@ -53,7 +48,7 @@ def follow_crack_band(
     teeth: int = 20,
     stop: float = 0.005,
     max_events: int = 5000,
-) -> "xr.Dataset":
+) -> Dataset:
     """Pull a body until it has lost its strength.
 
     Parameters

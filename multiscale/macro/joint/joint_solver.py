@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +12,7 @@ from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.joint_assembly import CondensedJoint, condense_joint
 from multiscale.macro.monolithic import InterfaceSolution, solve_interface
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["check_preloads", "joint_result", "ratios", "rough_joint"]
 
@@ -30,7 +26,7 @@ def rough_joint(
     extrapolate: bool = False,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Press the joint and return its normal stiffness at every preload.
 
     Parameters
@@ -159,7 +155,7 @@ def joint_result(
     data: tuple[float, float],
     *,
     extrapolate: bool,
-) -> "xr.Dataset":
+) -> Dataset:
     """Dataset after ``MACRO_RESULT`` of what the law and each of its samples give at the preloads.
 
     Shares of the load lie outside the data of the law, shape (3, steps) and Pa; see

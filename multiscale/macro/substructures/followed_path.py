@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -16,9 +15,7 @@ from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["FollowedPath", "condense_assembly", "solve_path"]
 
@@ -55,7 +52,7 @@ class FollowedPath:
     problem: CutProblem
     whole: Assembled
     locked: Assembled
-    result: "xr.Dataset"
+    result: Dataset
     work: np.ndarray
 
     def tangent_work(self, steps: Sequence[int]) -> np.ndarray:
@@ -108,7 +105,7 @@ class FollowedPath:
 
 
 def solve_path(
-    problem: CutProblem, factors: np.ndarray, method: Method, near: "xr.Dataset | None" = None
+    problem: CutProblem, factors: np.ndarray, method: Method, near: Dataset | None = None
 ) -> FollowedPath:
     """Solve a path, maybe near another one, and let the loads measure the displacement."""
     result, whole = follow_bolts(problem, factors, method, near=near), assemble(problem)

@@ -1,7 +1,7 @@
 """What the tractions of a joint say: open, sticking, slipping, stiff, beyond the data."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,9 +9,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.data_range import load_shares
 from multiscale.macro.substructures.problem import CutProblem
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = [
     "OPENED",
@@ -37,7 +35,7 @@ GAIN = 1e-12
 """Energy that rounding may win in a step, relative to the largest that a point has stored."""
 
 
-def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
+def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
     """State of every point and its shares of the area.
 
     Parameters
@@ -83,7 +81,7 @@ def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
     }
 
 
-def joint_shares(problem: CutProblem, result: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the load of every joint, however cut, outside the data of its law, and these data.
 
     Parameters
@@ -106,7 +104,7 @@ def joint_shares(problem: CutProblem, result: "xr.Dataset") -> tuple[np.ndarray,
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
-def _slip_and_loss(problem: CutProblem, result: "xr.Dataset") -> np.ndarray:
+def _slip_and_loss(problem: CutProblem, result: Dataset) -> np.ndarray:
     """Return what slips in a step, what slip loses, J/m², and what the shear makes slip.
 
     The shape is (3, steps, points). What slips is a share of the pressure of a point, counted by
@@ -120,7 +118,7 @@ def _slip_and_loss(problem: CutProblem, result: "xr.Dataset") -> np.ndarray:
     return found
 
 
-def states_after(problem: CutProblem, path: "xr.Dataset | None") -> list[np.ndarray]:
+def states_after(problem: CutProblem, path: Dataset | None) -> list[np.ndarray]:
     """States of the laws of joints after a path, shapes (rows, points); zero without one."""
     if path is not None and problem.joints:
         last = path.sizes["step"] - 1
@@ -130,7 +128,7 @@ def states_after(problem: CutProblem, path: "xr.Dataset | None") -> list[np.ndar
 
 
 def _replay(
-    problem: CutProblem, result: "xr.Dataset"
+    problem: CutProblem, result: Dataset
 ) -> Iterator[tuple[int, slice, InterfaceLaw, np.ndarray, Sliding]]:
     """Step, points, law, state and account of each joint at each step: jumps tell the states."""
     jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from multiscale.macro.substructures.cut_results import assemble_result, load_fac
 from multiscale.macro.substructures.joint_state import advance_state, states_after
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import assemble
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["SideBySide", "solve_whole"]
 
@@ -26,12 +24,12 @@ def solve_whole(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
-    after: "xr.Dataset | None" = None,
-    near: "xr.Dataset | None" = None,
+    after: Dataset | None = None,
+    near: Dataset | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 100,
     after_step: Callable[[], object] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Solve elastic bodies in one piece: the slow twin of LATIN and Newton-Schur on large cuts.
 
     Parameters
@@ -127,7 +125,7 @@ def solve_whole(
 
 
 def _changes(
-    problem: CutProblem, bodies: CondensedProblem, near: "xr.Dataset | None"
+    problem: CutProblem, bodies: CondensedProblem, near: Dataset | None
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Read off how kept unknowns and jumps, (3, points), change in the steps of a path, m."""
     if near is None:

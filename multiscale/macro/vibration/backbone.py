@@ -33,7 +33,7 @@ from multiscale.macro.substructures.whole_structure import Assembled
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.macro.vibration.tangent_modes import TangentModes
 
-__all__ = ["Amplitudes", "Backbone", "follow_backbone", "loading_work"]
+__all__ = ["Amplitudes", "Backbone", "TractionChange", "follow_backbone", "loading_work"]
 
 SPRING = 1e3
 """Stiffness of the spring on the modal amplitude that drives a mode, over the mode's own."""
@@ -119,7 +119,7 @@ class Backbone:
 
 
 @dataclass(frozen=True)
-class _Change(InterfaceLaw):
+class TractionChange(InterfaceLaw):
     """Change of the traction of a law from a traction at rest, shape (3, points), Pa."""
 
     law: InterfaceLaw
@@ -180,7 +180,7 @@ class _Mode:
 
     rest: Preloaded
     structure: Assembled
-    law: _Change
+    law: TractionChange
     square: float
 
     @property
@@ -358,7 +358,7 @@ def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
         own.weight,
     )
     still = rest.law.respond(rest.jump, rest.state).traction
-    return _Mode(rest, driven, _Change(rest.law, still), square)
+    return _Mode(rest, driven, TractionChange(rest.law, still), square)
 
 
 def _opens(driven: _Mode, pressure: np.ndarray) -> np.ndarray:

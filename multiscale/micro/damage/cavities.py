@@ -78,6 +78,14 @@ class Cavities:
         """All bodies that reach into the box, with their periodic images."""
         return [kind for kind, _ in self.sources()]
 
+    def void_at(self, place: np.ndarray, thickness: float = 0.0) -> np.ndarray:
+        """Whether points (3, ...), m, lie in a cavity, or in a crack of a thickness, m."""
+        void = np.zeros(place.shape[1:], dtype=bool)
+        for kind in self.images:
+            for k in range(len(kind.centre)):
+                void |= kind.contains(k, place, thickness)
+        return void
+
     def sources(self) -> list[tuple[Shapes, np.ndarray]]:
         """Bodies that reach into the box, and the number of the body whose image each is."""
         found = []

@@ -13,7 +13,7 @@ from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import Body
 from multiscale.macro.substructures import choose_method, list_elements
 from multiscale.macro.substructures.condensed_problem import CondensedProblem
-from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.macro.vibration import (
     Preloaded,
     TangentModes,
@@ -279,7 +279,7 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     )
     memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
     memory += 8 * 3 * asked.slabs * size.joint_points * 4
-    others = [one for one in needs.choices if one.part != CutPart.MASS]
+    others = [one for one in needs.choices if one.part != "mass"]
     seconds = choose_method(size).taken.seconds
     return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
