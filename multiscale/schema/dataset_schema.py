@@ -12,7 +12,15 @@ if TYPE_CHECKING:
 else:  # which takes long to load, where nothing but an annotation needs it
     Dataset = Any
 
-__all__ = ["BUDGET", "COMPONENTS", "Dataset", "Schema", "Variable", "with_cautions"]
+__all__ = [
+    "BUDGET",
+    "COMPONENTS",
+    "SENSITIVITY",
+    "Dataset",
+    "Schema",
+    "Variable",
+    "with_cautions",
+]
 
 COMPONENTS = ("n", "t1", "t2")
 """Labels of the dimension ``component``: the normal and the two tangents of the joint."""
@@ -214,6 +222,15 @@ BUDGET = {
     ),
 }
 """Errors that laws and results carry."""
+
+SENSITIVITY = {
+    "sensitivity": Variable(
+        ("parameter", "quantity", "step"),
+        "1",
+        "relative change of the answer if a parameter is larger by its half-width, to first order",
+    )
+}
+"""What results carry of parameters with a half-width of their own."""
 
 
 def with_cautions(dataset: Dataset, *lines: str) -> Dataset:
