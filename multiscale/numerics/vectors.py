@@ -12,14 +12,16 @@ PARTS = 64  # of a vector, whose sums are added in their order
 @compiled(parallel=True, fastmath=True)
 def dot(a, b):  # type: ignore[no-untyped-def]
     """Scalar product of two vectors."""
-    n, sums = a.size, np.zeros(PARTS)
+    n, sums, whole = a.size, np.empty(PARTS), 0.0
     for part in prange(PARTS):
         mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
         x, y, total = a[mine], b[mine], 0.0
         for i in range(x.size):
             total += x[i] * y[i]
         sums[part] = total
-    return np.sum(sums)
+    for part in range(PARTS):
+        whole += sums[part]
+    return whole
 
 
 @compiled(parallel=True, fastmath=True)
