@@ -13,7 +13,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.elements import element_of_order
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mesh_file import load_geometry
-from multiscale.io import open_dataset, read_table
+from multiscale.io import read_table
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
@@ -32,7 +32,6 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
-from multiscale.schema import RVE_STIFFNESS
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
@@ -159,12 +158,8 @@ class MeshedBody(Material):
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
         """Make its law; of a body whose volume is not known yet, any law."""
-        left = 1.0 - self.damage
-        if self.stiffness is None:
-            E = self.youngs_modulus or ANY_MODULUS
-            return Elastic(left * E, self.poissons_ratio or 0.0)
-        sound = open_dataset(self.stiffness, RVE_STIFFNESS)["stiffness"].values
-        return AnisotropicElastic(left * sound).turned(self.axes)
+        E = (1.0 - self.damage) * (self.youngs_modulus or ANY_MODULUS)
+        return Elastic(E, self.poissons_ratio or 0.0)
 
     def coarsened(self) -> "Self | None":
         """Return the same body with larger elements, if it has a coarser mesh or is a geometry."""

@@ -31,13 +31,12 @@ from multiscale.pipeline.toml_model import (
     Positive,
     Settings,
 )
-from multiscale.schema import RVE
+from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
 from multiscale.upscaling.budget_terms import FEW_CELLS, STATED
 from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
-    import xarray as xr
     from skfem import Mesh
 
     from multiscale.laws import NormalLaw
@@ -61,7 +60,7 @@ QUICK_ELEMENT = 1.5
 STATED_HOW = "half-widths stated with +-"
 """How errors of stated values are known."""
 
-OpenLaw = Callable[[Path, bool], "xr.Dataset"]
+OpenLaw = Callable[[Path, bool], "Dataset"]
 """From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
 
 
@@ -327,7 +326,7 @@ class Bodies(StructureKind):
 
     def read_laws(
         self, case: "Case", found: "Datasets", open_law: "OpenLaw"
-    ) -> "list[xr.Dataset | None]":
+    ) -> list[Dataset | None]:
         """Read the law of every interface, with its tangential branch; None of a stated one.
 
         Interfaces of one law and one friction share a dataset.
@@ -337,7 +336,7 @@ class Bodies(StructureKind):
         MultiscaleError
             If a law is missing or refused, or nothing tells its friction.
         """
-        read: dict[Any, xr.Dataset | None] = {}
+        read: dict[Any, Dataset | None] = {}
         laws = []
         for number, one in enumerate(self.interfaces):
             source = one.over(case.interface or JointLaw())
@@ -370,7 +369,7 @@ class Bodies(StructureKind):
     def sliders(
         self,
         case: "Case",
-        laws: "Sequence[xr.Dataset | None]",
+        laws: Sequence[Dataset | None],
         normal: "Mapping[int, NormalLaw] | None" = None,
         slabs: int | None = None,
     ) -> list[InterfaceLaw]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from multiscale.pipeline.porous_body import Uncertainty
 from multiscale.pipeline.real_contact import contact_dependence
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job
-from multiscale.schema import ERROR_BUDGET, with_cautions
+from multiscale.schema import ERROR_BUDGET, Dataset, with_cautions
 from multiscale.upscaling import (
     Dependence,
     add_budgets,
@@ -41,9 +41,6 @@ from multiscale.upscaling.budget_terms import FEW_CELLS, STATED, Term
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.shear_budget import loss_term
 from multiscale.upscaling.structure_errors import STRETCH
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "PARAMETERS",
@@ -96,12 +93,12 @@ class JointsOfLaw:
         Parameters of their sliders, of :data:`PARAMETERS`, that come from the law, and not given.
     """
 
-    law: "xr.Dataset"
+    law: Dataset
     joints: tuple[int, ...]
     measured: Collection[str]
 
 
-JointSolve = Callable[[Change], "xr.Dataset"]
+JointSolve = Callable[[Change], "Dataset"]
 """From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
 must be able to import it."""
 
@@ -133,14 +130,14 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
 
 
 def with_joint_budget(
-    result: "xr.Dataset",
+    result: Dataset,
     laws: Sequence[JointsOfLaw],
     solve: JointSolve,
     asked: JointAnswers,
     coarser: Mapping[float, Bodies],
     job: Job,
     uncertain: Sequence[tuple[Uncertainty, Bodies]] = (),
-) -> "xr.Dataset":
+) -> Dataset:
     """Return the result of rough joints with error budget and intervals of their answers.
 
     Parameters
@@ -175,7 +172,7 @@ def with_joint_budget(
     names = (*asked.read, *in_cycles)
     steps = rests if cycles is None else np.append(rests, cycles.steps)
 
-    def answers(found: "xr.Dataset") -> np.ndarray:
+    def answers(found: Dataset) -> np.ndarray:
         """Answers at rest, then in the cycles, and one for what stays as it is."""
         rows = np.full((len(names), steps.size), np.nan)
         for row, values in zip(rows, asked.read.values(), strict=False):
@@ -198,7 +195,7 @@ def with_joint_budget(
     jobs |= {("other", k): Change(structure=changed) for k, (_, changed) in enumerate(uncertain)}
     solved: dict[Hashable, np.ndarray] = {}
 
-    def finish(key: Hashable, found: "xr.Dataset") -> None:
+    def finish(key: Hashable, found: Dataset) -> None:
         solved[key] = answers(found)
         job.progress(len(solved), len(jobs), "solves for the intervals")
 
@@ -251,7 +248,7 @@ def _parameter_budget(
     error: Uncertainty,
     coarser: Mapping[float, np.ndarray],
     left: np.ndarray,
-) -> "xr.Dataset":
+) -> Dataset:
     """Carry errors of a parameter to answers, by their change over the change of the parameter.
 
     ``left`` is the error of the steps of a path, which counts beside the error of the mesh.
@@ -290,7 +287,7 @@ class _OfLaw:
     cautions : tuple of str
     """
 
-    law: "xr.Dataset"
+    law: Dataset
     joints: tuple[int, ...]
     measured: Collection[str]
     asked: JointAnswers
@@ -304,7 +301,7 @@ class _OfLaw:
     def measure(
         cls,
         of: JointsOfLaw,
-        result: "xr.Dataset",
+        result: Dataset,
         steps: np.ndarray,
         n_rests: int,
         asked: JointAnswers,
@@ -357,7 +354,7 @@ class _OfLaw:
         coarser: Mapping[float, np.ndarray],
         others: Sequence[Dependence],
         beds: np.ndarray,
-    ) -> "xr.Dataset":
+    ) -> Dataset:
         """Carry the budget of the law to answers, from those with its changes, mesh and beds."""
         law, mean, cycles = self.law, self.pressure, self.asked.cycles
         rows, own = np.array(names), {}
@@ -414,7 +411,7 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 
 
 def _uneven_slip(
-    law: "xr.Dataset",
+    law: Dataset,
     cycles: CycleAnswers,
     pressure: np.ndarray,
     rows: np.ndarray,

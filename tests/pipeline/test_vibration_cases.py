@@ -193,3 +193,24 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
         scatter = 1.96 * np.std([one[name] for one in drawn], axis=0) / found[name].values
         half = found["error_half_width"].sel(quantity=name, error_term="sampling").values
         assert np.all((half / scatter > 0.6) & (half / scatter < 1.7)), (half, scatter)
+
+
+def test_another_volume_of_a_body_asks_for_another_backbone(meshes):
+    """The checksum of the stage changes with [rve], of which the cover takes its stiffness."""
+    volume = """
+[rve]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+size = "1 mm"
+[rve.recipe]
+porosity = 0.1
+pore_radius = "0.1 mm"
+"""
+    moduli = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0.3\n'
+    assert moduli in ONLY_PRESS
+    text = ONLY_PRESS.replace(moduli, "", 1) + VIBRATION + volume
+    first, again, other = (
+        VIBRATING_BODIES.identity(load_case(write_scene(meshes, text, *pairs)))
+        for pairs in ((), (), (("porosity = 0.1", "porosity = 0.2"),))
+    )
+    assert first == again != other

@@ -217,6 +217,8 @@ def _bounds(metadata: list[Any]) -> dict[str, Any]:
 def _range(bounds: dict[str, Any]) -> list[str]:
     """Write the range of a number."""
     said = {name: text.format(bounds[name]) for name, text in BOUNDS.items() if name in bounds}
+    if "gt" in said:
+        said.pop("ge", None)
     if "ge" in said and "le" in said:
         said = {"ge": f"{bounds['ge']:g} to {bounds['le']:g}"} | {
             name: text for name, text in said.items() if name not in ("ge", "le")

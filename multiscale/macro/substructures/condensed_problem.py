@@ -10,17 +10,14 @@ the forces of the bolts are. Modes of both kinds do no work on each other.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
 
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["DENSE", "CondensedProblem", "condense_problem"]
 
@@ -90,7 +87,7 @@ class CondensedProblem:
         condensed = self.small is not whole
         return _reduce(problem, self.insides) if condensed else CondensedProblem(problem, problem)
 
-    def restore(self, result: "xr.Dataset") -> "xr.Dataset":
+    def restore(self, result: Dataset) -> Dataset:
         """Return a result of the small problem with the displacement of all nodes."""
         if self.small is self.whole:
             return result

@@ -13,7 +13,7 @@ from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import Body
 from multiscale.macro.substructures import choose_method, list_elements
 from multiscale.macro.substructures.condensed_problem import CondensedProblem
-from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.macro.vibration import (
     Preloaded,
     TangentModes,
@@ -43,7 +43,7 @@ from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLU
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
-from multiscale.plotting.figure import WIDE, on_axes
+from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, with_cautions
 from multiscale.units import length_unit
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
@@ -279,7 +279,7 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     )
     memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
     memory += 8 * 3 * asked.slabs * size.joint_points * 4
-    others = [one for one in needs.choices if one.part != CutPart.MASS]
+    others = [one for one in needs.choices if one.part != "mass"]
     seconds = choose_method(size).taken.seconds
     return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
@@ -326,8 +326,10 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
         "has an answer, in one direction."
     ]
     drawn = vibration_pictures(result, MOST_DRAWN)
-    wide = {name: plot for name, plot in drawn.items() if name.startswith("mode_shape")}
-    figures = {name: on_axes(plot, *(WIDE if name in wide else ())) for name, plot in drawn.items()}
+    figures = {
+        name: on_axes(plot, size=WIDE if name.startswith("mode_shape") else SIZE)
+        for name, plot in drawn.items()
+    }
     yield Section("Modes, frequency and damping", told, figures=figures)
     yield from budget_sections(result, "fall", "damping")
 
