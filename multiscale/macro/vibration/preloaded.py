@@ -136,7 +136,7 @@ def press_structure(
         if not (extrapolate or path["known"].values[-1]):
             raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
-    law, state = pressed.law.shaken_down(), state_after(pressed, path)
+    law, state = condensed.small.law.shaken_down(), state_after(pressed, path)
     return Preloaded(free, condensed, path, law, jump, state)
 
 
