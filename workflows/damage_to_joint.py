@@ -15,7 +15,6 @@ leaves datasets (``damage_sections.nc``, ``woehler.nc``, ``fatigue_life.nc``, ``
 import argparse
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -80,9 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     for kind, dataset in zip(kinds, (sections, curve, life, law, joint), strict=True):
         write_dataset(dataset, out / f"{kind.name}.nc", kind)
     figures = {
-        "damage_sphere": in_space(partial(plot_damage_sphere, sections)),
-        "worst_section": on_axes(lambda ax: plot_worst_section(pores, sections, ax=ax)),
-        "woehler": on_axes(lambda ax: plot_woehler(curve, ax=ax)),
+        "damage_sphere": in_space(plot_damage_sphere, sections),
+        "worst_section": on_axes(plot_worst_section, pores, sections),
+        "woehler": on_axes(plot_woehler, curve),
     }
     for name, draw in figures.items():
         draw(make_folder(out / "figures") / f"{name}.png")

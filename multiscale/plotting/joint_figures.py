@@ -280,7 +280,7 @@ def plot_amplitudes(
     return ax
 
 
-def joint_pictures(result: Dataset) -> dict[str, Callable[[Axes], object]]:
+def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     """Return what is drawn of a joint, by name: zones and pressure, loop and loss if it is sheared.
 
     Zones are drawn at the step at which most of the area slips.
@@ -295,25 +295,21 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[[Axes], object]]:
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
         raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
     step = int(np.nanargmax(slips))
-    draw: dict[str, Callable[[Axes], object]] = {
-        "contact_zones": lambda ax: plot_joint_plan(result, step=step, ax=ax),
-        "pressure": lambda ax: plot_joint_plan(result, quantity="pressure", step=step, ax=ax),
+    draw: dict[str, Callable[..., object]] = {
+        "contact_zones": partial(plot_joint_plan, result, step=step),
+        "pressure": partial(plot_joint_plan, result, quantity="pressure", step=step),
     }
     if "cycle_energy" in result:
-        draw["hysteresis"] = lambda ax: plot_hysteresis(result, ax=ax)
+        draw["hysteresis"] = partial(plot_hysteresis, result)
         if np.isfinite(result["cycle_energy"].values[-1]):
-            draw["loss"] = lambda ax: plot_joint_plan(result, quantity="dissipation", ax=ax)
+            draw["loss"] = partial(plot_joint_plan, result, quantity="dissipation")
     if np.isfinite(result["joint_stiffness"].values).sum() > 1:
-        draw["joint_stiffness"] = lambda ax: plot_joint_stiffness(result, ax=ax)
+        draw["joint_stiffness"] = partial(plot_joint_stiffness, result)
     if "cycle_loss" in result:
         for name in ("secant_stiffness", "cycle_loss"):
             if np.isfinite(result[name].values).any():
-                draw[name] = partial(_draw_amplitudes, result, name)
+                draw[name] = partial(plot_amplitudes, result, quantity=name)
     return draw
-
-
-def _draw_amplitudes(result: Dataset, quantity: str, ax: Axes) -> Axes:
-    return plot_amplitudes(result, quantity=quantity, ax=ax)
 
 
 def draw_joint(result: Dataset, folder: Path) -> list[Path]:
@@ -330,5 +326,5 @@ def draw_joint(result: Dataset, folder: Path) -> list[Path]:
     """
     draw = joint_pictures(result)
     if "error_total" in result:
-        draw["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
+        draw["error_budget"] = partial(plot_error_budget, result)
     return save_figures(draw, folder)

@@ -126,15 +126,17 @@ def plot_vibrating_joint(
     return ax
 
 
-def vibration_pictures(result: Dataset, most: int) -> dict[str, Callable[[Axes], object]]:
+def vibration_pictures(result: Dataset, most: int) -> dict[str, Callable[..., object]]:
     """Return what is drawn of vibration, by name: modes and joints, at most so many of each."""
-    draw: dict[str, Callable[[Axes], object]] = {}
+    draw: dict[str, Callable[..., object]] = {}
     followed = list(dict.fromkeys(result["step_mode"].values.tolist()))[:most]
     for k, mode in enumerate(followed):
-        draw[f"mode_shape_{k}"] = _on(plot_mode_shape, result, mode=mode)
+        draw[f"mode_shape_{k}"] = partial(plot_mode_shape, result, mode=mode)
         for quantity in QUANTITIES:
             if np.isfinite(result[quantity].values[result["step_mode"].values == mode]).any():
-                draw[f"{quantity}_{k}"] = _on(plot_backbone, result, quantity=quantity, mode=mode)
+                draw[f"{quantity}_{k}"] = partial(
+                    plot_backbone, result, quantity=quantity, mode=mode
+                )
     known = np.flatnonzero(
         (result["converged"].values == 1) & (result["step_mode"].values == followed[0])
     )
@@ -142,13 +144,7 @@ def vibration_pictures(result: Dataset, most: int) -> dict[str, Callable[[Axes],
         return draw
     for joint in np.unique(result["point_joint"].values).astype(int).tolist()[:most]:
         for quantity in AT_POINTS:
-            draw[f"{quantity}_{joint}"] = _on(
+            draw[f"{quantity}_{joint}"] = partial(
                 plot_vibrating_joint, result, quantity=quantity, step=int(known[-1]), joint=joint
             )
     return draw
-
-
-def _on(plot: Callable[..., Axes], result: Dataset, **chosen: object) -> Callable[[Axes], object]:
-    """Return what draws with some choices on axes."""
-    drawn = partial(plot, result, **chosen)
-    return lambda ax: drawn(ax=ax)

@@ -55,7 +55,7 @@ SHOWN = {
     "sudden_unloading": plotting.plot_energies,
     "rough_blocks": plotting.plot_hysteresis,
     "lap_joint": plotting.plot_joint_plan,
-    "bolted_cover": lambda result, ax: plotting.load_pictures(result)["contact_zones_0"](ax),
+    "bolted_cover": lambda result, ax: plotting.load_pictures(result)["contact_zones_0"](ax=ax),
     "deposit": plotting.plot_force_network,
     "silo": plotting.plot_force_network,
     "column_collapse": plotting.plot_force_network,
@@ -166,7 +166,7 @@ def draw_answers(joint: xr.Dataset) -> Figure:
     )
     draw = plotting.joint_pictures(joint)
     for name, ax in axes.items():
-        draw[name](ax)
+        draw[name](ax=ax)
     return figure
 
 

@@ -385,13 +385,9 @@ def _lines(found: Datasets) -> Iterator[str]:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     life = found[FATIGUE_LIFE.name]
-
-    def draw(name: str, near: bool) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot_element_field(life, name, near=near, ax=ax))
-
     pictures = {
-        "fatigue_amplitude": draw("equivalent_amplitude", False),
-        "fatigue_damage": draw("damage", True),
+        "fatigue_amplitude": on_axes(plot_element_field, life, "equivalent_amplitude", near=False),
+        "fatigue_damage": on_axes(plot_element_field, life, "damage", near=True),
     }
     yield Section("Fatigue", [_answer(life)], *_tabulate(life), figures=pictures)
 

@@ -111,8 +111,8 @@ def _answer(cracked: "xr.Dataset") -> str:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     cracked = found[CRACKED_BODY.name]
     figures = {
-        "cracked_load": on_axes(lambda ax: plot_cracked_load(cracked, ax=ax)),
-        "crack_field": on_axes(lambda ax: plot_element_field(cracked, "stiffness_share", ax=ax)),
+        "cracked_load": on_axes(plot_cracked_load, cracked),
+        "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
     }
     yield Section("Crack of the body", [_answer(cracked)], figures=figures)
 

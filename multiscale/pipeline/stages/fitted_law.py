@@ -140,11 +140,11 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         f"What every law must satisfy: {told['admissibility']}.",
     ]
     figures = {
-        "gap_law": on_axes(lambda ax: plot_gap_law(response, law, ax=ax)),
-        "area_law": on_axes(lambda ax: plot_area_law(response, law, ax=ax)),
+        "gap_law": on_axes(plot_gap_law, response, law),
+        "area_law": on_axes(plot_area_law, response, law),
     }
     if "unloading_stiffness_ratio" in law:
-        figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
+        figures["unloading"] = on_axes(plot_unloading, response, law)
         error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
         lines.append(
             f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at "
@@ -153,7 +153,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"spring back errs by {100.0 * error:.2g} % of its length."
         )
     if conducts := conductances(law, law["fit_pressure"].to_numpy()):
-        figures["conductance"] = on_axes(lambda ax: plot_conductance(law, ax=ax))
+        figures["conductance"] = on_axes(plot_conductance, law)
         lines.append(
             f"The conductance follows from the stiffness at the start of "
             f"{told['conductance_branch']}, since spots of contact hinder a current as they hinder "
@@ -161,9 +161,9 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"gap itself conducts comes on top, and films on the spots are not counted."
         )
     if "hydraulic_aperture" in law:
-        figures["leakage"] = on_axes(lambda ax: plot_leakage(law, ax=ax))
+        figures["leakage"] = on_axes(plot_leakage, law)
         fields = out / "fields" / "fields.nc"
-        figures |= {f"flow_along_{axis}": on_axes(partial(_flow, fields, axis)) for axis in "xy"}
+        figures |= {f"flow_along_{axis}": on_axes(_flow, fields, axis) for axis in "xy"}
         lines.append(
             f"The hydraulic aperture is the distance of parallel walls that let as much of a "
             f"liquid through, by Reynolds' equation on the open part of the gap, and the interface "
@@ -171,7 +171,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"The pressure of the liquid itself lifts nothing."
         )
     if sheared := SHEARED_CELLS.name in found:
-        figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
+        figures["shear_law"] = on_axes(plot_shear_law, law)
         lines += _shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION])
     files: dict[str, Callable[[Path], object]] = {"law.csv": partial(write_law_table, law)}
     for code in ("abaqus", "calculix"):

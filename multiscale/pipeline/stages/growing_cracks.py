@@ -87,8 +87,8 @@ def _lines(found: Datasets) -> Iterator[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     growth = found[VOLUME_GROWTH.name]
     figures = {
-        "crack_damage": on_axes(lambda ax: plot_crack_damage(growth, ax=ax)),
-        "softening": on_axes(lambda ax: plot_softening(growth, ax=ax)),
+        "crack_damage": on_axes(plot_crack_damage, growth),
+        "softening": on_axes(plot_softening, growth),
     }
     told = [_answer(growth), "Means over volumes, ± one standard deviation."]
     yield Section("Growth of cracks", told, *_tabulate(growth), figures=figures)

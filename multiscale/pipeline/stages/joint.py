@@ -313,7 +313,7 @@ def _answer(result: Dataset) -> list[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[JOINT.name]
     told = [*_decisions(result), *list_facts(result)[1:]]  # the first one is in the answer
-    stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax), *WIDE)
+    stiffness = on_axes(plot_joint_stiffness, result, size=WIDE)
     yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
     yield from budget_sections(result)
 
@@ -327,7 +327,7 @@ def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
     if "error_total" not in result:
         yield Section("Error budget", ["Nothing was estimated."])
         return
-    drawn = on_axes(lambda ax: plot_error_budget(result, ax=ax), *WIDE)
+    drawn = on_axes(plot_error_budget, result, size=WIDE)
     for quantity in (str(result["quantity"].values[0]), *further):
         name = quantity.replace("_", " ")
         yield Section(

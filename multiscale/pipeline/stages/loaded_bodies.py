@@ -216,8 +216,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
         "the last step that has an answer."
     ]
     solved = np.flatnonzero(result["converged"].to_numpy() == 1)
-    stressed = partial(plot_body_stress, result, step=int(solved[-1]))
-    figures = {"body_stress": in_space(stressed)}
+    figures = {"body_stress": in_space(plot_body_stress, result, step=int(solved[-1]))}
     figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
     yield Section("Loads and interfaces", told, figures=figures)
     yield from budget_sections(result)

@@ -287,9 +287,9 @@ def _summary(found: Datasets) -> Summary:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     rve = found[RVE.name]
     figures: dict[str, Callable[[Path], Path]] = {
-        "rve": in_space(partial(plot_rve, rve)),
-        "stiffness_surface": in_space(partial(plot_modulus_surface, rve)),
-        "damage_sphere": in_space(partial(plot_rve_damage, rve)),
+        "rve": in_space(plot_rve, rve),
+        "stiffness_surface": in_space(plot_modulus_surface, rve),
+        "damage_sphere": in_space(plot_rve_damage, rve),
         "size_study": partial(_draw_study, rve),
     }
     yield Section("Representative volume", _facts(rve), *_tabulate(rve), figures=figures)

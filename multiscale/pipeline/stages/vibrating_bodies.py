@@ -43,7 +43,7 @@ from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLU
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
-from multiscale.plotting.figure import WIDE, on_axes
+from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, with_cautions
 from multiscale.units import length_unit
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
@@ -326,8 +326,10 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
         "has an answer, in one direction."
     ]
     drawn = vibration_pictures(result, MOST_DRAWN)
-    wide = {name: plot for name, plot in drawn.items() if name.startswith("mode_shape")}
-    figures = {name: on_axes(plot, *(WIDE if name in wide else ())) for name, plot in drawn.items()}
+    figures = {
+        name: on_axes(plot, size=WIDE if name.startswith("mode_shape") else SIZE)
+        for name, plot in drawn.items()
+    }
     yield Section("Modes, frequency and damping", told, figures=figures)
     yield from budget_sections(result, "fall", "damping")
 
