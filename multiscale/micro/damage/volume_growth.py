@@ -19,6 +19,9 @@ __all__ = ["grow_volumes", "half_widths", "softening_of", "softening_samples"]
 RECORDS = 25
 """Events of a volume that are kept, evenly spread over all."""
 
+PLANES = 8
+"""Planes of a volume among which the worst one is searched, across the pull."""
+
 LEVELS = np.linspace(1.0, 0.0, 41)
 """Stresses over the strength at which openings are averaged over volumes."""
 
@@ -45,10 +48,10 @@ def grow_volumes(
     Returns
     -------
     Dataset
-        Follows ``VOLUME_GROWTH``. ``damage`` is eq (1) on the plane across the pull through the
-        crack with the largest projection. The mean softening law has the mean strength, and the
-        openings :math:`w(s)`, averaged at equal shares s of the strengths, are scaled to the mean
-        fracture energy. A volume that no crack has cut has NaN for its law.
+        Follows ``VOLUME_GROWTH``. ``damage`` is the largest of eq (1) on planes across the pull
+        through the cracks with the largest projections. The mean softening law has the mean
+        strength, and the openings :math:`w(s)`, averaged at equal shares s of the strengths, are
+        scaled to the mean fracture energy. A volume that no crack has cut has NaN for its law.
 
     Raises
     ------
@@ -176,7 +179,7 @@ def half_widths(values: np.ndarray) -> tuple[float, float]:
 
 
 def _section(cracks: Microcracks, radius: np.ndarray, axis: int) -> float:
-    """Damage (1) on the plane across an axis through the crack of the largest projection."""
-    widest = int(np.argmax(radius**2 * np.abs(cracks.normal[:, axis])))
+    """Largest damage on planes across an axis through the cracks of the largest projections."""
+    widest = np.argsort(radius**2 * np.abs(cracks.normal[:, axis]))[-PLANES:]
     offset = cracks.centre[widest, axis] % cracks.edge - 0.5 * cracks.edge
-    return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset))
+    return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset).max())
