@@ -31,7 +31,7 @@ __all__ = [
     "POINT_ROWS",
     "SECOND",
     "STEP",
-    "add_up",
+    "add_matrix",
     "multiply",
     "walsh",
 ]
@@ -82,7 +82,7 @@ def walsh(rows, stride, scale):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_up(points, dx, dy, matrix):  # type: ignore[no-untyped-def]
+def add_matrix(points, dx, dy, matrix):  # type: ignore[no-untyped-def]
     """Write (1) from the tangents of the eight Gauss points, 54 rows each, which are replaced."""
     scales = (np.float32(1.0 / dx), np.float32(1.0 / dy), np.float32(1.0))
     for row in range(POINT_ROWS):

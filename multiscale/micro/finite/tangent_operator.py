@@ -33,7 +33,7 @@ from multiscale.micro.finite.element_stiffness import (
     ENTRIES,
     MOTIONS,
     POINT_ROWS,
-    add_up,
+    add_matrix,
     multiply,
     walsh,
 )
@@ -193,7 +193,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                             flowing += plastic(
                                 s, q, shear, moduli[2:], kept[q], single, point, lanes
                             )
-                    add_up(points, dx, dy, rows)
+                    add_matrix(points, dx, dy, rows)
                     edge_forces(s, dx, dy)
                     scatter(s[NODES:], sides, layer, start, lanes, out)
                     if mixed:
