@@ -11,6 +11,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.plotting.element_faces import outer_faces
 from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
 from multiscale.schema import Dataset
+from multiscale.units import length_unit
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
@@ -149,8 +150,8 @@ def plot_worst_section(
     along, value = _section_image(rve, origin, SectionPlane.through(origin, normal).frame)
     inside = np.isfinite(value)
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    unit, name = _length_unit(max(rve.size))
-    low, high = (unit * along[[k[0], k[-1]]] for k in (columns, rows))
+    unit = length_unit([max(rve.size)])
+    low, high = (unit.scale * along[[k[0], k[-1]]] for k in (columns, rows))
     ax.imshow(
         value[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1],
         origin="lower",
@@ -160,7 +161,8 @@ def plot_worst_section(
         vmax=1.0,
         interpolation="nearest",
     )
-    ax.set(xlabel=f"along the section ({name})", ylabel=f"along the section ({name})")
+    label = f"along the section ({unit.name})"
+    ax.set(xlabel=label, ylabel=label)
     at = ", ".join(f"{0.0 if abs(k) < 5e-3 else k:.2f}" for k in normal)
     ax.set_title(f"D = {float(sections['maximum_damage']):.3f}, normal ({at})")
     return ax
@@ -211,11 +213,3 @@ def _section_image(
         index = np.clip(index, 0, np.array(rve.void.shape)[:, None, None] - 1)
         void = rve.void[tuple(index)]
     return along, np.where(inside, void.astype(float), np.nan)
-
-
-def _length_unit(length: float) -> tuple[float, str]:
-    """Choose the unit of a length, m, for a short number; return its factor and name."""
-    for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
-        if factor * length >= 0.5:
-            return factor, name
-    return 1e9, "nm"

@@ -111,6 +111,18 @@ def test_the_report_of_growing_cracks_has_their_answers(cracked):
     assert ">Crack of the body</h2>" in page
 
 
+def test_the_shipped_beam_is_of_hexahedra_of_its_size_with_a_notch():
+    pytest.importorskip("gmsh", exc_type=Exception)
+    for case in (load_case("notched_concrete"), load_case("notched_concrete").quick()):
+        beam = case.structure.bodies[0]
+        mesh = beam.load()
+        sides = np.ptp(mesh.p[:, mesh.t], axis=1)  # of bricks along the axes
+        assert np.all(sides[[0, 2]] < 1.001 * beam.element)
+        assert np.prod(sides, axis=0).sum() == pytest.approx((1.64 * 0.4 - 0.04 * 0.16) * 0.2)
+        assert set(mesh.boundaries) == {"left", "right", "top"}
+        assert case.growth.volumes(case.rve)[0][1].edge == 0.1
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

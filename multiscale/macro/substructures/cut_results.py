@@ -63,7 +63,7 @@ def _check_after(problem: CutProblem, after: Dataset) -> None:
             f"the earlier path has failed, so that nothing follows it ({after.attrs['failure']}); "
             f"go on from the steps before, after.isel(step=slice(...))"
         )
-    points = sum(face.weight.size for face in problem.joints)
+    points = problem.weight.size
     found = after.sizes["node"], after.sizes.get("point", 0)
     if found != (len(problem.position), points):
         raise CaseError(
@@ -121,11 +121,8 @@ def assemble_result(
     if "jump" in values:
         values |= {
             "point_position": np.concatenate([face.position for face in problem.joints]),
-            "point_area": np.concatenate([face.weight for face in problem.joints]),
-            "point_joint": np.repeat(
-                [face.joint for face in problem.joints],
-                [face.weight.size for face in problem.joints],
-            ),
+            "point_area": problem.weight,
+            "point_joint": problem.point_joint,
         }
     result = MACRO_RESULT.build(
         values,

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import CondensedStiffness, condense, split
+from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.interface_newton import (
     FLOOR,
@@ -24,11 +25,10 @@ from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.inner_joints import move_joints_inside
-from multiscale.macro.substructures.joint_state import states_after
+from multiscale.macro.substructures.joint_state import state_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-from multiscale.macro.substructures.whole_solver import SideBySide
 from multiscale.macro.substructures.whole_structure import stack_jumps
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import enough, step_length
@@ -122,17 +122,18 @@ class Newton:
         self.slot = slot[self.parts.edge]
         basis = coarse_basis(perfect)
         self.layout = lay_out(self.parts, self.slot, basis, perfect.interfaces, mine, self.team)
-        self.places = [place for place, joint in enumerate(joints) if joint.owner in mine]
-        own = [joints[place] for place in self.places]
+        places = [place for place, joint in enumerate(joints) if joint.owner in mine]
+        own = [joints[place] for place in places]
+        self.points = np.r_[(slice(0), *(problem.points[place] for place in places))]
         ends = np.cumsum([0, *(joint.weight.size for joint in own)]).tolist()
-        self.law = SideBySide([joint.law for joint in own], list(starmap(slice, pairwise(ends))))
-        self.weight = np.concatenate([np.zeros(0), *(joint.weight for joint in own)])
+        at = list(starmap(slice, pairwise(ends)))
+        self.law = SideBySide([joint.law for joint in own], at, problem.gap[self.points])
+        self.weight = problem.weight[self.points]
         jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in own]
         self.operator = stack_jumps(jumps, self.stack.n)
         normal, diagonal = self.operator[: ends[-1]], self.stack.stiffness.diagonal()
         self.resistance = face_stiffness(diagonal, normal, self.weight) if own else 0.0
         self.state = np.zeros((self.law.n_state, ends[-1]))
-        self.points = np.r_[(slice(0), *(problem.points[place] for place in self.places))]
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors, self.before = (Factors(), Factors()), np.zeros(0)
@@ -153,8 +154,8 @@ class Newton:
         if self.problem.joints:
             jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
             self.jump = self.at = jump[:, self.points]
-            states = states_after(self.problem, path)
-            self.state = self.law.join([states[place] for place in self.places])
+            state = state_after(self.problem, path)
+            self.state = state[: self.law.n_state, self.points]
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
         """Let an operator of one substructure act on the unknowns of all."""
@@ -416,7 +417,7 @@ class Newton:
 
     def _joined(self, value: np.ndarray) -> np.ndarray:
         """Jump or traction at the points of the joints of all processes."""
-        found = np.zeros((3, sum(joint.weight.size for joint in self.problem.joints)))
+        found = np.zeros((3, self.problem.weight.size))
         found[:, self.points] = value
         return self.team.total(found)
 

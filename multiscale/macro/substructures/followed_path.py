@@ -94,14 +94,11 @@ class FollowedPath:
 
     def _tangent(self, step: int) -> csr_array:
         """Stiffness of all joints about the jump of a step, no point slipping, N/m."""
-        joints, B = self.problem.joints, self.whole.jump
-        if not joints:
+        if not self.problem.joints:
             return csr_array(self.whole.stiffness.shape)
-        jump = self.result["jump"].values[step].T
-        parts = zip(joints, self.problem.points, strict=True)
-        k = [without_slip(face.law, jump[:, at]) for face, at in parts if face.law is not None]
-        weight = np.tile(self.whole.weight, 3)
-        return csr_array(B.T @ diags_array(weight * np.concatenate(k, axis=1).ravel()) @ B)
+        k = without_slip(self.problem.law, self.result["jump"].values[step].T)
+        B = self.whole.jump
+        return csr_array(B.T @ diags_array((self.whole.weight * k).ravel()) @ B)
 
 
 def solve_path(

@@ -13,7 +13,7 @@ from multiscale.macro.substructures.joint_directions import (
     joint_directions,
     law_stiffness,
 )
-from multiscale.macro.substructures.joint_state import states_after
+from multiscale.macro.substructures.joint_state import state_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.search_directions import (
@@ -22,7 +22,6 @@ from multiscale.macro.substructures.search_directions import (
     side_stiffness,
 )
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-from multiscale.macro.substructures.whole_solver import SideBySide
 from multiscale.schema import Dataset
 
 __all__ = ["Latin", "LatinIterate"]
@@ -105,9 +104,8 @@ class Latin:
             for index, face in enumerate(problem.interfaces)
             if face.law is not None
         ]
-        self.law = SideBySide([law for _, _, law in self.joints], problem.points)
-        self.weight = np.concatenate([np.zeros(0), *(face.weight for _, face, _ in self.joints)])
-        self.state = np.zeros((self.law.n_state, self.weight.size))
+        self.law, self.weight = problem.law, problem.weight
+        self.state = state_after(problem, None)
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
         self.joint_k = self.directions(
             {index: np.full((3, face.weight.size), np.inf) for index, face, _ in self.joints}
@@ -122,7 +120,7 @@ class Latin:
 
     def resume(self, path: Dataset) -> None:
         """Start from the last step of a path; it does not tell forces on perfect interfaces."""
-        self.state = self.law.join(states_after(self.problem, path))
+        self.state = state_after(self.problem, path)
         u = self.problem.unknowns(path["displacement"].values[-1])
         local = [u[self.problem.substructures[part].unknown] for part in self.parts]
         moved = self.stack.trace @ np.concatenate(local)
@@ -263,7 +261,7 @@ class Latin:
 
     def update_joints(self) -> bool:
         """Adapt the search directions of joints to the laws where they are; say if any did."""
-        jump = self.joint_fields(self.r)[0]
+        jump = self.law.opened(self.joint_fields(self.r)[0])
         tangents = {
             index: law_stiffness(law, jump[:, at], self.state[: law.n_state, at])
             for (index, _, law), at in zip(self.joints, self.problem.points, strict=True)

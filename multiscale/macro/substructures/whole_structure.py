@@ -106,8 +106,7 @@ def assemble(problem: CutProblem) -> Assembled:
             for side, trace in zip(joint.sides, joint.trace, strict=True)
         )
         jumps.append(csr_array(second - first))
-    weight = np.concatenate([np.zeros(0), *(joint.weight for joint in problem.joints)])
-    return Assembled(csr_array(K), load, stack_jumps(jumps, problem.n), weight)
+    return Assembled(csr_array(K), load, stack_jumps(jumps, problem.n), problem.weight)
 
 
 def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:

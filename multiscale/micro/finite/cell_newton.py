@@ -11,7 +11,7 @@ __all__ = ["solve_increment"]
 
 LEAST_DILATATION = 0.05  # smallest det F of an accepted iterate
 HALVINGS = 7  # of a Newton step
-FORCING = (1e-3, 0.1)  # bounds on the relative tolerance of the linear problem
+FORCING = (1e-4, 0.1)  # bounds on the relative tolerance of the linear problem
 DIVERGED = 30.0  # ratio of the residual to the smallest one at which the iteration stops
 PATIENCE = 12  # iterations in which the error has to halve
 
@@ -67,8 +67,7 @@ def solve_increment(
         if grown or (late and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE])):
             run.stop(Status.STALLED)
             break
-        before = run.residuals[-2] if run.steps else np.inf
-        forcing = min(FORCING[1], max(FORCING[0], 0.9 * (now.error / before) ** 1.5))
+        forcing = min(FORCING[1], max(FORCING[0], 0.2 * now.error**0.75))
         move, shift, iterations = scene.newton_step(now, forcing, 0.4 * tolerance)
         linear += iterations
         found = _search(equations, now, move, shift)

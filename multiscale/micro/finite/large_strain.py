@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
-from multiscale.micro.finite.element_stiffness import ENTRIES, MOTIONS, corner_gradients
+from multiscale.micro.finite.element_stiffness import ENTRIES, MOTIONS
 from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.tangent_operator import (
     NEO_HOOKEAN,
@@ -94,7 +94,6 @@ class _LargeStrainCell:
         self, kept: np.ndarray, moduli: np.ndarray, finish: Callable[[np.ndarray], State]
     ) -> Increment:
         """Return the increment for given internal variables and moduli, Pa."""
-        gradients = corner_gradients(*self.mesh.surface.spacing)
         kind = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
 
         def respond(u: np.ndarray) -> BodyResponse:
@@ -106,7 +105,6 @@ class _LargeStrainCell:
                 self.scale,
                 u,
                 kept,
-                gradients,
                 force,
                 self.tangent,
                 flags,

@@ -11,7 +11,7 @@ from multiscale.micro.finite.batch import (
     kernel,
     point_rows,
 )
-from multiscale.micro.finite.element_stiffness import FIRST, SECOND
+from multiscale.micro.finite.element_stiffness import FIRST, SECOND, STEP
 from multiscale.micro.hexahedron import BATCH
 
 __all__ = ["neo_hookean"]
@@ -77,7 +77,7 @@ def _tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-def]
         i, k = FIRST[block], SECOND[block]
         same = 1.0 if i == k else 0.0
         g, h, m = s[PULLED + 3 * i * BATCH :], s[PULLED + 3 * k * BATCH :], s[CURVED:]
-        out = tangent[9 * block * BATCH :]
+        out = tangent[(block if block < 3 else 24 + block) * BATCH :]
         for v in range(BATCH):
             p, w = weight[v] * (shear - s[LOG + v]), weight[v] * s[LOG + BATCH + v]
             x, y, z = g[v], g[BATCH + v], g[2 * BATCH + v]
@@ -85,11 +85,11 @@ def _tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-def]
             curved = same * weight[v]
             xy, xz, yz = curved * m[BATCH + v], curved * m[2 * BATCH + v], curved * m[4 * BATCH + v]
             out[v] = (p + w) * x * a + curved * m[v]
-            out[BATCH + v] = p * y * a + w * x * b + xy
-            out[2 * BATCH + v] = p * z * a + w * x * c + xz
-            out[3 * BATCH + v] = p * x * b + w * y * a + xy
-            out[4 * BATCH + v] = (p + w) * y * b + curved * m[3 * BATCH + v]
-            out[5 * BATCH + v] = p * z * b + w * y * c + yz
-            out[6 * BATCH + v] = p * x * c + w * z * a + xz
-            out[7 * BATCH + v] = p * y * c + w * z * b + yz
-            out[8 * BATCH + v] = (p + w) * z * c + curved * m[5 * BATCH + v]
+            out[STEP + v] = p * y * a + w * x * b + xy
+            out[2 * STEP + v] = p * z * a + w * x * c + xz
+            out[3 * STEP + v] = p * x * b + w * y * a + xy
+            out[4 * STEP + v] = (p + w) * y * b + curved * m[3 * BATCH + v]
+            out[5 * STEP + v] = p * z * b + w * y * c + yz
+            out[6 * STEP + v] = p * x * c + w * z * a + xz
+            out[7 * STEP + v] = p * y * c + w * z * b + yz
+            out[8 * STEP + v] = (p + w) * z * c + curved * m[5 * BATCH + v]

@@ -31,7 +31,7 @@ from multiscale.micro.finite.batch import (
     logarithm,
     point_rows,
 )
-from multiscale.micro.finite.element_stiffness import FIRST, SECOND
+from multiscale.micro.finite.element_stiffness import FIRST, SECOND, STEP
 from multiscale.micro.hexahedron import BATCH
 
 __all__ = ["SINGLE_ROWS", "plastic", "plastic_state"]
@@ -267,7 +267,9 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
     _round(s, weight, single)
     for block in range(6):
         k, m = 3 * FIRST[block] * BATCH, 3 * SECOND[block] * BATCH
-        _tangent(single, single[k:], single[m:], tangent[9 * block * BATCH :])
+        _tangent(
+            single, single[k:], single[m:], tangent[(block if block < 3 else 24 + block) * BATCH :]
+        )
     return flowing
 
 
@@ -306,16 +308,16 @@ def _tangent(w, first, second, out):  # type: ignore[no-untyped-def]
         j, k, m = w[15 * BATCH + v], w[16 * BATCH + v], w[17 * BATCH + v]
         x, y, z = p * xx + q * yx + r * zx, p * xy + q * yy + r * zy, p * xz + q * yz + r * zz
         out[v] = x * p + y * q + z * r
-        out[BATCH + v] = x * g + y * h + z * i
-        out[2 * BATCH + v] = x * j + y * k + z * m
+        out[STEP + v] = x * g + y * h + z * i
+        out[2 * STEP + v] = x * j + y * k + z * m
         x, y, z = g * xx + h * yx + i * zx, g * xy + h * yy + i * zy, g * xz + h * yz + i * zz
-        out[3 * BATCH + v] = x * p + y * q + z * r
-        out[4 * BATCH + v] = x * g + y * h + z * i
-        out[5 * BATCH + v] = x * j + y * k + z * m
+        out[3 * STEP + v] = x * p + y * q + z * r
+        out[4 * STEP + v] = x * g + y * h + z * i
+        out[5 * STEP + v] = x * j + y * k + z * m
         x, y, z = j * xx + k * yx + m * zx, j * xy + k * yy + m * zy, j * xz + k * yz + m * zz
-        out[6 * BATCH + v] = x * p + y * q + z * r
-        out[7 * BATCH + v] = x * g + y * h + z * i
-        out[8 * BATCH + v] = x * j + y * k + z * m
+        out[6 * STEP + v] = x * p + y * q + z * r
+        out[7 * STEP + v] = x * g + y * h + z * i
+        out[8 * STEP + v] = x * j + y * k + z * m
 
 
 @kernel

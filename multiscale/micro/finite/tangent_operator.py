@@ -4,6 +4,8 @@ Displacements, m, and forces, N, are arrays of shape ``(nx, layers, 3, ny)``. Th
 as the stiffness matrix of each element; one kernel applies it for all laws.
 """
 
+import math
+
 import numpy as np
 
 from multiscale.micro.finite.batch import (
@@ -31,8 +33,9 @@ from multiscale.micro.finite.element_stiffness import (
     ENTRIES,
     MOTIONS,
     POINT_ROWS,
-    add_points,
+    add_up,
     multiply,
+    walsh,
 )
 from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
 from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
@@ -49,6 +52,7 @@ __all__ = [
 
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
+SHARE = math.sqrt(0.125)  # of each corner in an amplitude
 LEAST_SLOPE = 0.1  # of ln J / J times J^2, which falls to 0 at J = e
 
 parallel_kernel = compiled(parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
@@ -92,11 +96,9 @@ def _couple(s, modulus, scale, dx, dy, rows):  # type: ignore[no-untyped-def]
     for k in range(36 * BATCH):
         s[FLUX + k] = s[DILATED + k]
     edge_forces(s, dx, dy)
-    for k in range(3):
-        for corner in range(7):
-            row, out = (8 * k + corner + 1) * BATCH, (7 * k + corner) * BATCH
-            for v in range(BATCH):
-                rows[out + v] = scale * s[NODES + row + v]
+    _to_modes(s[NODES:], rows)
+    for k in range(MOTIONS * BATCH):
+        rows[k] *= scale
     for v in range(BATCH):
         mean = s[MEAN + v]
         weight = scale * s[VOLUME + v] * mean / max(1.0 - s[CHANGE + v], LEAST_SLOPE)
@@ -117,7 +119,6 @@ def respond_cell(  # type: ignore[no-untyped-def]
     scale,
     u,
     state,
-    gradients,
     out,
     tangent,
     least,
@@ -140,8 +141,6 @@ def respond_cell(  # type: ignore[no-untyped-def]
         Displacement, m, and the pressure of the elements over ``scale``, m.
     state : ndarray, shape (nx, layers, batches, 8, rows, BATCH)
         Internal variables of J2, or frozen stress of viscous branches, Pa; a single lane if none.
-    gradients : ndarray, shape (8, 3, 7)
-        See :func:`~.element_stiffness.corner_gradients`.
     out : ndarray, shape of ``u``
         Gets the forces added, N, and with ``scale`` the residual of the volume, N.
     tangent : ndarray, shape (nx, layers, batches, rows * BATCH)
@@ -160,9 +159,8 @@ def respond_cell(  # type: ignore[no-untyped-def]
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
             s = np.zeros(SCRATCH)
-            points = np.empty(4 * POINT_ROWS * BATCH, np.float32)
+            points = np.empty(8 * POINT_ROWS * BATCH, np.float32)
             single = np.empty(SINGLE_ROWS * BATCH, np.float32)
-            half = np.empty(4 * MOTIONS * BATCH, np.float32)
             smallest, flowing = 1e300, 0
             for batch in range(batches):
                 start = batch * BATCH
@@ -176,7 +174,6 @@ def respond_cell(  # type: ignore[no-untyped-def]
                         smallest = -1.0
                         continue
                     rows = tangent[i, layer, batch]
-                    rows[:] = 0.0
                     kept = state[i, layer, batch] if has else state[0, 0, 0]
                     for k in range(36 * BATCH):
                         s[FLUX + k], s[DILATED + k] = 0.0, 0.0
@@ -185,7 +182,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                         for v in range(lanes):
                             s[PRESSURE + v] = scale * u[i, layer, 3, start + v]
                     for q in range(8):
-                        point = points[q % 4 * POINT_ROWS * BATCH :]
+                        point = points[q * POINT_ROWS * BATCH :]
                         pull_back(s, q)
                         _volume(s, q, volume, mixed)
                         if mixed:
@@ -196,8 +193,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                             flowing += plastic(
                                 s, q, shear, moduli[2:], kept[q], single, point, lanes
                             )
-                        if q % 4 == 3:
-                            add_points(points, gradients[q - 3 :], half, rows)
+                    add_up(points, dx, dy, rows)
                     edge_forces(s, dx, dy)
                     scatter(s[NODES:], sides, layer, start, lanes, out)
                     if mixed:
@@ -271,12 +267,12 @@ def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
                 lanes = min(BATCH, ny - start)
                 for layer in range(layers):
                     gather(u, sides, layer, start, lanes, s)
-                    _subtract_corner(s, x)
+                    _to_modes(s, x)
                     multiply(tangent[i, layer, batch], x, y)
                     if components == 4:
                         rows = tangent[i, layer, batch, ENTRIES * BATCH :]
                         _press(rows, u[i, layer, 3, start:], x, y, out[i, layer, 3, start:], lanes)
-                    _complete_corner(y, s)
+                    _from_modes(y, s)
                     scatter(s, sides, layer, start, lanes, out)
 
 
@@ -293,25 +289,22 @@ def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _subtract_corner(s, x):  # type: ignore[no-untyped-def]
-    """Motions of the corners 1 to 7 relative to corner 0."""
+def _to_modes(s, x):  # type: ignore[no-untyped-def]
+    """Amplitudes of the modes 1 to 7 of corner values, which are replaced."""
     for k in range(3):
-        first = 8 * k * BATCH
-        for corner in range(7):
-            row, out = first + (corner + 1) * BATCH, (7 * k + corner) * BATCH
-            for v in range(BATCH):
-                x[out + v] = s[row + v] - s[first + v]
+        values, out = s[8 * k * BATCH :], x[7 * k * BATCH :]
+        walsh(values, BATCH, SHARE)
+        for v in range(7 * BATCH):
+            out[v] = values[BATCH + v]
 
 
 @kernel
-def _complete_corner(y, s):  # type: ignore[no-untyped-def]
-    """Find the forces of all corners; together they vanish."""
+def _from_modes(y, s):  # type: ignore[no-untyped-def]
+    """Corner values of the modes 1 to 7."""
     for k in range(3):
-        first = 8 * k * BATCH
+        values, x = s[8 * k * BATCH :], y[7 * k * BATCH :]
         for v in range(BATCH):
-            s[first + v] = 0.0
-        for corner in range(7):
-            row, x = first + (corner + 1) * BATCH, (7 * k + corner) * BATCH
-            for v in range(BATCH):
-                s[row + v] = y[x + v]
-                s[first + v] -= y[x + v]
+            values[v] = 0.0
+        for v in range(7 * BATCH):
+            values[BATCH + v] = x[v]
+        walsh(values, BATCH, SHARE)
