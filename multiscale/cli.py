@@ -404,7 +404,7 @@ def damage_command(
     volume: Annotated[
         str,
         typer.Argument(
-            help="A case with a table rve, or a TIFF stack or folder of a binary image."
+            help="A case with a table rve, or a TIFF stack or folder with a binary image."
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("damage"),

@@ -1,7 +1,6 @@
 """Cracks that grow in several volumes: strength, fracture energy, softening law, size effect."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,10 +8,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.softening import Softening
 from multiscale.micro.damage.crack_growth import Microcracks, grow_microcracks
 from multiscale.micro.damage.sections import plane_damage
-from multiscale.schema import VOLUME_GROWTH, with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import VOLUME_GROWTH, Dataset, with_cautions
 
 __all__ = ["grow_volumes", "half_widths", "softening_of", "softening_samples"]
 
@@ -34,7 +30,7 @@ def grow_volumes(
     *,
     axis: int = 2,
     through: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Pull volumes along an axis until one crack of each has cut it.
 
     Parameters
@@ -120,7 +116,7 @@ def grow_volumes(
     )
 
 
-def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
+def softening_of(growth: Dataset, strength: float = 1.0) -> Softening:
     """Return the softening law of a volume from the growth of its cracks.
 
     Parameters
@@ -156,7 +152,7 @@ def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
     return Softening(np.append(w, last), np.append(s, 0.0))
 
 
-def softening_samples(growth: "xr.Dataset") -> list[Softening]:
+def softening_samples(growth: Dataset) -> list[Softening]:
     """Return the mean softening law of ``VOLUME_GROWTH``, then the laws of all whole volumes."""
     whole = (growth["share"].to_numpy() == 1.0) & (growth["converged"].to_numpy() == 1)
     w, s = (growth[f"softening_{name}"].to_numpy()[whole] for name in ("opening", "stress"))
