@@ -137,7 +137,7 @@ def solve_flat(
                 room = delta + float(np.min((apart - closing * delta)[~near], initial=np.inf))
                 node = np.flatnonzero(near)
                 force, opening, closes = forces[node], apart[node], closing[node]
-                direction, change = np.empty((2, node.size))
+                direction = np.empty(node.size)
                 spread = np.zeros(gap.size, np.float32)
             state = force, opening, closes, step, cap
             if load is not None:
@@ -154,16 +154,14 @@ def solve_flat(
             if residual <= tolerance:
                 status = Status.CONVERGED
                 break
-        curvature = float(_collect(respond(spread), node, unit, direction, change).sum())
+        found = _advance(*state, delta, direction, node, unit, respond(spread), slope)
+        curvature, along, across, squared, raised, free = found.sum(axis=0).tolist()
         if not curvature > 0.0:
             if fresh:  # these are the forces of the minimum, to rounding
                 status = Status.STALLED
                 break
             bound = np.inf
             continue
-        share = min(1.0, -slope / curvature)
-        found = _advance(*state, delta, direction, change, share)
-        along, across, squared, raised, free = found.sum(axis=0).tolist()
         step = length / curvature
         if iteration % 2:  # in the tangent of the box, and of the load
             mean = raised / free if load is not None and free > 0.0 else 0.0
@@ -274,41 +272,40 @@ def _project(  # type: ignore[no-untyped-def]
 
 
 @compiled(parallel=True, fastmath=_MATH)
-def _collect(response, node, unit, direction, change):  # type: ignore[no-untyped-def]
-    """Take the change of the opening; return its products with the direction, by parts."""
-    n, sums = node.size, np.zeros(PARTS)
-    for part in prange(PARTS):
-        curvature = 0.0
-        for i in range(part * n // PARTS, (part + 1) * n // PARTS):
-            change[i] = unit * response[node[i]]
-            curvature += direction[i] * change[i]
-        sums[part] = curvature
-    return sums
-
-
-@compiled(parallel=True, fastmath=_MATH)
 def _advance(  # type: ignore[no-untyped-def]
-    force, opening, closing, step, cap, delta, direction, change, share
+    force, opening, closing, step, cap, delta, direction, node, unit, response, slope
 ):
-    """Go a share of the way.
+    """Go to the minimum of the energy on the way, or as far as it leads.
 
-    Returns, for parts of the vectors and over the forces that a step leaves within their box, the
-    products of the change with the direction, of the closing with the direction, and of the change
-    with itself, of the closing with the change and with itself.
+    Returns, for parts of the vectors, the product of the way with the change of the opening, which
+    is the response, and over the forces that a step leaves within their box, the products of the
+    change with the way, of the closing with the way, and of the change with itself, of the closing
+    with the change and with itself.
     """
-    n, sums = force.size, np.zeros((PARTS, 5))
+    n, sums, curvature = force.size, np.zeros((PARTS, 6)), 0.0
+    for part in prange(PARTS):
+        total = 0.0
+        for i in range(part * n // PARTS, (part + 1) * n // PARTS):
+            total += direction[i] * (unit * response[node[i]])
+        sums[part, 0] = total
+    for part in range(PARTS):
+        curvature += sums[part, 0]
+    if not curvature > 0.0:
+        return sums
+    share = min(1.0, -slope / curvature)
     for part in prange(PARTS):
         along, across, squared, raised, free = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(part * n // PARTS, (part + 1) * n // PARTS):
+            change = unit * response[node[i]]
             moved = force[i] - step * (opening[i] - closing[i] * delta)
             inside = 1.0 if (moved > 0.0) & (moved < cap) else 0.0
-            along += inside * direction[i] * change[i]
+            along += inside * direction[i] * change
             across += inside * direction[i] * closing[i]
-            squared += inside * change[i] * change[i]
-            raised += inside * change[i] * closing[i]
+            squared += inside * change * change
+            raised += inside * change * closing[i]
             free += inside * closing[i] * closing[i]
             force[i] += share * direction[i]
-            opening[i] += share * change[i]
-        sums[part, 0], sums[part, 1], sums[part, 2] = along, across, squared
-        sums[part, 3], sums[part, 4] = raised, free
+            opening[i] += share * change
+        sums[part, 1], sums[part, 2], sums[part, 3] = along, across, squared
+        sums[part, 4], sums[part, 5] = raised, free
     return sums
