@@ -8,8 +8,8 @@ roughness is stated. Cases with [fatigue] follow the elements of bodies so.
 
     python workflows/damage_to_joint.py -o damage [--quick]
 
-leaves datasets (``damage_sections.nc``, ``rve_stiffness.nc``, ``woehler.nc``, ``fatigue_life.nc``,
-``interface_law.nc``, ``macro_result.nc``) and figures. ``--quick`` is coarser.
+leaves datasets (``damage_sections.nc``, ``woehler.nc``, ``fatigue_life.nc``, ``interface_law.nc``,
+``macro_result.nc``) and figures. ``--quick`` is coarser.
 """
 
 import argparse
@@ -24,14 +24,16 @@ from multiscale.io import make_folder, write_dataset
 from multiscale.macro import Block, RoughJoint, press_joint, soften
 from multiscale.micro.damage import (
     FatigueMaterial,
-    compare_stiffness,
+    effective_stiffness,
     local_fatigue,
     max_damage,
     random_spheres,
     voxelise,
     woehler_curve,
+    youngs_modulus_along,
 )
-from multiscale.plotting import draw_damage
+from multiscale.plotting import plot_damage_sphere, plot_woehler, plot_worst_section
+from multiscale.plotting.figure import in_space, on_axes
 from multiscale.upscaling import fit_law, law_from_dataset
 
 E, NU = 71e9, 0.33  # cast aluminium
@@ -52,10 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     pores = random_spheres((1e-3, 1e-3, 1e-3), 1.2e-4, porosity=0.06, seed=4)
     sections = max_damage(pores, level=1 if quick else 2, sections=17 if quick else 65)
     image = voxelise(pores, 24 if quick else 64)
-    stiffness = compare_stiffness(image, sections, E, NU)
+    stiffness = effective_stiffness(image, E, NU).unwrap()
     damage = float(sections["maximum_damage"])
-    along_z = int(np.argmax(np.abs(stiffness["normal"].values[:, 2])))
-    factor = float(stiffness["modulus_ratio"][along_z])
+    factor = float(youngs_modulus_along(stiffness, np.eye(3)[2])) / E
 
     material = FatigueMaterial(E, NU, 70e6, 0.2e6, 1.5, hardening=5e9, threshold=0.02, closure=0.2)
     curve = woehler_curve(material, np.array([65e6, 71e6, 74e6, 80e6, 90e6, 110e6]))
@@ -73,12 +74,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     rough = RoughJoint((0.05, 0.05), block, block)
     joint = press_joint(rough, law_from_dataset(law), np.array([PRESSURE[0]]))
 
-    kinds = (schema.DAMAGE_SECTIONS, schema.RVE_STIFFNESS, schema.WOEHLER, schema.FATIGUE_LIFE)
+    kinds = (schema.DAMAGE_SECTIONS, schema.WOEHLER, schema.FATIGUE_LIFE)
     kinds = (*kinds, schema.INTERFACE_LAW, schema.MACRO_RESULT)
-    for kind, dataset in zip(kinds, (sections, stiffness, curve, life, law, joint), strict=True):
+    for kind, dataset in zip(kinds, (sections, curve, life, law, joint), strict=True):
         write_dataset(dataset, out / f"{kind.name}.nc", kind)
-    figures = out / "figures"
-    draw_damage(figures, sections=sections, rve=pores, curve=curve, comparison=stiffness)
+    figures = {
+        "damage_sphere": in_space(plot_damage_sphere, sections),
+        "worst_section": on_axes(plot_worst_section, pores, sections),
+        "woehler": on_axes(plot_woehler, curve),
+    }
+    for name, draw in figures.items():
+        draw(make_folder(out / "figures") / f"{name}.png")
     cracks = [float(life[f"cycles_to_{name}"]) for name in ("first", "crack")]
     sys.stdout.write(
         f"porosity {image.porosity:.3f}, damage of the worst section {damage:.3f}, "

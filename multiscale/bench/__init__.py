@@ -3,10 +3,8 @@
 import tomllib
 from collections.abc import Callable
 from importlib import import_module, resources
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench"]
 
@@ -35,7 +33,7 @@ STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 
 def bench(
     family: str, *, quick: bool = False, report: Callable[[str], None] = lambda line: None
-) -> "xr.Dataset":
+) -> Dataset:
     """Measure a family of scenes.
 
     Parameters

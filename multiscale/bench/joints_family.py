@@ -20,7 +20,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
 from multiscale.macro.substructures import CutProblem, cut_assembly, solve_whole
 from multiscale.macro.substructures.bound import Admissible
-from multiscale.macro.substructures.indicator import HeuristicIndicator, JointError
+from multiscale.macro.substructures.indicator import JointError, indicate_error
 from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.latin import Latin, LatinIterate
 from multiscale.macro.substructures.latin_solver import solve_step
@@ -120,7 +120,6 @@ def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
     problem = scene.cut()
     method = Latin(problem)
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
-    judge = HeuristicIndicator(problem, admissible)
 
     def norm(u: np.ndarray, traction: np.ndarray, compliance: np.ndarray) -> float:
         bodies = u @ (method.stack.stiffness @ u)
@@ -130,7 +129,7 @@ def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
     for step, (u, traction, compliance) in enumerate(_solve_whole(scene, problem)):
         size = norm(u, traction, compliance)
         steps.append([])
-        for iteration, (time, found) in enumerate(_watch(method, judge, step), 1):
+        for iteration, (time, found) in enumerate(_watch(method, admissible, step), 1):
             error = norm(found.stressed - u, found.traction - traction, compliance)
             if error >= FINEST * size:
                 steps[-1].append(
@@ -144,13 +143,13 @@ def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
     return steps
 
 
-def _watch(method: Latin, judge: HeuristicIndicator, step: int) -> list[tuple[float, JointError]]:
+def _watch(method: Latin, admissible: Admissible, step: int) -> list[tuple[float, JointError]]:
     """Solve a step; return time and indicator after every iteration."""
     found: list[tuple[float, JointError]] = []
     clock = perf_counter()
 
     def note(iteration: int, residual: float, iterate: LatinIterate) -> None:
-        error = judge.evaluate(iterate.u, iterate.force, method.states, method.joint_k, method.team)
+        error = indicate_error(method, admissible, iterate)
         found.append((perf_counter() - clock, error))
 
     solve_step(method, method.stack.load[:, step], None, TOLERANCE, LIMIT, note)
@@ -168,7 +167,7 @@ def _solve_whole(
     found = solve_whole(problem, np.eye(len(TIMES)))
     if "failure" in found.attrs:
         raise ConvergenceError(found.attrs["failure"])
-    area = np.concatenate([joint.weight for joint in problem.joints])
+    area = problem.weight
     numbers = np.concatenate([part.unknown for part in problem.substructures])
     for displacement, jump, traction in zip(
         *(found[name].values for name in ("displacement", "jump", "traction")), strict=True

@@ -7,17 +7,17 @@ import numpy as np
 from multiscale.bench.stability_faults import joint_faults, largest_overlap, unbalanced_share
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from functools import partial
-
-    import xarray as xr
 
     from multiscale.laws import Sliders
     from multiscale.macro import Assembly, LinkSystem
     from multiscale.macro.substructures import Method
     from multiscale.micro.contact_state import ContactState
     from multiscale.surfaces.surface import Surface
+
 
 __all__ = [
     "bolts",
@@ -224,7 +224,7 @@ def _method(name: str, parts: int) -> "Method":
 
 
 def _fault_of_path(
-    blocks: "Assembly", factors: np.ndarray, found: "xr.Dataset", law_over_block: float, parts: int
+    blocks: "Assembly", factors: np.ndarray, found: Dataset, law_over_block: float, parts: int
 ) -> float:
     """Largest fault of the steps of a path that has not failed, over the pressure."""
     from multiscale.macro.substructures import assemble, cut_assembly
@@ -406,7 +406,7 @@ def voids(modulus: float, porosity: float) -> float:
     return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 
-def _refuse_failure(result: "xr.Dataset") -> None:
+def _refuse_failure(result: Dataset) -> None:
     """Raise the failure of a result whose path ended early."""
     if not result["converged"].values.all():
         raise ConvergenceError(result.attrs.get("failure") or "a step did not converge")

@@ -4,13 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from multiscale.schema import Dataset
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    import xarray as xr
-
     from multiscale.laws import Sliders
     from multiscale.macro.substructures.whole_structure import Assembled
+
 
 __all__ = ["joint_faults", "largest_overlap", "unbalanced_share"]
 
@@ -79,7 +80,7 @@ def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
     return float(2.0 - away.min() / radius[0])
 
 
-def unbalanced_share(result: "xr.Dataset", friction: float) -> float:
+def unbalanced_share(result: Dataset, friction: float) -> float:
     """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force.
 
     The result follows ``GRANULATE``, with every step as a frame.

@@ -60,7 +60,7 @@ def plan_volumes(*, quick: bool) -> BenchFamily:
                 way,
                 partial(_answers, step, samples),
                 partial(mean_modulus, 0.5e-3, 1, 8),
-                {"points": float(round(step[2] * step[0] / 1e-3)), "realisations": float(step[1])},
+                {"points": round(step[2] * step[0] / 1e-3), "realisations": step[1]},
             )
             for way, steps in (QUICK_WAYS if quick else WAYS).items()
             for step in steps

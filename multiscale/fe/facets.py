@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 __all__ = [
     "ContactFace",
     "facet_normals",
-    "nodal_areas",
     "nodal_normals",
     "plane_axes",
     "surface_of",
@@ -103,27 +102,3 @@ def nodal_normals(surface: ContactFace, x: np.ndarray, free: np.ndarray) -> np.n
     along = np.where(free, normal, 0.0)
     size = np.linalg.norm(along, axis=1, keepdims=True)
     return np.where(size > 0.7, along / np.where(size > 0.0, size, 1.0), normal)
-
-
-def nodal_areas(surface: ContactFace, x: np.ndarray) -> np.ndarray:
-    """Area that belongs to each node, m² (m in 2D): integral of its shape function."""
-    corners = x[surface.facets]
-    area = np.zeros(len(surface.nodes))
-    if corners.shape[1] < 4:
-        share = np.linalg.norm(facet_normals(corners), axis=1) / corners.shape[1]
-        for corner in surface.facets.T:
-            np.add.at(area, corner, share)
-        return area
-    points = np.array([-1.0, 1.0]) / np.sqrt(3.0)
-    for r in points:
-        for s in points:
-            N = 0.25 * np.array(
-                [(1 - r) * (1 - s), (1 + r) * (1 - s), (1 + r) * (1 + s), (1 - r) * (1 + s)]
-            )
-            by_r = 0.25 * np.array([s - 1, 1 - s, 1 + s, -1 - s])
-            by_s = 0.25 * np.array([r - 1, -1 - r, 1 + r, 1 - r])
-            t1, t2 = (np.einsum("c,fcd->fd", by, corners) for by in (by_r, by_s))
-            jacobian = np.linalg.norm(np.cross(t1, t2), axis=1)
-            for corner, value in zip(surface.facets.T, N, strict=True):
-                np.add.at(area, corner, value * jacobian)
-    return area

@@ -68,6 +68,7 @@ def mesh_geometry(script: str, element_size: float) -> bytes:
         source.write_text(script, encoding="utf-8")
         gmsh.logger.start()
         try:
+            gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)  # which the script may read
             gmsh.merge(str(source))
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
             gmsh.option.setNumber("Mesh.MshFileVersion", 2.2)

@@ -12,7 +12,6 @@ from multiscale.laws.rigid import RigidContact
 from multiscale.laws.sliders import Sliders
 from multiscale.laws.sliding_friction import BellFriction, Coulomb, DecayingFriction, FrictionLaw
 from multiscale.laws.softening import Softening
-from multiscale.laws.spaced import Spaced
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
@@ -43,7 +42,6 @@ __all__ = [
     "Sliders",
     "Sliding",
     "Softening",
-    "Spaced",
     "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",

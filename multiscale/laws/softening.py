@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["LAST_STRESS", "SawTeeth", "Softening"]
+__all__ = ["LAST_STRESS", "Softening"]
 
 LAST_SHARE = 1e-6
 """Stiffness of an element that has cracked through, over its first."""
@@ -15,22 +15,6 @@ LAST_STRESS = 1e-3
 """Stress of the last tooth over the strength."""
 
 FINE = 4001  # points at which the energy of a law is summed
-
-
-@dataclass(frozen=True, eq=False)
-class SawTeeth:
-    """A softening element as a sequence of elastic ones.
-
-    Attributes
-    ----------
-    share : ndarray, shape (teeth + 1,), falling from 1
-        Stiffness of the element over its first; the last is what a broken element keeps.
-    strength : ndarray, shape (teeth + 1,)
-        Tension at which the element goes on to the next share, Pa; infinite at the last.
-    """
-
-    share: np.ndarray
-    strength: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +56,24 @@ class Softening:
         """Energy per area of the crack, J/m²."""
         return float(np.trapezoid(self.stress, self.opening))
 
-    def teeth(self, youngs_modulus: float, width: np.ndarray, count: int) -> SawTeeth:
-        r"""Cut the law of an element into teeth.
+    def teeth(
+        self, youngs_modulus: float, width: float, count: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        r"""Cut the law of an element into a sequence of elastic ones.
 
         Parameters
         ----------
         youngs_modulus : float, Pa
-        width : ndarray, shape (...)
+        width : float
             Width :math:`h` of the crack band, m: of the element across the crack.
         count : int, number of teeth
 
         Returns
         -------
-        SawTeeth, with arrays of shape (count + 1, ...)
+        share : ndarray, shape (count + 1,), falling from 1
+            Stiffness of the element over its first; the last is what a broken element keeps.
+        strength : ndarray, shape (count + 1,)
+            Tension at which the element goes on to the next share, Pa; infinite at the last.
 
         Notes
         -----
@@ -108,11 +97,6 @@ class Softening:
         s = np.interp(w, self.opening, self.stress)
         energy = np.append(0.0, np.cumsum(0.5 * (s[:-1] * w[1:] - s[1:] * w[:-1])))
         at = np.interp(np.linspace(0.0, 1.0, count), energy / energy[-1], w)
-        across = np.reshape(at, (-1,) + (1,) * np.ndim(width))
-        stress = np.interp(across, self.opening, self.stress)
-        share = 1.0 / (1.0 + youngs_modulus * across / (np.asarray(width) * stress))
-        strength = np.broadcast_to(stress, share.shape)
-        last = np.ones((1, *np.shape(width)))
-        return SawTeeth(
-            np.concatenate([share, LAST_SHARE * last]), np.concatenate([strength, np.inf * last])
-        )
+        stress = np.interp(at, self.opening, self.stress)
+        share = 1.0 / (1.0 + youngs_modulus * at / (width * stress))
+        return np.append(share, LAST_SHARE), np.append(stress, np.inf)

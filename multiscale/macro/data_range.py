@@ -1,15 +1,11 @@
 """Shares of a load outside the data of its laws, and answers that are then unknown."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.schema import MACRO_RESULT, with_cautions
+from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["FAR_FACTOR", "FAR_SHARE", "load_shares", "with_load_shares"]
 
@@ -79,13 +75,13 @@ def load_shares(
 
 
 def with_load_shares(
-    result: "xr.Dataset",
+    result: Dataset,
     shares: np.ndarray,
     data: np.ndarray,
     *,
     extrapolate: bool = False,
     loads: Sequence[str] = (),
-) -> "xr.Dataset":
+) -> Dataset:
     """Return a result with the shares of its load outside the data of the laws.
 
     Parameters
@@ -124,7 +120,7 @@ def with_load_shares(
 
 
 def _cautions(
-    result: "xr.Dataset", data: np.ndarray, extrapolate: bool, loads: Sequence[str]
+    result: Dataset, data: np.ndarray, extrapolate: bool, loads: Sequence[str]
 ) -> Iterator[str]:
     """Yield a sentence for each interface with load outside the data of its law."""
     below, above, far = (result[f"load_{name}"].values for name in ("below", "above", "far"))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -22,9 +22,7 @@ from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
 from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
 from multiscale.macro.mean_tension import mean_tension
 from multiscale.numerics.factorisation import Solve
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["simulate"]
 
@@ -45,7 +43,7 @@ def simulate(
     start: tuple[np.ndarray, np.ndarray] | None = None,
     theta: float = 1.0,
     restitution: float = 0.0,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Compute the motion of a structure of bars, cables and struts.
 
     Parameters

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.linalg import norm
@@ -57,7 +58,7 @@ def solve_interface(
     start: np.ndarray | None = None,
     jump: np.ndarray | None = None,
     state: np.ndarray | None = None,
-    flexible: "FlexibleBodies | None" = None,
+    flexible: "PreparedBodies | None" = None,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
@@ -88,7 +89,7 @@ def solve_interface(
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
-    flexible : FlexibleBodies, optional
+    flexible : PreparedBodies, optional
         Of the same full matrices, for many laws and loads; see :func:`prepare_flexible`.
     max_iterations : int, iteration limit
     tolerance : float
@@ -198,7 +199,7 @@ class _Whole:
     law: InterfaceLaw
     state: np.ndarray
     resistance: float
-    prepared: "FlexibleBodies | None" = None
+    prepared: "PreparedBodies | None" = None
     scale: float = 1.0
 
     def linearise(self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
@@ -280,6 +281,13 @@ class _Whole:
         with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
         return None
+
+
+class PreparedBodies(Protocol):
+    """Bodies that find Newton directions by a method of their own."""
+
+    def direction(self, B: csr_array, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Newton direction, m, from the tangent, shape (d, d, points), N/m, and forces, N."""
 
 
 @dataclass(frozen=True, eq=False)

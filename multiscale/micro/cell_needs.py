@@ -132,13 +132,16 @@ def cell_needs(cell: AnyCell, *, keep_fields: bool = False) -> Needs:
 
 
 def _choices(
-    built: Mapping[CellPart, bool], reasons: Mapping[CellPart, str] | None = None
+    built: Mapping[CellPart, bool],
+    why: Mapping[CellPart, str] = {},
+    why_not: Mapping[CellPart, str] = {},
 ) -> tuple[Choice, ...]:
     """Choices of all parts, with the reasons of one kind before the usual; others are left out."""
     return tuple(
-        Choice(part, (reasons or {}).get(part, part.why if chosen else part.why_not), chosen)
+        Choice(part, why.get(part, part.why), True)
+        if built.get(part, False)
+        else Choice(part, why_not.get(part, part.why_not), False)
         for part in CellPart
-        for chosen in [built.get(part, False)]
     )
 
 
@@ -159,12 +162,11 @@ def _(cell: FlatCell, kept: dict[str, Any]) -> Needs:
                 CellPart.COATING: any(body.coating for body in cell.bodies),
                 CellPart.SLOPE_EXPANSION: cell.slope_order == 2,
             },
-            {
+            why_not={
                 CellPart.STIFFNESS: "a flat cell solves on its surface alone",
                 CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
-                CellPart.SLOPE_EXPANSION: CellPart.SLOPE_EXPANSION.why
-                if cell.slope_order == 2
-                else "slopes are taken as small: errors are of their first order (slope_order)",
+                CellPart.SLOPE_EXPANSION: "slopes are taken as small: errors are of their first "
+                "order (slope_order)",
             },
         ),
         libraries=("numba",),
@@ -221,17 +223,14 @@ def _(cell: MeshCell, kept: dict[str, Any]) -> Needs:
                 CellPart.STIFFNESS: "of the elements, as a matrix",
                 CellPart.FACTORS: "of Newton's matrix, computed in every iteration"
                 if cell.remembers
-                else CellPart.FACTORS.why_not
-                if size.multigrid
                 else CellPart.FACTORS.why,
-                CellPart.TANGENT: "of the elements as they are strained, as a matrix"
-                if large
-                else CellPart.TANGENT.why_not,
+                CellPart.TANGENT: "of the elements as they are strained, as a matrix",
+                CellPart.MEAN_DILATATION: _MEAN.format("in the energy"),
+            },
+            {
                 CellPart.LAYER_FACTORS: "a matrix is at hand, and has another way to speed up the "
                 "iteration",
-                CellPart.MEAN_DILATATION: _MEAN.format("in the energy")
-                if mean
-                else "the element is the user's choice",
+                CellPart.MEAN_DILATATION: "the element is the user's choice",
             },
         ),
         state_variables=cell.law.history,
@@ -268,9 +267,7 @@ def _(cell: FiniteCell, kept: dict[str, Any]) -> Needs:
                 CellPart.ELEMENT_MODULI: cell.heterogeneous,
                 CellPart.COATING: any(body.coating for body in cell.bodies),
             },
-            {CellPart.MEAN_DILATATION: _MEAN.format("pressures are unknowns")}
-            if averages and large
-            else {},
+            {CellPart.MEAN_DILATATION: _MEAN.format("pressures are unknowns")} if large else {},
         ),
         state_variables=tuple(name for law in laws for name in law.history),
         libraries=("numba",),

@@ -126,13 +126,19 @@ def solve_elastic_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
-    out_of_balance, room = np.empty(body.shape), np.empty((2, *body.shape))
-    u, delta, reference, active = _begin(body, gap, closing, load, approach, start, room[0])
+    out_of_balance, room = np.zeros(body.shape), np.empty((2, *body.shape))
+    body.add(out_of_balance, start.force)  # what the step before was in balance with
+    u = start.displacement.copy()
+    flat = solve_flat(
+        body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
+    )
+    reference, delta = flat.value, flat.approach
+    active = reference + start.force - start.reference_force > 0.0
+    active = active if active.any() else reference > 0.0
 
     def balance() -> None:
         np.negative(body.apply(u, out_of_balance), out=out_of_balance)
 
-    balance()
     residuals: list[float] = []
     n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
     status = Status.MAX_ITERATIONS
@@ -202,29 +208,6 @@ def solve_elastic_contact(
     )
 
 
-def _begin(
-    body: ElasticBody,
-    gap: np.ndarray,
-    closing: np.ndarray,
-    load: float | None,
-    approach: float | None,
-    start: ContactState,
-    room: np.ndarray,
-) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """Displacement, approach, forces and active set to begin with.
-
-    They are the last step's, changed as the problem with K_0 says.
-    """
-    flat = solve_flat(
-        body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
-    )
-    reference, delta = flat.value, flat.approach
-    change = reference - start.reference_force
-    u = start.displacement + body.solve(None, lambda _: change, room)
-    active = reference + start.force - start.reference_force > 0.0
-    return u, delta, reference, active if active.any() else reference > 0.0
-
-
 @dataclass(frozen=True)
 class _LinearStage:
     """The linear problem on one active set, in the displacements that satisfy the constraints."""
@@ -252,19 +235,21 @@ class _LinearStage:
         return max(float(np.sqrt(dot(unbalanced, unbalanced))) / scale, abs(missing))
 
     def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
-        """Solve C_AA l = d on the active nodes by conjugate gradients."""
-        r = np.where(self.active, right_hand_side, 0.0)
+        """Solve C_AA l = d on the active nodes by conjugate gradients, in single precision."""
+        size = float(np.max(np.abs(right_hand_side))) or 1.0  # so that no square can underflow
+        r = np.where(self.active, right_hand_side / size, 0.0).astype(np.float32)
 
         def among_active(operator: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
             return lambda force: np.where(self.active, operator(force), 0.0)
 
-        return conjugate_gradients(
+        found, _ = conjugate_gradients(
             among_active(self.body.compliance),
             r,
             among_active(self.body.surface_stiffness),
             goal=_INNER * float(np.linalg.norm(r)),
             limit=1000,
-        )[0]
+        )
+        return size * found.astype(float)
 
     @cached_property
     def unit(self) -> np.ndarray:

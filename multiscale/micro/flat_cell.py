@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.micro.cell import FlatCell, PeriodicLayer
 from multiscale.micro.coating import coating_faces
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
-from multiscale.micro.flat import solve_flat
+from multiscale.micro.flat import coarse_start, solve_flat
 from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.micro.layered import layered_compliance
 from multiscale.micro.slope_expansion import expanded_compliance
@@ -49,7 +49,8 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     normal[:, 2] = 1.0
 
     gap, closing = obstacle - heights, np.ones((nx, ny))
-    respond: Callable[[np.ndarray], np.ndarray] = SurfaceFilter(symbol)
+    flat = SurfaceFilter(symbol)
+    respond: Callable[[np.ndarray], np.ndarray] = flat
     lift = respond  # along z; forces of expanded bodies act along their normal
     if cell.slope_order == 2:
         moduli = [np.array(body.layer_moduli)[:, 0] for body in cell.bodies]
@@ -63,6 +64,9 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
+        guess = None if start is None else start.force
+        if guess is None and load is not None:
+            guess = coarse_start(flat, gap, closing, load=load, cap=cap)
         found = solve_flat(
             respond,
             gap,
@@ -70,7 +74,7 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
             load=load,
             approach=approach,
             cap=cap,
-            start=None if start is None else start.force,
+            start=guess,
             max_iterations=5000,
             tolerance=max(tolerance, TOLERANCE),
         )

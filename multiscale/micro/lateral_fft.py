@@ -352,6 +352,14 @@ class SurfaceFilter:
         """Transform of a field, written by every call: new memory costs more than a transform."""
         return np.empty(self.symbol.shape, complex)
 
+    @property
+    def coarse(self) -> "SurfaceFilter":
+        """The compliance of every other point, if the symbol takes nodal forces; nx is even."""
+        nx, m = self.symbol.shape
+        rows = np.arange(nx // 2)
+        rows[nx // 4 + 1 :] += nx // 2
+        return SurfaceFilter(0.25 * self.symbol[rows, : m // 2 + 1])
+
     @cached_property
     def _single(self) -> np.ndarray:
         """The numbers in single precision."""

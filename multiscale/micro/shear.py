@@ -12,6 +12,9 @@ from multiscale.surfaces.statistics import rms_height
 
 __all__ = ["shear_path"]
 
+REACH = 8.0
+"""Largest slip of the interface, relative to that over which a joint gives way: full slip."""
+
 DECAY = 0.4  # p / K over the rms height of a self-affine surface at light load
 
 
@@ -20,11 +23,8 @@ def shear_path(
     pressures: Sequence[float],
     *,
     along: Literal["x", "y", "xy"] = "xy",
-    reach: float = 8.0,
     steps: int = 10,
-    legs: int = 1,
     cycle: float = 0.0,
-    pressing_steps: int = 1,
     pressed: Sequence[float] = (),
 ) -> Path:
     r"""Press, shear and release a cell at each of several pressures and in each direction.
@@ -36,18 +36,10 @@ def shear_path(
         the lengths of the path, which serves all realisations.
     pressures : sequence of float, mean pressures that are held, Pa
     along : {"x", "y", "xy"}, directions of the shear
-    reach : float
-        Largest slip of the interface, relative to the slip :math:`u_*` below; 8 is full slip.
-    steps : int, number of steps of a leg; the first ones are short
-    legs : int
-        How often the cell is sheared: there, back, there again and so on, between the slips
-        plus and minus ``reach``.
+    steps : int, number of steps to full slip; the first ones are short
     cycle : float
-        Amplitude of a closed cycle on the way of the first leg, relative to :math:`u_*`, at the
-        step that is nearest: it tells what the cell loses. None if zero.
-    pressing_steps : int
-        Steps in which a pressure is reached. They matter between unlike bodies, which slip as they
-        are pressed.
+        Amplitude of a closed cycle on the way, relative to the slip :math:`u_*` below, at the step
+        that is nearest: it tells what the cell loses. None if zero.
     pressed : sequence of float
         Mean pressures through which the cell is pressed and then released at first, Pa, rising: it
         then tells its own normal law, on the grid on which it is sheared.
@@ -55,8 +47,8 @@ def shear_path(
     Returns
     -------
     Path
-        After each leg the cell is released: pressure and slide zero. An elastic cell then forgets
-        its path.
+        Sheared to :data:`REACH`, the cell is released: pressure and slide zero. An elastic cell
+        then forgets its path.
 
     Raises
     ------
@@ -85,15 +77,12 @@ def shear_path(
         raise CaseError(f"a cell is pressed by positive pressures (Pa), got {pressed}")
     if along not in ("x", "y", "xy"):
         raise CaseError(f"a cell is sheared along 'x', 'y' or 'xy', got {along!r}")
-    if not reach > 0.0 or min(steps, legs, pressing_steps) < 1:
+    if steps < 1:
+        raise CaseError(f"a shear needs at least 1 step, got {steps}")
+    if not 0.0 <= cycle < REACH:
         raise CaseError(
-            f"a shear needs a positive reach and at least 1 step, 1 leg and 1 pressing step, got "
-            f"{reach:g}, {steps}, {legs} and {pressing_steps}"
-        )
-    if not 0.0 <= cycle < reach:
-        raise CaseError(
-            f"a cycle lies on the way of the first leg, with an amplitude from 0 to less than "
-            f"{reach:g}, got {cycle:g}"
+            f"a cycle lies on the way to full slip, with an amplitude from 0 to less than "
+            f"{REACH:g}, got {cycle:g}"
         )
     heights = [rms_height(body.surface) for body in cell.bodies]
     heights += [] if cell.second or cell.obstacle is None else [rms_height(cell.obstacle)]
@@ -103,26 +92,22 @@ def shear_path(
     if not scale > 0.0:
         raise CaseError("the surfaces are flat, so that nothing slips before all of it does")
     compliance = sum(np.sum(np.diff(body.planes) / body.layer_moduli[1]) for body in cell.bodies)
-    rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way of a leg
+    rise = (np.arange(1, steps + 1) / steps) ** 2  # share of the way
 
-    turn = int(np.argmin(np.abs(reach * rise - cycle)))  # the step at which a cycle begins
+    turn = int(np.argmin(np.abs(REACH * rise - cycle)))  # the step at which a cycle begins
 
     pressure: list[float] = [*pressed, 0.0] if pressed else []
     slide: list[tuple[float, float]] = [(0.0, 0.0)] * len(pressure)
     for p in pressures:
-        force, slip = mu * p * -np.expm1(-reach * rise), reach * scale * rise  # (1)
-        back = 2.0 * mu * p * -np.expm1(-reach * rise)  # Masing: twice the way at twice the slip
-        first = slip + force * compliance
-        again = first[-1] - (2.0 * slip + back * compliance)
-        ways = [first, *((-1.0) ** leg * again for leg in range(legs - 1))]
-        if cycle:
+        force, slip = mu * p * -np.expm1(-REACH * rise), REACH * scale * rise  # (1)
+        way = slip + force * compliance
+        if cycle:  # Masing: twice the way at twice the slip
             middle = 2.0 * mu * p * -np.expm1(-0.5 * slip[turn] / scale) * compliance
-            middle = first[turn] - slip[turn] - middle  # where the slip is zero on the way back
-            there = [middle, -first[turn], -middle, first[turn]]
-            ways[0] = np.concatenate([first[: turn + 1], there, first[turn + 1 :]])
+            middle = way[turn] - slip[turn] - middle  # where the slip is zero on the way back
+            there = [middle, -way[turn], -middle, way[turn]]
+            way = np.concatenate([way[: turn + 1], there, way[turn + 1 :]])
+        way = np.concatenate([[0.0], way, [0.0]])
         for axis in along:
-            pressure += [*(p * np.arange(1, pressing_steps + 1) / pressing_steps)]
-            way = np.concatenate([np.zeros(pressing_steps), *ways, [0.0]])
-            pressure += [p] * (len(way) - pressing_steps - 1) + [0.0]
+            pressure += [p] * (len(way) - 1) + [0.0]
             slide += [(float(s), 0.0) if axis == "x" else (0.0, float(s)) for s in way]
     return Path(pressure=tuple(pressure), slide=tuple(slide))

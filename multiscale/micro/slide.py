@@ -1,7 +1,6 @@
 """Friction of a whole cell against pressure and sliding distance."""
 
 from concurrent.futures import Executor
-from typing import Literal
 
 import numpy as np
 
@@ -36,11 +35,10 @@ def slide_cell(
     distance: float,
     *,
     steps: int = 16,
-    along: Literal["x", "y"] = "x",
     executor: Executor | None = None,
     tolerance: float = 1e-8,
 ) -> Dataset:
-    r"""Press a cell, then slide its counterface over it, at each of several pressures.
+    r"""Press a cell, then slide its counterface over it along x, at each of several pressures.
 
     Parameters
     ----------
@@ -50,7 +48,6 @@ def slide_cell(
         How far to slide, m. After one period of the cell an elastic cell repeats itself; a plastic
         one is run in after some.
     steps : int
-    along : {"x", "y"}, direction of the motion
     executor : Executor, optional
         For the pressures; see :func:`multiscale.executors.run_jobs`.
     tolerance : float, as of :func:`multiscale.micro.solve_cell`
@@ -68,7 +65,7 @@ def slide_cell(
 
     Notes
     -----
-    With the averages (2) and (3) of the source and the unit vector :math:`e` of the motion,
+    With the averages (2) and (3) of the source and the unit vector :math:`e` of x,
 
     .. math:: \mu = \frac{\langle t_T \rangle \cdot e}{-\langle t_N \rangle},    \tag{1}
 
@@ -76,14 +73,11 @@ def slide_cell(
     """
     if not pressure or not all(0.0 < one < np.inf for one in pressure):
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
-    if along not in ("x", "y"):
-        raise CaseError(f"a cell slides along 'x' or 'y', got {along!r}")
     if steps < 1:
         raise CaseError(f"sliding takes at least 1 step, got {steps}")
     if not 0.0 < distance < np.inf:
         raise CaseError(f"the sliding distance must be positive (m), got {distance:g}")
-    axis = "xy".index(along)
-    period = cell.surface.size[axis]
+    period = cell.surface.size[0]
     if distance > LONGEST * period:
         raise CaseError(
             f"a slide of {distance:.3g} m is {distance / period:.3g} periods of the cell; it "
@@ -91,7 +85,7 @@ def slide_cell(
             f"{LONGEST:g}"
         )
     slide = np.zeros((steps + 1, 2))
-    slide[:, axis] = np.linspace(0.0, distance, steps + 1)
+    slide[:, 0] = np.linspace(0.0, distance, steps + 1)
     found: dict[int, Dataset] = {}
     jobs = ((k, (cell, one, slide, tolerance)) for k, one in enumerate(pressure))
     run_jobs(_slide_once, jobs, executor, found.__setitem__)
@@ -102,18 +96,18 @@ def slide_cell(
         if name in found[0]
     }
     traction = values["traction"]
-    values["effective_friction"] = -traction[..., 1 + axis] / traction[..., 0]  # (1)
-    late = slide[:, axis] > distance - period * (1.0 - 1e-9)  # the steps of the last period
+    values["effective_friction"] = -traction[..., 1] / traction[..., 0]  # (1)
+    late = slide[:, 0] > distance - period * (1.0 - 1e-9)  # the steps of the last period
     steady = values["effective_friction"][:, late].mean(axis=1)
     whole = distance - period >= -1e-9 * period
     values["steady_friction"] = steady if whole else np.full(len(pressure), np.nan)
-    values |= {"nominal_pressure": np.array(pressure), "sliding_distance": slide[:, axis]}
+    values |= {"nominal_pressure": np.array(pressure), "sliding_distance": slide[:, 0]}
     ended = "; ".join(
         f"{one:.3g} Pa: {found[k].attrs['ended']}"
         for k, one in enumerate(pressure)
         if "ended" in found[k].attrs
     )
-    return SLIDING_RESPONSE.build(values, along=along, **({"ended": ended} if ended else {}))
+    return SLIDING_RESPONSE.build(values, along="x", **({"ended": ended} if ended else {}))
 
 
 def _slide_once(cell: GridCell, pressure: float, slide: np.ndarray, tolerance: float) -> Dataset:

@@ -8,11 +8,12 @@ from pydantic import Field, field_validator, model_validator
 from multiscale.laws import Asperities, AsperityLaw, class_densities, gaussian_asperities
 from multiscale.pipeline.toml_model import (
     Factor,
-    Length,
     Number,
-    Pressure,
     Ratio,
     Settings,
+    UncertainFactor,
+    UncertainLength,
+    UncertainPressure,
     must_rise,
     quantity,
     with_unit,
@@ -20,16 +21,19 @@ from multiscale.pipeline.toml_model import (
 
 __all__ = ["StatedAsperities"]
 
-PerArea = Annotated[float, quantity("1/m^2"), Field(gt=0.0), with_unit("1/m^2")]
+PerArea = Annotated[float, quantity("1/m^2", uncertain=True), Field(gt=0.0), with_unit("1/m^2")]
 Height = Annotated[float, quantity("m"), with_unit("m")]
 
 
 class StatedAsperities(Settings):
-    """Statistics of the asperities between two alike bodies, from published surfaces."""
+    """Statistics of the asperities between two alike bodies, from published surfaces.
+
+    Single values may have a half-width of 95 %, such as `"1.4 mm +- 10 %"`.
+    """
 
     density: PerArea = Field(description="Asperities per area, 1/m².")
-    radius: Length = Field(description="Composite radius of both surfaces, m.")
-    rms_height: Length | None = Field(
+    radius: UncertainLength = Field(description="Composite radius of both surfaces, m.")
+    rms_height: UncertainLength | None = Field(
         None, description="Root mean square of Gaussian heights about their mean plane, m."
     )
     heights: tuple[Height, ...] = Field(
@@ -40,9 +44,12 @@ class StatedAsperities(Settings):
     weights: tuple[Factor, ...] = Field(
         (), description="Probability density at every one of `heights`, in any unit."
     )
-    youngs_modulus: Pressure = Field(description="Young's modulus of both bodies, Pa.")
+    height_factor: UncertainFactor = Field(
+        1.0, description="Factor of all heights, which may have the half-width of the roughness."
+    )
+    youngs_modulus: UncertainPressure = Field(description="Young's modulus of both bodies, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio of both bodies.")
-    yield_stress: Pressure | None = Field(
+    yield_stress: UncertainPressure | None = Field(
         None, description="Yield stress, Pa; the asperities are elastic if not given."
     )
     tangent_modulus: Annotated[Number, quantity("Pa"), Field(ge=0.0), with_unit("Pa")] = Field(
@@ -71,7 +78,7 @@ class StatedAsperities(Settings):
             else gaussian_asperities(self.rms_height, density)
         )
         one = Asperities(
-            height,
+            self.height_factor * height,
             own,
             self.radius,
             self.youngs_modulus,

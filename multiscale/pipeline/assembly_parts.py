@@ -13,7 +13,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.elements import element_of_order
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mesh_file import load_geometry
-from multiscale.io import open_dataset, read_table
+from multiscale.io import read_table
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
@@ -21,16 +21,17 @@ from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw
 from multiscale.pipeline.toml_model import (
-    Factor,
     Length,
-    Number,
     Pressure,
     Settings,
+    UncertainFactor,
+    UncertainLength,
+    UncertainNumber,
+    UncertainPressure,
     must_rise,
     quantity,
     with_unit,
 )
-from multiscale.schema import RVE_STIFFNESS
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def _read_unit(value: object) -> object:
 Axes = Annotated[str, BeforeValidator(_read_axes)]
 Stress = Annotated[float, BeforeValidator(partial(_read_component, unit="Pa")), with_unit("Pa")]
 Newton = Annotated[float, BeforeValidator(partial(_read_component, unit="N")), with_unit("N")]
-Size = Annotated[float, quantity("N"), Field(gt=0.0), with_unit("N")]
+Size = Annotated[float, quantity("N", uncertain=True), Field(gt=0.0), with_unit("N")]
 Stiffness = Annotated[float, quantity("N/m"), Field(gt=0.0), with_unit("N/m")]
 Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
@@ -126,6 +127,10 @@ class MeshedBody(Material):
         description="Order of the elements: 2 puts nodes between the corners of the mesh, which "
         "bending needs where there are few elements through a thickness.",
     )
+    youngs_modulus: UncertainPressure | None = Field(
+        None,
+        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
+    )
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
     supports: dict[str, Axes] = Field(
@@ -153,12 +158,8 @@ class MeshedBody(Material):
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
         """Make its law; of a body whose volume is not known yet, any law."""
-        left = 1.0 - self.damage
-        if self.stiffness is None:
-            E = self.youngs_modulus or ANY_MODULUS
-            return Elastic(left * E, self.poissons_ratio or 0.0)
-        sound = open_dataset(self.stiffness, RVE_STIFFNESS)["stiffness"].values
-        return AnisotropicElastic(left * sound).turned(self.axes)
+        E = (1.0 - self.damage) * (self.youngs_modulus or ANY_MODULUS)
+        return Elastic(E, self.poissons_ratio or 0.0)
 
     def coarsened(self) -> "Self | None":
         """Return the same body with larger elements, if it has a coarser mesh or is a geometry."""
@@ -229,8 +230,8 @@ class MeshedBody(Material):
 class StatedLaw(Settings):
     """A normal law without cells: the pressure p_c exp(-g/u_0) at the gap g."""
 
-    pressure_scale: Pressure = Field(description="Pressure p_c at zero gap, Pa.")
-    decay_length: Length = Field(description="Decay length u_0 of the pressure, m.")
+    pressure_scale: UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
+    decay_length: UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
     pressures: tuple[Pressure, Pressure] = Field(
         description="Pressures between which the law is meant to hold, Pa, rising."
     )
@@ -286,10 +287,10 @@ class BodyInterface(Settings):
         None, description="Initial gap over the interface; even if not given."
     )
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
-    friction: Factor | None = Field(
+    friction: UncertainFactor | None = Field(
         None, description="Coefficient of friction, if not the value of `[interface]` or the law."
     )
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
+    stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = Field(
         None,
         description="Tangential over normal stiffness, if not the value of `[interface]` or the "
         "law.",
@@ -319,8 +320,9 @@ class BodyInterface(Settings):
 
     def over(self, shared: JointLaw) -> JointLaw:
         """Return the keys of ``[interface]`` with those of this interface in their place."""
-        own = self.model_dump(include={"law", "friction", "stiffness_ratio"}, exclude_none=True)
-        return shared.model_copy(update=own)
+        own = {name: getattr(self, name) for name in ("law", "friction", "stiffness_ratio")}
+        given = {name: value for name, value in own.items() if value is not None}
+        return shared.model_copy(update=given)
 
 
 class BodyBolt(Settings):

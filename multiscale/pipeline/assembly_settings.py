@@ -24,20 +24,19 @@ from multiscale.pipeline.assembly_parts import (
 )
 from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
-from multiscale.pipeline.porous_body import PorousBody, RveError
+from multiscale.pipeline.porous_body import PorousBody, Uncertainty
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Number,
     Positive,
     Settings,
 )
-from multiscale.schema import RVE
+from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
-from multiscale.upscaling.budget_terms import FEW_CELLS
+from multiscale.upscaling.budget_terms import FEW_CELLS, STATED
 from multiscale.upscaling.structure_errors import STRETCH
 
 if TYPE_CHECKING:
-    import xarray as xr
     from skfem import Mesh
 
     from multiscale.laws import NormalLaw
@@ -58,7 +57,10 @@ KINDS = {4: "tetrahedra", 8: "hexahedra"}
 QUICK_ELEMENT = 1.5
 """Element size of quick geometries over the size stated."""
 
-OpenLaw = Callable[[Path, bool], "xr.Dataset"]
+STATED_HOW = "half-widths stated with +-"
+"""How errors of stated values are known."""
+
+OpenLaw = Callable[[Path, bool], "Dataset"]
 """From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
 
 
@@ -286,12 +288,16 @@ class Bodies(StructureKind):
                 error = float(np.hypot(error, damage.half_width / (1.0 - damage.mean)))
         return share, error
 
-    def volume_errors(self) -> "list[tuple[RveError, Self]]":
-        """List what is unknown of volumes, and the structure with each parameter stretched.
+    def uncertainties(self) -> "list[tuple[Uncertainty, Self]]":
+        """List what is unknown of values stated and volumes, and the structure with each stretched.
 
-        Bodies of one volume err alike; the one that holds the fewest volumes tells by how much.
+        Every parameter is larger by :data:`STRETCH` in a structure of its own. Bodies of one volume
+        err alike; the one that holds the fewest volumes tells by how much.
         """
         listed = []
+        for key, half, stretched in self.uncertain(1.0 + STRETCH):
+            name = f"{key} ± {100.0 * half:.3g} %"
+            listed.append((Uncertainty(name, {STATED: half}, {STATED: STATED_HOW}), stretched))
         porous = [one for one in self.bodies if isinstance(one, PorousBody)]
         for volume in dict.fromkeys(one.rve for one in porous):
             alike = {one.name: one for one in porous if one.rve == volume}
@@ -310,7 +316,7 @@ class Bodies(StructureKind):
                 changed_one = one.model_copy(update={"damage": less})
                 interfaces = (*self.interfaces[:at], changed_one, *self.interfaces[at + 1 :])
                 told = "scatter of sections of the volume, over the area of the interface"
-                error = RveError(
+                error = Uncertainty(
                     f"sections at interface {at}",
                     {FEW_CELLS: self.carried(at)[1]},
                     {FEW_CELLS: told},
@@ -320,7 +326,7 @@ class Bodies(StructureKind):
 
     def read_laws(
         self, case: "Case", found: "Datasets", open_law: "OpenLaw"
-    ) -> "list[xr.Dataset | None]":
+    ) -> list[Dataset | None]:
         """Read the law of every interface, with its tangential branch; None of a stated one.
 
         Interfaces of one law and one friction share a dataset.
@@ -330,7 +336,7 @@ class Bodies(StructureKind):
         MultiscaleError
             If a law is missing or refused, or nothing tells its friction.
         """
-        read: dict[Any, xr.Dataset | None] = {}
+        read: dict[Any, Dataset | None] = {}
         laws = []
         for number, one in enumerate(self.interfaces):
             source = one.over(case.interface or JointLaw())
@@ -363,7 +369,7 @@ class Bodies(StructureKind):
     def sliders(
         self,
         case: "Case",
-        laws: "Sequence[xr.Dataset | None]",
+        laws: Sequence[Dataset | None],
         normal: "Mapping[int, NormalLaw] | None" = None,
         slabs: int | None = None,
     ) -> list[InterfaceLaw]:
@@ -387,7 +393,13 @@ class Bodies(StructureKind):
             sound = changed.get(number) or law_from_dataset(law)
             damage = one.damage or float(law.get("interface_damage", 0.0))
             worn = Damaged(sound, damage) if damage else sound
-            made.append(sliders_from_dataset(law, normal=worn, **beds))
+            source = one.over(case.interface or JointLaw())
+            given = {
+                name: getattr(source, name)
+                for name in ("friction", "stiffness_ratio")
+                if getattr(source, name) is not None
+            }
+            made.append(replace(sliders_from_dataset(law, normal=worn, **beds), **given))
         return made
 
     def beds(self, case: "Case") -> dict[str, Any]:

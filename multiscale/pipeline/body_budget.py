@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
 from multiscale.pipeline.joint_settings import SLABS
-from multiscale.pipeline.porous_body import RveError
+from multiscale.pipeline.porous_body import Uncertainty
 from multiscale.pipeline.real_contact import contact_dependence
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job
-from multiscale.schema import with_cautions
+from multiscale.schema import ERROR_BUDGET, Dataset, with_cautions
 from multiscale.upscaling import (
     Dependence,
     add_budgets,
@@ -33,16 +33,14 @@ from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
     NO_PART,
+    NO_STATED,
     assemble_budget,
     how_attribute,
 )
-from multiscale.upscaling.budget_terms import FEW_CELLS, Term
+from multiscale.upscaling.budget_terms import FEW_CELLS, STATED, Term
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.shear_budget import loss_term
 from multiscale.upscaling.structure_errors import STRETCH
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "PARAMETERS",
@@ -95,12 +93,12 @@ class JointsOfLaw:
         Parameters of their sliders, of :data:`PARAMETERS`, that come from the law, and not given.
     """
 
-    law: "xr.Dataset"
+    law: Dataset
     joints: tuple[int, ...]
     measured: Collection[str]
 
 
-JointSolve = Callable[[Change], "xr.Dataset"]
+JointSolve = Callable[[Change], "Dataset"]
 """From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
 must be able to import it."""
 
@@ -132,14 +130,14 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
 
 
 def with_joint_budget(
-    result: "xr.Dataset",
+    result: Dataset,
     laws: Sequence[JointsOfLaw],
     solve: JointSolve,
     asked: JointAnswers,
     coarser: Mapping[float, Bodies],
     job: Job,
-    volumes: Sequence[tuple[RveError, Bodies]] = (),
-) -> "xr.Dataset":
+    uncertain: Sequence[tuple[Uncertainty, Bodies]] = (),
+) -> Dataset:
     """Return the result of rough joints with error budget and intervals of their answers.
 
     Parameters
@@ -155,9 +153,9 @@ def with_joint_budget(
         The structure on larger elements, if it has them, by the ratio of their sizes.
     job : Job
         Its executor solves all changes.
-    volumes : sequence of RveError and structure
-        What is unknown of representative volumes, each with the structure in which its parameter
-        is larger by :data:`STRETCH`; independent of each other and of the laws.
+    uncertain : sequence of Uncertainty and structure
+        What is unknown of stated values and representative volumes, each with the structure in
+        which the parameter is larger by :data:`STRETCH`; independent of each other and of the laws.
 
     Returns
     -------
@@ -174,42 +172,46 @@ def with_joint_budget(
     names = (*asked.read, *in_cycles)
     steps = rests if cycles is None else np.append(rests, cycles.steps)
 
-    def answers(found: "xr.Dataset") -> np.ndarray:
+    def answers(found: Dataset) -> np.ndarray:
         """Answers at rest, then in the cycles, and one for what stays as it is."""
         rows = np.full((len(names), steps.size), np.nan)
         for row, values in zip(rows, asked.read.values(), strict=False):
             row[: rests.size] = values(found)[rests]
         for row, values in zip(rows[len(asked.read) :], in_cycles.values(), strict=True):
             row[rests.size :] = values(found)
+        rows[rows == 0.0] = np.nan  # no error is relative to zero
         return rows
 
     of_laws = [_OfLaw.measure(one, result, steps, rests.size, asked) for one in laws]
     jobs: dict[Hashable, Change] = {}
     if cycles is not None:
         every = tuple(joint for one in laws for joint in one.joints)
-        jobs = {"fine": Change(), "bed": Change(every, slabs=SLABS // 2)}
+        jobs["fine"] = Change()
+        if every:
+            jobs["bed"] = Change(every, slabs=SLABS // 2)
     jobs |= {ratio: Change(structure=structure) for ratio, structure in coarser.items()}
     for number, one in enumerate(of_laws):
         jobs |= {(number, key): change for key, change in one.changes().items()}
-    jobs |= {("volume", k): Change(structure=structure) for k, (_, structure) in enumerate(volumes)}
+    jobs |= {("other", k): Change(structure=changed) for k, (_, changed) in enumerate(uncertain)}
     solved: dict[Hashable, np.ndarray] = {}
 
-    def finish(key: Hashable, found: "xr.Dataset") -> None:
+    def finish(key: Hashable, found: Dataset) -> None:
         solved[key] = answers(found)
         job.progress(len(solved), len(jobs), "solves for the intervals")
 
     run_jobs(solve, ((key, (change,)) for key, change in jobs.items()), job.executor, finish)
     value, mesh = answers(result), {ratio: solved[ratio] for ratio in coarser}
-    once, beds = [], np.zeros((len(names), steps.size))
+    left, beds = np.zeros((2, len(names), steps.size))
     if cycles is not None:
         fine, value = value, solved["fine"]
         left = (
             np.abs(value / fine - 1.0) / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
         )
-        left = np.where(np.arange(steps.size) >= rests.size, left, 0.0) * np.ones(value.shape)
+        moving = np.arange(steps.size) >= rests.size
+        left = np.where(moving, left, 0.0) * np.ones(value.shape)
         # twice the slabs at least halve the error of the beds
-        beds = np.where(np.arange(steps.size) >= rests.size, np.abs(solved["bed"] / fine - 1.0), 0)
-        once.append(Dependence(np.ones(left.shape), {"macro discretisation": left}))
+        beds = np.where(moving, np.abs(solved.get("bed", fine) / fine - 1.0), 0.0)
+    once = [Dependence(np.ones(left.shape), {"macro discretisation": left})]
     budgets = []
     for number, one in enumerate(of_laws):
         changed = {key: solved[number, key] for key in one.changes()}
@@ -218,11 +220,18 @@ def with_joint_budget(
         own = ([], 0.0 * beds) if number else (once, beds)
         budgets.append(one.budget(names, value, changed, mesh, *own))
     where = [f"interface {', '.join(map(str, one.joints))}" for one in laws]
-    for k, (error, _) in enumerate(volumes):
-        change = np.abs(solved["volume", k] / value - 1.0) / STRETCH
-        budgets.append(_volume_budget(names, value, change, error, {} if budgets else mesh))
+    changes = []
+    for k, (error, _) in enumerate(uncertain):
+        changes.append((solved["other", k] / value - 1.0) / STRETCH)
+        coarse = {} if budgets else mesh
+        budgets.append(_parameter_budget(names, value, changes[-1], error, coarse, left))
         where.append(error.name)
     budget = add_budgets(budgets, where)
+    if changes:
+        half = [np.hypot.reduce([*error.half_width.values()]) for error, _ in uncertain]
+        passed = np.array([each * change for each, change in zip(half, changes, strict=True)])
+        budget = ERROR_BUDGET.assign(budget, {"sensitivity": passed})
+        budget = budget.assign_coords(parameter=[error.name for error, _ in uncertain])
     if not coarser:
         why = (
             "not known: elements of twice the size do not fit; give smaller ones, or an even "
@@ -232,20 +241,29 @@ def with_joint_budget(
     return asked.place(result, budget)
 
 
-def _volume_budget(
+def _parameter_budget(
     names: tuple[str, ...],
     value: np.ndarray,
     change: np.ndarray,
-    error: RveError,
+    error: Uncertainty,
     coarser: Mapping[float, np.ndarray],
-) -> "xr.Dataset":
-    """Carry errors of a volume to answers, by their change over the change of its parameter."""
-    nothing = Term("nothing: the volume is elastic", np.zeros(value.shape))
-    terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS}
-    terms |= {name: Term(error.how[name], change * half) for name, half in error.half_width.items()}
+    left: np.ndarray,
+) -> Dataset:
+    """Carry errors of a parameter to answers, by their change over the change of the parameter.
+
+    ``left`` is the error of the steps of a path, which counts beside the error of the mesh.
+    """
+    nothing = Term("nothing: no law of cells has a part in it", np.zeros(value.shape))
+    absent = {STATED: NO_STATED}
+    terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS} | absent
+    terms |= {
+        name: Term(error.how[name], np.abs(change) * half)
+        for name, half in error.half_width.items()
+    }
     if coarser:
         estimate = estimate_grid_error(value, coarser)
-        terms["macro discretisation"] = Term(estimate.how, estimate.half_width / np.abs(value))
+        half_width = np.hypot(estimate.half_width / np.abs(value), left)
+        terms["macro discretisation"] = Term(estimate.how, half_width)
     return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
@@ -269,7 +287,7 @@ class _OfLaw:
     cautions : tuple of str
     """
 
-    law: "xr.Dataset"
+    law: Dataset
     joints: tuple[int, ...]
     measured: Collection[str]
     asked: JointAnswers
@@ -283,7 +301,7 @@ class _OfLaw:
     def measure(
         cls,
         of: JointsOfLaw,
-        result: "xr.Dataset",
+        result: Dataset,
         steps: np.ndarray,
         n_rests: int,
         asked: JointAnswers,
@@ -336,7 +354,7 @@ class _OfLaw:
         coarser: Mapping[float, np.ndarray],
         others: Sequence[Dependence],
         beds: np.ndarray,
-    ) -> "xr.Dataset":
+    ) -> Dataset:
         """Carry the budget of the law to answers, from those with its changes, mesh and beds."""
         law, mean, cycles = self.law, self.pressure, self.asked.cycles
         rows, own = np.array(names), {}
@@ -393,7 +411,7 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 
 
 def _uneven_slip(
-    law: "xr.Dataset",
+    law: Dataset,
     cycles: CycleAnswers,
     pressure: np.ndarray,
     rows: np.ndarray,

@@ -92,7 +92,7 @@ class Blocks(StructureKind):
 
 
 class Material(Settings):
-    """What an elastic body is made of: moduli, a tensor, or a representative volume."""
+    """What an elastic body is made of: moduli or a representative volume."""
 
     youngs_modulus: Pressure | None = Field(
         None,
@@ -102,9 +102,6 @@ class Material(Settings):
         None, description="Poisson's ratio; together with the modulus."
     )
     density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
-    stiffness: Path | None = Field(
-        None, description="Dataset `rve_stiffness` whose tensor replaces the moduli."
-    )
     rve: Path | None = Field(
         None,
         description="Representative volume: a dataset `rve`, the folder of a run, or a case, which "
@@ -112,16 +109,14 @@ class Material(Settings):
     )
     rve_axes: tuple[Direction, Direction] | None = Field(
         None,
-        description="Directions of the x and the y axis of the volume, or of `stiffness`, in the "
-        "body; its own axes if not given.",
+        description="Directions of the x and the y axis of the volume in the body; its own axes if "
+        "not given.",
     )
 
     @model_validator(mode="after")
     def _check_material(self) -> Self:
         if (self.youngs_modulus is None) != (self.poissons_ratio is None):
             raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
-        if self.porous and self.stiffness is not None:
-            raise ValueError("stiffness needs the moduli of the solid beside it; give them")
         if not self.porous and self.rve is not None:
             raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
         if self.rve_axes is not None:

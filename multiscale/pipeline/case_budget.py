@@ -1,7 +1,6 @@
 """The error budget of a case: unknown terms name the keys of its file that would tell them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 from multiscale.pipeline.case_cells import longest_wave
 from multiscale.pipeline.settings import Case
@@ -11,7 +10,7 @@ from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 from multiscale.upscaling.budget import how_attribute
 from multiscale.upscaling.scales import ScaleSeparation
 
-__all__ = ["OnGrids", "case_budget", "joint_scales"]
+__all__ = ["case_budget", "joint_scales"]
 
 
 def joint_scales(case: Case) -> ScaleSeparation | None:
@@ -25,42 +24,27 @@ def joint_scales(case: Case) -> ScaleSeparation | None:
     return compare_scales(longest_wave(case), max(case.cell.size), case.interface_width)
 
 
-@dataclass(frozen=True, eq=False)
-class OnGrids:
-    """What the first cells tell on several grids, by the ratio of the spacings; may be nothing.
-
-    Attributes
-    ----------
-    pressed : mapping of float to Dataset, follow ``MICRO_RESPONSE``
-    sheared : mapping of float to Dataset, laws with a tangential branch
-    """
-
-    pressed: Mapping[float, Dataset] = field(default_factory=dict)
-    sheared: Mapping[float, Dataset] = field(default_factory=dict)
-
-
-ONE_GRID = OnGrids()
-
-
 def case_budget(
     case: Case,
     response: Dataset,
     law: Dataset,
-    grids: OnGrids = ONE_GRID,
+    pressed: Mapping[float, Dataset] = {},
+    sheared: Mapping[float, Dataset] = {},
     control: Dataset | None = None,
 ) -> Dataset:
     """Estimate the errors of the law of a case whose cells have one size.
 
-    The response is of the loading, and the control, if any, of flat cells; the estimate follows
-    ``ERROR_BUDGET``.
+    The response is of the loading, and the control, if any, of flat cells; by the ratio of the
+    spacings, ``pressed`` are responses of the first cells on several grids, and ``sheared`` laws
+    with a tangential branch. The estimate follows ``ERROR_BUDGET``.
     """
     budget = error_budget(
         response,
         law,
-        resolutions=grids.pressed,
+        resolutions=pressed,
         scales=joint_scales(case),
-        apart=bool(grids.pressed),
-        tangential=None if case.micro.shear is None else grids.sheared,
+        apart=bool(pressed),
+        tangential=None if case.micro.shear is None else sheared,
         control=control,
     )
     other_size = other_grid = "a target in [accuracy] solves others"

@@ -121,18 +121,23 @@ def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
     if case.cell.slope_order == 2:  # each body has its own slopes
         cells = [flat_pair(case, *pair) for pair in _pairs(case, list(sides.values()))]
     else:
-        cells = [cell_of(case, surface) for surface in _composites(list(sides.values()))]
+        surfaces = _composites(list(sides.values()))
+        cells = [cell_of(case, surface, k) for k, surface in enumerate(surfaces)]
     return cells, {name: side.measured for name, side in sides.items() if side.measured is not None}
 
 
-def cell_of(case: Case, surface: Surface) -> AnyCell:
+def cell_of(case: Case, surface: Surface, realisation: int = 0) -> AnyCell:
     """Build the cell of a case under one composite surface; a mesh from a file has its own."""
     if case.cell.mesh is not None:
         return _mesh_of_file(case, case.cell.mesh)
     if case.cell.geometry == "mesh":
         element, sides = _elements(case.cell)
         law, depth = _metal(case) or Elastic(*composite_material(case)), case.cell.given_depth
-        return graph_mesh_cell(surface, depth, case.cell.layers, law, element, sides=sides)
+        drawn = (*case.cell.size, depth), case.micro.seed + realisation
+        pores = case.cell.pores.draw(*drawn) if case.cell.pores else None
+        return graph_mesh_cell(
+            surface, depth, case.cell.layers, law, element, sides=sides, pores=pores
+        )
     return _grid_cell(case, surface)
 
 

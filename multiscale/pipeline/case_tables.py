@@ -8,8 +8,11 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, Strict, field_validator, model_validator
 
+from multiscale.errors import CaseError
+from multiscale.micro.damage import Cavities, Recipe
 from multiscale.pipeline.toml_model import (
     Count,
+    Factor,
     Length,
     Natural,
     Number,
@@ -21,6 +24,9 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
+from multiscale.units import readable
+from multiscale.upscaling.control_variates import FEWEST_PAIRS
+from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 __all__ = [
     "ABSENT",
@@ -75,6 +81,41 @@ class VolumeSettings(Settings):
     poissons_ratio: Ratio = Field(description="Poisson's ratio of the volume.")
 
 
+class CellPores(Settings):
+    """Spherical pores below the surface of a mesh, other ones in every realisation.
+
+    They lie whole between the base and the cover, so that their share of the layer is smaller than
+    the porosity.
+    """
+
+    porosity: Number = Field(gt=0.0, lt=1.0, description="Volume fraction of pores in the depth.")
+    radius: Length = Field(description="Their median radius, m.")
+    spread: Factor = Field(0.0, description="Standard deviation of the logarithm of their radii.")
+    cover: Length = Field(description="Solid between them and the mean plane of the surface, m.")
+
+    def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
+        """Draw the pores of a layer of a size, m.
+
+        Raises
+        ------
+        CaseError
+            If none fits, or they do not fit all.
+        """
+        recipe = Recipe(self.porosity, self.radius, self.spread)
+        found = []
+        for pores in recipe.draw(size, seed).bodies:
+            low, high = (pores.centre[:, 2] + s * pores.reach[:, 2] for s in (-1.0, 1.0))
+            whole = np.flatnonzero((low >= 0.0) & (high <= size[2] - self.cover))
+            found.append(pores.take(whole, np.zeros(3)))
+        if not any(len(pores.centre) for pores in found):
+            cover, depth = (readable(f"{length:.4g} m") for length in (self.cover, size[2]))
+            raise CaseError(
+                f"no pore of [cell.pores] fits whole below a cover of {cover} in a depth of "
+                f"{depth}; make cover smaller, or the cell deeper"
+            )
+        return Cavities(size, found)
+
+
 class CellSettings(GridSettings):
     """The representative surface element."""
 
@@ -118,6 +159,7 @@ class CellSettings(GridSettings):
         description="What the sides of a mesh do: `periodic` if not given, `sliding` in their own "
         "planes, or uniform `displacement` or `traction`, an upper and a lower bound.",
     )
+    pores: CellPores | None = None
 
     @property
     def given_depth(self) -> float:
@@ -137,7 +179,7 @@ class CellSettings(GridSettings):
     def _check_mesh(self) -> Self:
         """Refuse keys that mean nothing to the geometry."""
         of_file = ("unit", "contact_face", "base_face", "volumes")
-        of_mesh = ("element", "mesh", "sides", *of_file)
+        of_mesh = ("element", "mesh", "sides", "pores", *of_file)
         given = [name for name in of_mesh if getattr(self, name) is not None]
         if self.geometry != "mesh" and given:
             raise ValueError(
@@ -149,6 +191,13 @@ class CellSettings(GridSettings):
             raise ValueError(f"{stray[0]} says something of a file; name it with mesh")
         if self.mesh is not None and self.depth is not None:
             raise ValueError("the file mesh has a depth of its own; leave out depth")
+        if self.mesh is not None and self.pores is not None:
+            raise ValueError("the file mesh has pores of its own; leave out [cell.pores]")
+        if self.pores is not None and self.pores.radius < 1.5 * self.spacing:
+            raise ValueError(
+                f"pores with a radius of {self.pores.radius:.3g} m are smaller than three elements "
+                f"of {self.spacing:.3g} m; give more points, or larger pores"
+            )
         if self.mesh is not None and self.unit is None:
             raise ValueError('the file mesh needs the length of its unit, such as unit = "1 um"')
         uneven = any(n % 4 for n in self.points) or self.layers % 2
@@ -285,8 +334,6 @@ class MicroSettings(Settings):
 
     def _check_control(self) -> None:
         """Refuse control cells that tell nothing."""
-        from multiscale.upscaling.control_variates import FEWEST_PAIRS
-
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             raise ValueError(
@@ -308,8 +355,6 @@ class MicroSettings(Settings):
 
     def _check_shear(self, shear: ShearSettings) -> None:
         """Refuse shear that the cells pressed tell no normal law of."""
-        from multiscale.upscaling.shear_fit import FEWEST_BELOW
-
         low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
         if shear.pressures[0] < low or shear.pressures[-1] > high:
             raise ValueError(

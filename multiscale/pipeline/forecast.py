@@ -147,23 +147,15 @@ def cheapest(
     settings: Iterable[Setting],
     time_of: Callable[[Setting], float],
     target: float,
-) -> tuple[Setting, float]:
+) -> Setting:
     """Choose the setting of least time among those that are expected to reach a target.
 
     Parameters
     ----------
-    estimate : Estimate
-        What is known.
-    settings : iterable of Setting
-        Those that can be had.
+    estimate : Estimate, what is known
+    settings : iterable of Setting, those that can be had
     time_of : callable, time of what a setting has and is not there yet, s
-    target : float
-        Relative.
-
-    Returns
-    -------
-    tuple of Setting and float
-        And its time, s.
+    target : float, relative
 
     Raises
     ------
@@ -172,8 +164,7 @@ def cheapest(
     """
     totals = {setting: estimate.at(setting).total for setting in settings}
     if found := [(time_of(one), one) for one, total in totals.items() if total <= target]:
-        time, setting = min(found)
-        return setting, time
+        return min(found)[1]
     best = min(totals, key=lambda one: (totals[one], one))
     near = estimate.at(best)
     sizes = np.nan_to_num(total_error(near.bias, near.half_width)).max(axis=1)

@@ -1,6 +1,6 @@
 """What a measured surface holds, and how it is shown."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -140,18 +140,14 @@ def _lines(found: Datasets) -> list[str]:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     told = found[INSPECTION.name]
-
-    def draw(plot: Callable[..., object]) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot(told, ax=ax))
-
     yield Section(
         "Surface",
         [f"Channel {told.attrs['channel']}; {told.attrs['format']}."],
         rows=tabulate_statistics(told, measured=True),
         figures={
-            "measured_heights": draw(plot_measured_heights),
-            "bearing_curve": draw(plot_bearing_curve),
-            "spectral_density": on_axes(lambda ax: plot_spectral_density(told, ax=ax), *WIDE),
+            "measured_heights": on_axes(plot_measured_heights, told),
+            "bearing_curve": on_axes(plot_bearing_curve, told),
+            "spectral_density": on_axes(plot_spectral_density, told, size=WIDE),
         },
     )
     yield Section(

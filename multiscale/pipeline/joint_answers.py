@@ -3,22 +3,19 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.macro.substructures import FEW_STEPS
 from multiscale.pipeline.stages.joint import STIFFNESSES
-from multiscale.schema import MACRO_RESULT
+from multiscale.schema import MACRO_RESULT, Dataset
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["CycleAnswers", "JointAnswers", "joint_answers", "load_answers"]
 
 
-Reader = Callable[["xr.Dataset"], np.ndarray]
+Reader = Callable[["Dataset"], np.ndarray]
 """From a result to the values of an answer."""
 
 AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
@@ -73,11 +70,11 @@ class JointAnswers:
     read: Mapping[str, Reader]
     real: Mapping[str, tuple[int, ...]]
     rests: np.ndarray
-    place: Callable[["xr.Dataset", "xr.Dataset"], "xr.Dataset"]
+    place: Callable[[Dataset, "Dataset"], "Dataset"]
     cycles: CycleAnswers | None = None
 
 
-def joint_answers(result: "xr.Dataset") -> JointAnswers:
+def joint_answers(result: Dataset) -> JointAnswers:
     """Return the answers of joints at their preloads, then in the cycles of every amplitude."""
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
@@ -102,7 +99,7 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
     ended = bool(level.size) and bool(known[-1])
     ended = ended and bool(np.isfinite(result["cycle_loss"].to_numpy()[-1, -1]))
 
-    def place(result: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
+    def place(result: Dataset, budget: Dataset) -> Dataset:
         """Give cycles their intervals, by their numbers, and the last step the last cycle."""
         values, errors = {}, interval_errors(budget)
         for row, name in enumerate(map(str, budget["quantity"].values)):
@@ -121,7 +118,7 @@ def joint_answers(result: "xr.Dataset") -> JointAnswers:
     return JointAnswers(read, real, rests, place, cycles)
 
 
-def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
+def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
     """Return the answers of bodies under named loads, then those of the last cycle.
 
     Parameters
@@ -155,7 +152,7 @@ def load_answers(result: "xr.Dataset", rise: int, few: int) -> JointAnswers:
             read, "slipping_load", "cycle_energy", last, slope, density, rise / few
         )
 
-    def place(result: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
+    def place(result: Dataset, budget: Dataset) -> Dataset:
         """Give every step its column."""
         steps = np.append(rests[known[rests]], () if cycles is None else last).astype(int)
         budget = over_steps(budget, steps, known.size)
@@ -173,14 +170,14 @@ def _at(name: str, *place: slice | int | np.ndarray) -> Reader:
     return partial(_read, name, place)
 
 
-def _read(name: str, place: tuple[Any, ...], found: "xr.Dataset") -> np.ndarray:
+def _read(name: str, place: tuple[Any, ...], found: Dataset) -> np.ndarray:
     """Values of an answer; the real pressure stays as it is."""
     if name == "real_pressure":
         return np.ones(found.sizes["step"])
     return np.asarray(found[name].to_numpy()[place])
 
 
-def _slip_slope(result: "xr.Dataset") -> np.ndarray:
+def _slip_slope(result: Dataset) -> np.ndarray:
     """Logarithmic slope of the slipping share over the amplitude, shape (levels, amplitudes).
 
     It is from the amplitudes, or from the last steps of the path if there is one amplitude alone.

@@ -21,7 +21,7 @@ from multiscale.pipeline.toml_model import (
     Tolerance,
     must_rise,
 )
-from multiscale.schema import with_cautions
+from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling import (
     assume_shear,
     state_shear,
@@ -31,8 +31,6 @@ from multiscale.upscaling import (
 from multiscale.upscaling.fit import told_branches
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.macro.substructures import ProcessGroup
 
 __all__ = [
@@ -109,7 +107,7 @@ class LawSource(Settings):
         "beyond a factor of 2 outside the pressures of the law; they are unknown otherwise.",
     )
 
-    def open(self) -> "xr.Dataset":
+    def open(self) -> Dataset:
         """Open the normal law.
 
         Raises
@@ -157,12 +155,12 @@ class JointLaw(LawSource):
 
     def complete(
         self,
-        law: "xr.Dataset",
+        law: Dataset,
         poissons_ratio: float,
         pressure: float,
         strict: bool,
         where: str = "[interface]",
-    ) -> "xr.Dataset":
+    ) -> Dataset:
         """Return the law with a tangential branch: given, else as measured, else by theory.
 
         Parameters
@@ -215,7 +213,7 @@ class RoughInterface(JointLaw):
     )
 
 
-def _say_lay(law: "xr.Dataset") -> list[str]:
+def _say_lay(law: Dataset) -> list[str]:
     """Say what joints take of a law that is not as stiff along x as along y."""
     x, y = law["shear_stiffness_ratio"].to_numpy()
     if not np.isfinite(x + y) or np.isclose(x, y, rtol=1e-9):

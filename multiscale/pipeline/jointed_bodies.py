@@ -41,11 +41,10 @@ from multiscale.pipeline.joint_settings import (
 from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import Count, Length, Positive, Settings
-from multiscale.schema import DAMAGE_SECTIONS
+from multiscale.schema import DAMAGE_SECTIONS, Dataset
 from multiscale.upscaling import with_damage
 
 if TYPE_CHECKING:
-    import xarray as xr
     from skfem import Mesh
 
     from multiscale.pipeline.settings import Case
@@ -223,9 +222,7 @@ class JointedBodies(Bodies):
 
     source: Any
 
-    def read_laws(
-        self, case: "Case", found: "Datasets", open_law: OpenLaw
-    ) -> "list[xr.Dataset | None]":
+    def read_laws(self, case: "Case", found: "Datasets", open_law: OpenLaw) -> list[Dataset | None]:
         """Read the law of all joints, with friction, and with the damage near the surface."""
         interface: RoughInterface = case.interface
         ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]

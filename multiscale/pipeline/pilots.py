@@ -12,12 +12,10 @@ from multiscale.micro import contact_modulus
 from multiscale.pipeline.case_cells import composite_material, make_surfaces
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.settings import Case
-from multiscale.schema import MICRO_RESPONSE, STORED_CELLS, branch_of
+from multiscale.schema import MICRO_RESPONSE, STORED_CELLS, Dataset, branch_of
 from multiscale.surfaces import rms_height, rms_slope
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.surfaces.surface import Surface
 
 __all__ = ["Pilots", "stored_pilots", "surface_at_large"]
@@ -39,15 +37,15 @@ class Pilots:
     source : str, where they come from, in words
     """
 
-    sizes: Mapping[float, "xr.Dataset"]
-    grids: Mapping[float, "xr.Dataset"]
+    sizes: Mapping[float, Dataset]
+    grids: Mapping[float, Dataset]
     source: str
 
-    def sizes_beside(self, case: Case) -> "dict[float, xr.Dataset]":
+    def sizes_beside(self, case: Case) -> dict[float, Dataset]:
         """Return the responses by the ratio of their size to the size of a case."""
         return {one / max(case.cell.size): response for one, response in self.sizes.items()}
 
-    def grids_beside(self, case: Case) -> "dict[float, xr.Dataset]":
+    def grids_beside(self, case: Case) -> dict[float, Dataset]:
         """Return the responses by the ratio of their spacing to the spacing of a case."""
         return {one / case.cell.spacing: response for one, response in self.grids.items()}
 
@@ -97,7 +95,7 @@ def stored_pilots(case: Case, large: "Surface | None") -> Pilots | None:
     far += np.log2(cells["band"].to_numpy() / band) ** 2
     cells = cells.isel(cell=np.flatnonzero(far == far.min()))
 
-    def pick(waves: float, points: float) -> "xr.Dataset":
+    def pick(waves: float, points: float) -> Dataset:
         chosen = ((cells["waves"] == waves) & (cells["points"] == points)).to_numpy()
         return _response(cells.isel(cell=np.flatnonzero(chosen)), load, case, height)
 
@@ -135,7 +133,7 @@ def _is_plain(case: Case) -> bool:
     )
 
 
-def _response(cells: "xr.Dataset", load: np.ndarray, case: Case, height: float) -> "xr.Dataset":
+def _response(cells: Dataset, load: np.ndarray, case: Case, height: float) -> Dataset:
     """Turn stored cells into a response to the pressures of a case."""
     x = np.log(cells["relative_pressure"].to_numpy())
 

@@ -414,7 +414,7 @@ class _Campaign:
         """Choose the cheapest setting, and explore where stored cells do not reach so far."""
         target = self.case.accuracy.target
         try:
-            setting, _ = cheapest(known.estimate, self.settings(known), known.time_of, target)
+            setting = cheapest(known.estimate, self.settings(known), known.time_of, target)
         except CaseError:
             if known.stored is None:
                 raise

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     import xarray as xr
     from skfem import Mesh
 
-__all__ = ["PorousBody", "RveError", "SurfaceDamage"]
+__all__ = ["PorousBody", "SurfaceDamage", "Uncertainty"]
 
 FEWEST_ACROSS = 3.0
 """Representative volumes across a body below which it is no continuum of many."""
 
 
 @dataclass(frozen=True)
-class RveError:
+class Uncertainty:
     """Half-widths of 95 % intervals, over a parameter, by terms of the error budget.
 
     Attributes
@@ -91,13 +91,13 @@ class PorousBody(MeshedBody):
         """Size of the volume, m."""
         return np.asarray(self.volume_data["box_size"].to_numpy())
 
-    def error(self, mesh: "Mesh") -> RveError:
+    def error(self, mesh: "Mesh") -> Uncertainty:
         """Errors of the stiffness, the largest ones of all directions, in a body of a size."""
         rve = self.volume_data
         sampling, sides, elements = rve["modulus_error"].max("direction").to_numpy()
         scatter = float(rve["scatter"].max())
         count = float(_volume(mesh) / np.prod(self.box))
-        return RveError(
+        return Uncertainty(
             f"volume of {self.name}",
             {
                 "sampling": sampling,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multiscale.macro.substructures import (
     CutProblem,
@@ -20,14 +20,11 @@ from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, list_cautions
 from multiscale.pipeline.structure_stage import choose_solver, with_law_cautions, with_too_far
-from multiscale.schema import with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset, with_cautions
 
 __all__ = ["ReadyBodies", "SolveAgain", "with_cautions_of"]
 
-Follow = Callable[..., "xr.Dataset"]
+Follow = Callable[..., Dataset]
 """From a cut problem, the areas of its loads, a method and ``near``, what is near, to a result;
 workers must be able to import it."""
 
@@ -48,7 +45,7 @@ class ReadyBodies:
 
     bodies: Bodies
     case: Case
-    laws: "Sequence[xr.Dataset | None]"
+    laws: Sequence[Dataset | None]
     parts: StructureParts
     chosen: MethodChoice
     structure: CondensedProblem
@@ -78,7 +75,7 @@ class ReadyBodies:
             self.bodies, self.case, self.laws, problem, areas, self.method, follow, near
         )
 
-    def finish(self, result: "xr.Dataset", facts: Sequence[str]) -> "xr.Dataset":
+    def finish(self, result: Dataset, facts: Sequence[str]) -> Dataset:
         """Add what is said of bodies, loads and solver, and the fields of the elements."""
         solver = f"Solved by {self.method.name}: {self.chosen.why}."
         result = result.assign_attrs(facts="\n".join([*facts, solver]))
@@ -92,14 +89,14 @@ class SolveAgain:
 
     bodies: Bodies
     case: Case
-    laws: "Sequence[xr.Dataset | None]"
+    laws: Sequence[Dataset | None]
     problem: CutProblem
     areas: Sequence[float]
     method: Method
     follow: Follow
     near: Any
 
-    def __call__(self, change: Change) -> "xr.Dataset":
+    def __call__(self, change: Change) -> Dataset:
         """Follow the path again."""
         normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
         source = change.structure or self.bodies
@@ -112,12 +109,12 @@ class SolveAgain:
 
 
 def with_cautions_of(
-    result: "xr.Dataset",
+    result: Dataset,
     bodies: Bodies,
     case: Case,
     found: Datasets,
-    laws: "Sequence[xr.Dataset | None]",
-) -> "xr.Dataset":
+    laws: Sequence[Dataset | None],
+) -> Dataset:
     """Add what laws, once each, and representative volumes say.
 
     The `[rve]` of the case has said its own beside.

@@ -297,13 +297,13 @@ def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
     return told
 
 
-def tabulate_budget(result: Dataset) -> Table:
+def tabulate_budget(result: Dataset, quantity: str | None = None) -> Table:
     """Head and rows of an error budget: half-widths in per cent of each term, and their total.
 
-    They are of the first quantity of the budget, at no more than ``MOST_BUDGETS`` steps; the last
-    column says what a term rests on.
+    They are of one quantity of the budget, the first if not given, at no more than
+    ``MOST_BUDGETS`` steps; the last column says what a term rests on.
     """
-    one = estimated_steps(result, str(result["quantity"].values[0]))
+    one = estimated_steps(result, quantity or str(result["quantity"].values[0]))
     some = np.unique(np.linspace(0, one.sizes["step"] - 1, MOST_BUDGETS).round().astype(int))
     one = one.isel(step=some[some >= 0])
     half = total_error(one["error_bias"].values, one["error_half_width"].values)
@@ -323,6 +323,26 @@ def tabulate_budget(result: Dataset) -> Table:
     beside = f"without what is not known: {unknown}" if (unknown := result.attrs["unknown"]) else ""
     rows.append(("total", *total, f"terms add as squares; {beside}".removesuffix("; ")))
     return ("error (%) at", *step_labels(one, unit=" MPa"), "rests on"), rows
+
+
+def tabulate_sensitivity(result: Dataset) -> Table:
+    """Head and rows of relative changes of answers, in per cent, if parameters are larger.
+
+    Each parameter is larger by its half-width; steps are as of :func:`tabulate_budget`.
+    """
+    known = np.flatnonzero(result["sensitivity"].notnull().any(("parameter", "quantity")))
+    some = known[np.unique(np.linspace(0, known.size - 1, MOST_BUDGETS).round().astype(int))]
+    one = result.isel(step=some)
+    rows = [
+        (
+            parameter,
+            quantity,
+            *(f"{100.0 * float(change):+.3g}" for change in one["sensitivity"].values[k, i]),
+        )
+        for k, parameter in enumerate(map(str, one["parameter"].values))
+        for i, quantity in enumerate(map(str, one["quantity"].values))
+    ]
+    return ("larger parameter", "change (%) of", *step_labels(one, unit=" MPa")), rows
 
 
 def tabulate_cycles(result: Dataset) -> Table:

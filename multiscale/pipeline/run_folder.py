@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from pathlib import Path
 from shutil import rmtree
-from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
@@ -13,9 +12,7 @@ from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS
 from multiscale.pipeline.toml_model import read_toml
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "is_whole", "open_stages"]
 
@@ -66,7 +63,7 @@ def is_whole(out: Path, case: AnyCase) -> bool:
     return all(is_up_to_date(stage, case, out) for stage in stages_of(case.tables))
 
 
-def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":
+def open_stages(out: Path) -> dict[Shown, Dataset]:
     """Open the datasets that the stages of a finished run, or a finished sweep, have left.
 
     Raises
@@ -85,7 +82,7 @@ def open_stages(out: Path) -> "dict[Shown, xr.Dataset]":
     return {stage: open_dataset(out / stage.file, stage.schema) for stage in stages}
 
 
-def gather_cautions(found: "Mapping[Shown, xr.Dataset]") -> list[str]:
+def gather_cautions(found: Mapping[Shown, Dataset]) -> list[str]:
     """Return what a user should know before trusting a finished run, one sentence each."""
     cautions = [one for stage, dataset in found.items() for one in stage.cautions(dataset)]
     return list(dict.fromkeys(cautions))  # a law repeats those of its response

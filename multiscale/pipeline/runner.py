@@ -1,7 +1,7 @@
 """The main job: the stages of a case, from its surfaces to the answer."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,11 +20,9 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE, Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.macro.substructures import ProcessGroup
 
 __all__ = ["Results", "run", "run_macro"]
@@ -36,7 +34,7 @@ PLANNED = (CELLS, FITTED_LAW, JOINT)
 
 
 @dataclass(frozen=True, eq=False)
-class Results(Mapping[str, "xr.Dataset"]):
+class Results(Mapping[str, Dataset]):
     """What a run has computed: the dataset of every stage by its name, which is its schema's.
 
     Attributes
@@ -44,9 +42,9 @@ class Results(Mapping[str, "xr.Dataset"]):
     found : dict of str to Dataset, in the order in which the stages were run
     """
 
-    found: "dict[str, xr.Dataset]"
+    found: dict[str, Dataset]
 
-    def __getitem__(self, name: str) -> "xr.Dataset":
+    def __getitem__(self, name: str) -> Dataset:
         return self.found[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -62,17 +60,17 @@ class Results(Mapping[str, "xr.Dataset"]):
         )
 
     @property
-    def micro_response(self) -> "xr.Dataset":
+    def micro_response(self) -> Dataset:
         """Response of the cells."""
         return self.found[MICRO_RESPONSE.name]
 
     @property
-    def interface_law(self) -> "xr.Dataset":
+    def interface_law(self) -> Dataset:
         """Law fitted to the response."""
         return self.found[INTERFACE_LAW.name]
 
     @property
-    def macro_result(self) -> "xr.Dataset":
+    def macro_result(self) -> Dataset:
         """Answer of the joint, of the tread block or of the structure."""
         return self.found[MACRO_RESULT.name]
 
@@ -123,7 +121,7 @@ def run(
             if dataset is not None:
                 identity = stage.identity(case)
                 write_dataset(dataset, job.out / stage.file, stage.schema, identity=identity)
-    found: dict[str, xr.Dataset] = {}
+    found: dict[str, Dataset] = {}
     for stage in stages_of(case.tables):
         file = job.out / stage.file
         if file.exists():
@@ -141,7 +139,7 @@ def run_macro(
     *,
     law: str | Path | None = None,
     team: "ProcessGroup | None" = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Solve the structure of a case; write its result and ``fields`` for ParaView beside it.
 
     Cells of the case are not solved. With ``homogenise`` in ``[substructures]`` the condensed
@@ -182,45 +180,33 @@ def run_macro(
 
 def _job(out: Path, executor: Executor | None) -> Job:
     """Work in a folder, where the other cases that a case names are run in folders of their own."""
-    laws, volumes = _read_laws(out, executor), _read_volumes(out, executor)
-    return Job(out, executor, read_law=laws, read_rve=volumes)
 
-
-def _read_laws(out: Path, executor: Executor | None) -> "Callable[[Path, bool], xr.Dataset]":
-    """Open laws, and run cases for them, or find them finished, in folders of a run."""
-
-    def read(file: Path, quick: bool) -> "xr.Dataset":
+    def read_law(file: Path, quick: bool) -> Dataset:
         if file.suffix != ".toml":
             return open_law(file)
         other = load_case(file)
         if not (isinstance(other, Case) and other.has_cells):
             raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
-        alone = other.without_structure()
-        alone = alone.quick() if quick else alone
-        folder = out / "laws" / f"{file.stem}-{alone.checksum()[:8]}"
-        return run(alone, folder, executor=executor).interface_law
+        return run_alone(other.without_structure(), quick, "laws", file).interface_law
 
-    return read
-
-
-def _read_volumes(out: Path, executor: Executor | None) -> "Callable[[Path, bool], xr.Dataset]":
-    """Open representative volumes, and run cases for them, or find them finished."""
-
-    def read(file: Path, quick: bool) -> "xr.Dataset":
+    def read_rve(file: Path, quick: bool) -> Dataset:
         if file.suffix != ".toml":
             return open_dataset(file, RVE)
         other = load_case(file)
         if not isinstance(other, Case):
             raise CaseError(f"{file}: the case has no [rve], and so no representative volume")
-        alone = other.only_rve()
-        alone = alone.quick() if quick else alone
-        folder = out / "volumes" / f"{file.stem}-{alone.checksum()[:8]}"
-        return run(alone, folder, executor=executor)[RVE.name]
+        return run_alone(other.only_rve(), quick, "volumes", file)[RVE.name]
 
-    return read
+    def run_alone(case: Case, quick: bool, kind: str, file: Path) -> Results:
+        """Run a case, or find it finished."""
+        case = case.quick() if quick else case
+        folder = out / kind / f"{file.stem}-{case.checksum()[:8]}"
+        return run(case, folder, executor=executor)
+
+    return Job(out, executor, read_law=read_law, read_rve=read_rve)
 
 
-def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> "xr.Dataset":
+def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> Dataset:
     """Run a stage and write what it leaves, the dataset last."""
     logger.info("%s: begun", stage.name)
     begin = perf_counter()

@@ -54,14 +54,12 @@ from multiscale.pipeline.rough_bodies import CoatingSettings, InstrumentSurface,
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
 from multiscale.pipeline.vibration_settings import VibrationSettings
-from multiscale.schema import INTERFACE_LAW
+from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 from multiscale.upscaling.control_variates import FEWEST_PAIRS
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.pipeline.stage import Datasets
 
 __all__ = ["KINDS", "Case"]
@@ -182,6 +180,8 @@ class Case(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.growth is not None and self.rve is None:
+            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
         asked = [name for name in OF_CELLS if self._has(name)]
         missing = [name for name in CELLS if not self._has(name)]
         if missing and (asked or (self.structure is None and self.rve is None)):
@@ -193,8 +193,6 @@ class Case(Settings):
             self._check_cells()
         if self.structure is not None:
             self._check_structure(self.structure)
-        if self.growth is not None and self.rve is None:
-            raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
         if self.growth is not None and self.structure and not self.structure.may_tire:
             raise ValueError(
                 '[growth] cracks a body of [structure] kind = "bodies"; leave out one of them, or '
@@ -570,7 +568,7 @@ class Case(Settings):
         """How the structure is cut; in one part if it is not."""
         return self.substructures or Substructures()
 
-    def interface_law(self, found: "Datasets") -> "xr.Dataset":
+    def interface_law(self, found: "Datasets") -> Dataset:
         """Law of the interfaces of the structure: of the cells of the case, or of a file.
 
         Raises

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from multiscale import __version__
 from multiscale.io import open_dataset, open_law
 from multiscale.needs import Needs
-from multiscale.schema import RVE, Schema
+from multiscale.schema import RVE, Dataset, Schema
 from multiscale.units import Unit
 
 if TYPE_CHECKING:
     import numpy as np
-    import xarray as xr
 
     from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.toml_model import Settings
@@ -35,7 +34,7 @@ __all__ = [
     "with_sample_band",
 ]
 
-Datasets: TypeAlias = "Mapping[str, xr.Dataset]"
+Datasets: TypeAlias = "Mapping[str, Dataset]"
 """Dataset of every stage, by its name."""
 
 ShowProgress: TypeAlias = Callable[[int, int, str], None]
@@ -138,8 +137,8 @@ class Job:
     progress: ShowProgress = unseen
     team: "ProcessGroup | None" = None
     sparing: bool = False
-    read_law: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_law(file)
-    read_rve: "Callable[[Path, bool], xr.Dataset]" = lambda file, quick: open_dataset(file, RVE)
+    read_law: Callable[[Path, bool], Dataset] = lambda file, quick: open_law(file)
+    read_rve: Callable[[Path, bool], Dataset] = lambda file, quick: open_dataset(file, RVE)
 
     def ensemble(
         self, folder: str, identity: str, count: int, parts: str, *, each: int = 1
@@ -157,7 +156,7 @@ class Job:
         }
 
 
-def list_cautions(dataset: "xr.Dataset") -> list[str]:
+def list_cautions(dataset: Dataset) -> list[str]:
     """Return the cautions that a dataset carries as an attribute, one sentence each."""
     return str(dataset.attrs.get("cautions", "")).splitlines()
 
@@ -186,12 +185,12 @@ class Shown:
     """
 
     schema: Schema
-    cautions: Callable[["xr.Dataset"], Iterable[str]] = list_cautions
+    cautions: Callable[[Dataset], Iterable[str]] = list_cautions
     lines: Callable[[Datasets], Iterable[str]] = _nothing
     sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
     work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
     summary: Callable[[Datasets], Summary] | None = None
-    failure: Callable[["xr.Dataset"], str] = lambda dataset: ""
+    failure: Callable[[Dataset], str] = lambda dataset: ""
 
     @property
     def name(self) -> str:
@@ -232,16 +231,16 @@ class Stage(Shown):
     tables: tuple[str, ...]
     reads: set[str] | dict[str, Any] | None = None
     takes: "tuple[Stage, ...]" = ()
-    run: Callable[[Any, Datasets, Job], "xr.Dataset"]
+    run: Callable[[Any, Datasets, Job], Dataset]
     write_fields: Callable[..., object] | None = None
     needs: Callable[[Any], Needs] = lambda case: Needs()
     prepare: Callable[[Any], object] = _nothing
-    check: Callable[["xr.Dataset"], object] = _nothing
+    check: Callable[[Dataset], object] = _nothing
     kept: str = ""
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
     answers: tuple[StageAnswer, ...] = ()
-    compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda dataset: dataset
+    compared: Callable[[Dataset], Dataset] = lambda dataset: dataset
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""
@@ -254,7 +253,7 @@ class Stage(Shown):
         return sha256(" ".join([__version__, self.name, own, *taken]).encode()).hexdigest()
 
 
-def with_sample_band(dataset: "xr.Dataset", name: str) -> "xr.Dataset":
+def with_sample_band(dataset: Dataset, name: str) -> Dataset:
     """Add the 95 % interval of an answer from its samples, where no error budget has given one."""
     drawn, band = f"{name}_sample", f"{name}_mean_law"
     if band in dataset or drawn not in dataset or not dataset[drawn].size:

@@ -26,11 +26,9 @@ from multiscale.pipeline.stage import (
     format_table,
     list_cautions,
 )
-from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Schema, with_cautions
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Dataset, Schema, with_cautions
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.macro.substructures import ProcessGroup
 
 __all__ = [
@@ -47,7 +45,7 @@ __all__ = [
 SOLVES = 3  # times of a whole path that all solves for the intervals take together, about
 
 
-def require_converged(result: "xr.Dataset") -> None:
+def require_converged(result: Dataset) -> None:
     """Refuse a result without any step that converged."""
     if not result["converged"].values.any():
         raise ConvergenceError(
@@ -55,7 +53,7 @@ def require_converged(result: "xr.Dataset") -> None:
         )
 
 
-def require_known(result: "xr.Dataset", answer: str) -> None:
+def require_known(result: Dataset, answer: str) -> None:
     """Refuse a result without any step that converged, or with an answer that is never known."""
     require_converged(result)
     if np.isnan(result[answer].values).all():
@@ -93,8 +91,8 @@ def solver_needs(chosen: MethodChoice, size: JointSize, slabs: int) -> Needs:
 
 
 def with_law_cautions(
-    result: "xr.Dataset", case: Case, found: Datasets, laws: "Mapping[str, xr.Dataset]"
-) -> "xr.Dataset":
+    result: Dataset, case: Case, found: Datasets, laws: Mapping[str, Dataset]
+) -> Dataset:
     """Add the cautions of laws, by their names, once each.
 
     Cautions of the law of the case's own cells already stand beside those of the structure.
@@ -109,9 +107,9 @@ def with_law_cautions(
 
 def structure_stage(
     name: str,
-    solve: Callable[[Any, Case, Datasets, Job], "xr.Dataset"],
+    solve: Callable[[Any, Case, Datasets, Job], Dataset],
     needs: Callable[[Any, Case], Needs],
-    tabulate: Callable[["xr.Dataset"], Table],
+    tabulate: Callable[[Dataset], Table],
     write_fields: Callable[..., object],
     *,
     reads: set[str],
@@ -120,13 +118,13 @@ def structure_stage(
     schema: Schema = MACRO_RESULT,
     solver: tuple[str, ...] = ("pypardiso",),
     prepare: Callable[[Any, Case], object] = lambda structure, case: None,
-    check: Callable[["xr.Dataset"], None] = require_converged,
+    check: Callable[[Dataset], None] = require_converged,
     kept: str = "",
-    more: Callable[["xr.Dataset"], Iterable[Section]] = lambda result: (),
+    more: Callable[[Dataset], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
-    answer: Callable[["xr.Dataset"], list[str]] = lambda result: [],
+    answer: Callable[[Dataset], list[str]] = lambda result: [],
     answers: tuple[StageAnswer, ...] = (),
-    compared: Callable[["xr.Dataset"], "xr.Dataset"] = lambda result: result,
+    compared: Callable[[Dataset], Dataset] = lambda result: result,
 ) -> Stage:
     """Make the stage that solves some kinds of structures.
 
@@ -152,7 +150,7 @@ def structure_stage(
         See :class:`multiscale.pipeline.stage.Stage`.
     """
 
-    def run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+    def run(case: Case, found: Datasets, job: Job) -> Dataset:
         result = solve(case.structure, case, found, job)
         return result.assign_attrs(title=case.title, case=case.to_toml())
 
@@ -203,7 +201,7 @@ def structure_stage(
     )
 
 
-def with_too_far(result: "xr.Dataset", *cautions: str) -> "xr.Dataset":
+def with_too_far(result: Dataset, *cautions: str) -> Dataset:
     """Add a caution against nodes that move farther than the structure measures, or those given."""
     size = float(np.ptp(result["position"].values, axis=0).max())
     moved = float(np.abs(np.nan_to_num(result["displacement"].values)).max(initial=0.0))
@@ -216,9 +214,9 @@ def with_too_far(result: "xr.Dataset", *cautions: str) -> "xr.Dataset":
     )
 
 
-def _told(result: "xr.Dataset") -> list[str]:
+def _told(result: Dataset) -> list[str]:
     return [*list_facts(result), *list_cycles(result)]
 
 
-def _failures(result: "xr.Dataset") -> list[str]:
+def _failures(result: Dataset) -> list[str]:
     return str(result.attrs.get("failure", "")).splitlines()

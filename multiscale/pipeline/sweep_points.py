@@ -1,6 +1,6 @@
 """How the points of a sweep are shown, each a run in a folder of its own."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -118,13 +118,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     drawn = list(map(str, result["answer"].values[result["answer_drawn"].values == 1]))
     over_steps = [one for one in drawn if result["answer_over"].sel(answer=one).item()][:1]
 
-    def draw(plot: Callable[..., object], answer: str) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot(result, answer, ax=ax))
-
     ends = {one: sweep_ends(result, one)["value"].to_numpy() for one in drawn}
     differ = [one for one, value in ends.items() if np.unique(value[np.isfinite(value)]).size > 1]
-    figures = {f"sweep_{one}": draw(plot_sweep, one) for one in differ or drawn[:1]}
-    figures |= {f"sweep_{one}_steps": draw(plot_sweep_steps, one) for one in over_steps}
+    figures = {f"sweep_{one}": on_axes(plot_sweep, result, one) for one in differ or drawn[:1]}
+    figures |= {f"sweep_{one}_steps": on_axes(plot_sweep_steps, result, one) for one in over_steps}
     told = [
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
         "figures a bar, and lighter the interval of one part.",

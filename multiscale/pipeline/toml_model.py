@@ -17,6 +17,7 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
+    SerializationInfo,
     Strict,
     ValidationError,
     WrapValidator,
@@ -43,6 +44,10 @@ __all__ = [
     "Share",
     "TimeSteps",
     "Tolerance",
+    "UncertainFactor",
+    "UncertainLength",
+    "UncertainNumber",
+    "UncertainPressure",
     "list_tables",
     "must_rise",
     "quantity",
@@ -53,42 +58,65 @@ __all__ = [
 
 
 class Typed(float):
-    """A float in an SI unit that a file has given as a text; both are kept."""
+    """A float in an SI unit that a file has given as a text; both are kept.
+
+    The half-width of its 95 % interval, which the text may state, is relative to it.
+    """
 
     text: str
     unit: str
+    half_width: float = 0.0
 
 
-def quantity(unit: str) -> WrapValidator:
-    """Read text such as ``"0.8 um"`` as a float in an SI unit."""
-    return WrapValidator(partial(_convert, unit=unit))
+def quantity(unit: str, *, uncertain: bool = False) -> WrapValidator:
+    """Read text such as ``"0.8 um"`` as a float in an SI unit.
+
+    Uncertain quantities may have a half-width: ``"0.8 um +- 10 %"`` or ``"0.8 um +- 0.1 um"``.
+    """
+    return WrapValidator(partial(_convert, unit=unit, uncertain=uncertain))
 
 
-def _convert(value: object, check: Callable[[float], float], *, unit: str) -> float:
+def _convert(
+    value: object, check: Callable[[float], float], *, unit: str, uncertain: bool
+) -> float:
+    stated, sign, spread = value, "", ""
+    if uncertain and isinstance(value, str):
+        stated, sign, spread = value.replace("±", "+-").partition("+-")
     try:
-        number = check(to_si(value, unit))
+        number = check(to_si(stated, unit))
+        half = to_si(spread, "1" if spread.rstrip().endswith("%") else unit) if sign else 0.0
     except CaseError as error:
         raise ValueError(str(error)) from error
     if not isinstance(value, str):
         return number
     typed = Typed(number)
     typed.text, typed.unit = value, unit
+    if sign:
+        typed.half_width = half if spread.rstrip().endswith("%") else half / (number or 1.0)
+        if not 0.0 < typed.half_width < 1.0:
+            raise ValueError("should have a positive half-width behind +-, smaller than the value")
     return typed
 
 
 def with_unit(unit: str) -> PlainSerializer:
-    """Write a float as its file has said it, or with its SI unit."""
-    return PlainSerializer(lambda value: _write(value, unit), when_used="json")
+    """Write a float as its file has said it, or with its SI unit; to Python if it is uncertain."""
 
+    def write(value: float, info: SerializationInfo) -> Any:
+        if isinstance(value, Typed):
+            return value.text if info.mode == "json" or value.half_width else value
+        return f"{value!r} {unit}" if info.mode == "json" and unit != "1" else value
 
-def _write(value: float, unit: str) -> str:
-    return value.text if isinstance(value, Typed) else f"{value!r} {unit}"
+    return PlainSerializer(write, return_type=Any)
 
 
 Length = Annotated[float, quantity("m"), Field(gt=0.0), with_unit("m")]
 Pressure = Annotated[float, quantity("Pa"), Field(gt=0.0), with_unit("Pa")]
 Duration = Annotated[float, quantity("s"), Field(gt=0.0), with_unit("s")]
 Density = Annotated[float, quantity("kg/m^3"), Field(gt=0.0), with_unit("kg/m^3")]
+UncertainPressure = Annotated[float, quantity("Pa", uncertain=True), Field(gt=0.0), with_unit("Pa")]
+UncertainLength = Annotated[float, quantity("m", uncertain=True), Field(gt=0.0), with_unit("m")]
+UncertainNumber = Annotated[float, quantity("1", uncertain=True), with_unit("1")]
+UncertainFactor = Annotated[UncertainNumber, Field(ge=0.0)]
 Number = Annotated[float, quantity("1")]
 Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 Tolerance = Annotated[Number, Field(gt=0.0, lt=1.0)]
@@ -138,6 +166,21 @@ class Settings(BaseModel):
         said = self.model_dump(include=include, exclude=exclude)
         text = json.dumps(said, default=_content)
         return sha256(text.encode()).hexdigest()
+
+    def uncertain(self, factor: float) -> Iterator[tuple[str, float, Self]]:
+        """Yield every value with a half-width: its key, both, and all with the value changed.
+
+        The half-width is relative to the value, which is multiplied by the factor.
+        """
+        for name, value in self:
+            if isinstance(value, Typed) and value.half_width:
+                yield name, value.half_width, self.model_copy(update={name: factor * value})
+            listed = isinstance(value, tuple)
+            for k, part in enumerate(value if listed else (value,)):
+                for key, half, one in part.uncertain(factor) if isinstance(part, Settings) else ():
+                    at = f"{name}[{k}]" if listed else name
+                    new = (*value[:k], one, *value[k + 1 :]) if listed else one
+                    yield f"{at}.{key}", half, self.model_copy(update={name: new})
 
     def to_toml(self) -> str:
         """Return a file of these settings, quantities as they were given."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from multiscale.schema import Dataset
 from multiscale.upscaling import estimate_grid_error, with_budget
-from multiscale.upscaling.budget import NO_PART, assemble_budget
-from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, Term
+from multiscale.upscaling.budget import NO_PART, NO_STATED, assemble_budget
+from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, STATED, Term
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
 __all__ = ["with_braking_budget"]
@@ -55,6 +55,7 @@ def with_braking_budget(
             "not known: the pressure of the footprint is taken as even over the waves of the road"
         ),
         FEW_CELLS: NO_PART,
+        STATED: NO_STATED,
         "macro discretisation": Term(
             "not known: elements of twice the size do not fit; give smaller ones in [tread]"
         ),

@@ -9,10 +9,8 @@ with ``draw`` make whole figures and write them.
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.damage_figures import (
-    draw_damage,
     plot_damage_sphere,
     plot_element_field,
-    plot_stiffness_against_damage,
     plot_woehler,
     plot_worst_section,
 )
@@ -52,12 +50,15 @@ from multiscale.plotting.link_figures import (
     plot_sorted_tensions,
 )
 from multiscale.plotting.rve_figures import (
+    plot_crack_damage,
+    plot_cracked_load,
     plot_modulus_surface,
     plot_rve,
     plot_rve_damage,
     plot_size_damage,
     plot_size_stiffness,
     plot_size_study,
+    plot_softening,
 )
 from multiscale.plotting.sliding_figures import (
     draw_sliding,
@@ -93,7 +94,6 @@ from multiscale.plotting.work_precision_figures import (
 
 __all__ = [
     "MOST_DRAWN",
-    "draw_damage",
     "draw_granulate",
     "draw_joint",
     "draw_links",
@@ -111,6 +111,8 @@ __all__ = [
     "plot_braking_force",
     "plot_contact_error",
     "plot_contact_map",
+    "plot_crack_damage",
+    "plot_cracked_load",
     "plot_damage_sphere",
     "plot_deformed_links",
     "plot_element_field",
@@ -140,10 +142,10 @@ __all__ = [
     "plot_size_stiffness",
     "plot_size_study",
     "plot_sliding_friction",
+    "plot_softening",
     "plot_sorted_tensions",
     "plot_spectral_density",
     "plot_steady_friction",
-    "plot_stiffness_against_damage",
     "plot_surface",
     "plot_sweep",
     "plot_sweep_steps",

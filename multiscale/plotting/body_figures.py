@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.element_faces import outer_faces
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
     from mpl_toolkits.mplot3d import Axes3D
 
 __all__ = ["plot_body_stress"]
@@ -19,7 +19,7 @@ BRIGHTEST = 0.995
 """Share of the elements whose stress the colours distinguish; the others have the last colour."""
 
 
-def plot_body_stress(result: "xr.Dataset", *, step: int = -1, ax: "Axes3D") -> "Axes3D":
+def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3D":
     """Draw the outer faces of bodies, displaced and coloured by von Mises' stress.
 
     Parameters

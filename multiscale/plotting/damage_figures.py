@@ -1,25 +1,16 @@
 """Figures of damage, stiffness and fatigue.
 
-``sections`` follow ``DAMAGE_SECTIONS``, a ``curve`` ``WOEHLER``, a ``comparison``
-``RVE_STIFFNESS``, and a ``life`` ``FATIGUE_LIFE``.
+``sections`` follow ``DAMAGE_SECTIONS``, a ``curve`` ``WOEHLER`` and a ``life`` ``FATIGUE_LIFE``.
 """
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import make_folder
 from multiscale.io.images import VoxelImage
 from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import (
-    add_colour_bar,
-    axes_or_current,
-    new_figure,
-    save_figure,
-    save_figures,
-)
+from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.units import length_unit
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,10 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "colour_sphere",
-    "draw_damage",
     "plot_damage_sphere",
     "plot_element_field",
-    "plot_stiffness_against_damage",
     "plot_woehler",
     "plot_worst_section",
 ]
@@ -154,17 +143,16 @@ def plot_worst_section(
     """
     from matplotlib.colors import ListedColormap
 
-    from multiscale.micro.damage.compare import section_image
     from multiscale.micro.damage.plane_damage import SectionPlane
 
     ax = axes_or_current(ax)
     normal = sections["worst_normal"].values
     origin = 0.5 * np.array(rve.size) + float(sections["worst_offset"]) * normal
-    along, value = section_image(rve, origin, SectionPlane.through(origin, normal).frame)
+    along, value = _section_image(rve, origin, SectionPlane.through(origin, normal).frame)
     inside = np.isfinite(value)
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    unit, name = _length_unit(max(rve.size))
-    low, high = (unit * along[[k[0], k[-1]]] for k in (columns, rows))
+    unit = length_unit([max(rve.size)])
+    low, high = (unit.scale * along[[k[0], k[-1]]] for k in (columns, rows))
     ax.imshow(
         value[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1],
         origin="lower",
@@ -174,7 +162,8 @@ def plot_worst_section(
         vmax=1.0,
         interpolation="nearest",
     )
-    ax.set(xlabel=f"along the section ({name})", ylabel=f"along the section ({name})")
+    label = f"along the section ({unit.name})"
+    ax.set(xlabel=label, ylabel=label)
     at = ", ".join(f"{0.0 if abs(k) < 5e-3 else k:.2f}" for k in normal)
     ax.set_title(f"D = {float(sections['maximum_damage']):.3f}, normal ({at})")
     return ax
@@ -200,64 +189,28 @@ def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_stiffness_against_damage(comparison: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
-    """Plot Young's modulus along normals against the damage of their sections, and 1 - D."""
-    ax = axes_or_current(ax)
-    damage, modulus = comparison["damage"].values, comparison["modulus_ratio"].values
-    phi = float(comparison["porosity"])
-    line = np.array([0.0, max(1.2 * damage.max(), 1e-3)])
-    ax.plot(line, 1.0 - line, color="black", linestyle="--", label="1 - D")
-    ax.plot(damage, modulus, "o", markersize=3, label="finite elements, one normal each")
-    ax.axvline(phi, color="0.6", linewidth=0.8)
-    ax.annotate("porosity", (phi, 1.0), (3, 0), textcoords="offset points", color="0.4", va="top")
-    ax.set(xlabel="damage of the worst section, D", ylabel="Young's modulus over solid modulus")
-    ax.legend(loc="lower left")
-    return ax
+def _section_image(
+    rve: "Cavities | VoxelImage", origin: np.ndarray, frame: np.ndarray, points: int = 400
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sample a section on points of a plane.
 
-
-def draw_damage(
-    folder: Path,
-    *,
-    sections: "xr.Dataset | None" = None,
-    rve: "Cavities | VoxelImage | None" = None,
-    curve: "xr.Dataset | None" = None,
-    comparison: "xr.Dataset | None" = None,
-) -> list[Path]:
-    """Draw the figures of the given datasets into PNG files.
-
-    Parameters
-    ----------
-    folder : Path, folder of the files, made if needed
-    sections : Dataset, optional
-        Follows ``DAMAGE_SECTIONS``, for the sphere of normals.
-    rve : Cavities or VoxelImage, optional
-        The volume of ``sections``, for its worst section.
-    curve : Dataset, optional
-        Follows ``WOEHLER``.
-    comparison : Dataset, optional
-        Follows ``RVE_STIFFNESS``.
+    Return coordinates along its directions (2, 3), m, shape (points,), and values (points, points):
+    0 in solid, 1 in void, NaN outside the box; the first axis is the second direction.
     """
-    make_folder(folder)
-    drawn = []
-    if sections is not None:
-        figure = new_figure()
-        plot_damage_sphere(sections, ax=figure.add_subplot(projection="3d"))
-        drawn.append(save_figure(figure, folder / "damage_sphere.png"))
-    figures: dict[str, Callable[[Axes], Axes]] = {}
-    if sections is not None and rve is not None:
-        figures["worst_section"] = lambda ax: plot_worst_section(rve, sections, ax=ax)
-    if curve is not None:
-        figures["woehler"] = lambda ax: plot_woehler(curve, ax=ax)
-    if comparison is not None:
-        figures["stiffness_against_damage"] = lambda ax: plot_stiffness_against_damage(
-            comparison, ax=ax
-        )
-    return drawn + save_figures(figures, folder)
+    from multiscale.micro.damage.cavities import Cavities
 
-
-def _length_unit(length: float) -> tuple[float, str]:
-    """Choose the unit of a length, m, for a short number; return its factor and name."""
-    for factor, name in ((1.0, "m"), (1e3, "mm"), (1e6, "µm")):
-        if factor * length >= 0.5:
-            return factor, name
-    return 1e9, "nm"
+    size = np.array(rve.size)
+    half = 0.5 * float(np.linalg.norm(size))
+    along = half * (2.0 * (np.arange(points) + 0.5) / points - 1.0)
+    place = origin[:, None, None] + (
+        frame[0][:, None, None] * along[None, None, :]
+        + frame[1][:, None, None] * along[None, :, None]
+    )
+    inside = np.all((place >= 0.0) & (place < size[:, None, None]), axis=0)
+    if isinstance(rve, Cavities):
+        void = rve.void_at(place, 4.0 * half / points)
+    else:
+        index = np.floor(place / np.array(rve.spacing)[:, None, None]).astype(int)
+        index = np.clip(index, 0, np.array(rve.void.shape)[:, None, None] - 1)
+        void = rve.void[tuple(index)]
+    return along, np.where(inside, void.astype(float), np.nan)

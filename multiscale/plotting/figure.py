@@ -1,6 +1,7 @@
 """Common parts of figures: axes, canvas, colour bars and files."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,9 @@ __all__ = [
 ]
 
 DOTS_PER_INCH = 150
+
+SIZE = (5.2, 4.0)
+"""Width and height of a figure, if nothing else is asked for, inches."""
 
 WIDE = (8.6, 4.2)
 """Width and height of a figure that stands alone in the width of a page, inches."""
@@ -68,7 +72,7 @@ def axes_or_current(ax: Axes | None) -> Axes:
     return ax
 
 
-def new_figure(width: float = 5.2, height: float = 4.0) -> "Figure":
+def new_figure(width: float = SIZE[0], height: float = SIZE[1]) -> "Figure":
     """Return an empty figure without a window; width and height in inches."""
     from matplotlib.figure import Figure
 
@@ -199,35 +203,32 @@ def save_figure(figure: "Figure", file: Path) -> Path:
 
 
 def on_axes(
-    plot: Callable[[Axes], object], width: float = 5.2, height: float = 4.0
+    plot: Callable[..., object],
+    *shown: object,
+    size: tuple[float, float] = SIZE,
+    projection: str | None = None,
+    **options: object,
 ) -> Callable[[Path], Path]:
-    """Return ``draw(file)``, which plots on new axes, with sizes in inches, into a PNG file."""
+    """Return ``draw(file)``, which calls ``plot(*shown, ax=..., **options)`` for a PNG file.
+
+    The axes are new, of a size in inches.
+    """
 
     def draw(file: Path) -> Path:
-        figure = new_figure(width, height)
-        plot(figure.add_subplot())
+        figure = new_figure(*size)
+        plot(*shown, ax=figure.add_subplot(projection=projection), **options)
         return save_figure(figure, file)
 
     return draw
 
 
-def in_space(plot: "Callable[..., object]") -> Callable[[Path], Path]:
-    """Return ``draw(file)``, which calls ``plot(ax=...)`` with axes in space."""
-
-    def draw(file: Path) -> Path:
-        figure = new_figure()
-        plot(ax=figure.add_subplot(projection="3d"))
-        return save_figure(figure, file)
-
-    return draw
+in_space = partial(on_axes, projection="3d")
+"""The same with axes in space."""
 
 
 def save_figures(
-    plots: Mapping[str, Callable[[Axes], object]],
-    folder: Path,
-    width: float = 5.2,
-    height: float = 4.0,
+    plots: Mapping[str, Callable[..., object]], folder: Path, size: tuple[float, float] = SIZE
 ) -> list[Path]:
-    """Draw each figure on new axes into a PNG file of its name; width and height in inches."""
+    """Draw each figure on new axes of a size, in inches, into a PNG file of its name."""
     make_folder(folder)
-    return [on_axes(plot, width, height)(folder / f"{name}.png") for name, plot in plots.items()]
+    return [on_axes(plot, size=size)(folder / f"{name}.png") for name, plot in plots.items()]

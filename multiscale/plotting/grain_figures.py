@@ -1,6 +1,7 @@
 """Figures of granulates: a ``result`` follows ``GRANULATE``."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -124,11 +125,11 @@ def draw_granulate(result: Dataset, folder: Path) -> list[Path]:
     y = result["position"].values[-1, :, 1]
     middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
     slab = (float(middle - half), float(middle + half))
-    plots: dict[str, Callable[..., Axes]] = {
-        "force_network": lambda ax: plot_force_network(result, slab=slab, ax=ax),
-        "energies": lambda ax: plot_grain_energies(result, ax=ax),
-        "contact_error": lambda ax: plot_contact_error(result, ax=ax),
+    plots: dict[str, Callable[..., object]] = {
+        "force_network": partial(plot_force_network, result, slab=slab),
+        "energies": partial(plot_grain_energies, result),
+        "contact_error": partial(plot_contact_error, result),
     }
     if "stress" in result:
-        plots["biaxial_curve"] = lambda ax: plot_biaxial_curve(result, ax=ax)
-    return save_figures(plots, folder, 6.0, 5.0)
+        plots["biaxial_curve"] = partial(plot_biaxial_curve, result)
+    return save_figures(plots, folder, (6.0, 5.0))

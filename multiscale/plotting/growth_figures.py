@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current, new_figure
+from multiscale.plotting.figure import Axes, axes_or_current, new_figure
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["draw_growth_panels", "plot_growth"]
@@ -24,8 +23,8 @@ LEGEND_ROOM = 3.0
 
 
 def plot_growth(
-    work_precision: "xr.Dataset", *, quantity: str = "wall_time", ax: "Axes | None" = None
-) -> "Axes":
+    work_precision: Dataset, *, quantity: str = "wall_time", ax: Axes | None = None
+) -> Axes:
     """Plot time or memory against the number of cables, one line per method and scene.
 
     A method has one colour; the first scene has filled markers, the other scenes open ones. The
@@ -73,7 +72,7 @@ def plot_growth(
     return ax
 
 
-def draw_growth_panels(work_precision: "xr.Dataset") -> "Figure":
+def draw_growth_panels(work_precision: Dataset) -> "Figure":
     """Draw time and memory side by side."""
     figure = new_figure(11.0, 5.0)
     for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
@@ -93,7 +92,7 @@ def _growth(quantity: str, cables: np.ndarray, cost: np.ndarray) -> str:
     return f": {1e-3 * rise / run:.2g} kB per cable"
 
 
-def _draw_proportion(ax: "Axes", cables: np.ndarray, cost: np.ndarray) -> None:
+def _draw_proportion(ax: Axes, cables: np.ndarray, cost: np.ndarray) -> None:
     """Draw a line of slope one below the cheapest run of the largest structure, if in view."""
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     largest = cables.max()

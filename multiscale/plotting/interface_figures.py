@@ -5,6 +5,7 @@ A ``result`` follows ``MACRO_RESULT`` and is of
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -39,26 +40,25 @@ def plot_bolt_forces(result: Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def load_pictures(result: Dataset) -> dict[str, Callable[[Axes], object]]:
+def load_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     """Return what is drawn of bodies under loads, by name; interfaces at the last step known."""
-    draw: dict[str, Callable[[Axes], object]] = {"loads": lambda ax: plot_load_paths(result, ax=ax)}
+    draw: dict[str, Callable[..., object]] = {"loads": partial(plot_load_paths, result)}
     if result.sizes.get("bolt", 0):
-        draw["bolts"] = lambda ax: plot_bolt_forces(result, ax=ax)
+        draw["bolts"] = partial(plot_bolt_forces, result)
     for k in range(min(MOST_DRAWN, result.sizes.get("interface", 0))):
         known = np.flatnonzero(np.isfinite(result["interface_slip"].values[:, k]))
         if not known.size:
             continue
         step = int(known[-1])
+        factors = zip(result["load"].values, result["factor"].values[step], strict=True)
+        loads = ", ".join(f"{name} {factor:.3g}" for name, factor in factors)
         for name, quantity in (("contact_zones", "contact_state"), ("pressure", "pressure")):
-            draw[f"{name}_{k}"] = _plan(result, quantity, step, k)
+            draw[f"{name}_{k}"] = partial(
+                plot_joint_plan,
+                result,
+                quantity=quantity,
+                step=step,
+                joint=k,
+                title=f"interface {k}, {loads}",
+            )
     return draw
-
-
-def _plan(result: Dataset, quantity: str, step: int, interface: int) -> Callable[[Axes], object]:
-    """Return what draws an interface at a step, under a title of its loads."""
-    factors = zip(result["load"].values, result["factor"].values[step], strict=True)
-    loads = ", ".join(f"{name} {factor:.3g}" for name, factor in factors)
-    title = f"interface {interface}, {loads}"
-    return lambda ax: plot_joint_plan(
-        result, quantity=quantity, step=step, joint=interface, title=title, ax=ax
-    )

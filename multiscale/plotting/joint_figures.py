@@ -14,13 +14,12 @@ from multiscale.errors import CaseError
 from multiscale.fe.facets import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.element_faces import list_faces
-from multiscale.plotting.figure import add_colour_bar, axes_or_current, save_figures
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, save_figures
 from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
+from multiscale.schema import Dataset
 from multiscale.units import Unit, stiffness_unit
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
     from matplotlib.collections import EllipseCollection
     from matplotlib.colors import Colormap
 
@@ -63,14 +62,14 @@ QUANTITIES = {
 
 
 def plot_joint_plan(
-    result: "xr.Dataset",
+    result: Dataset,
     *,
     quantity: str = "contact_state",
     step: int = -1,
     joint: int = 0,
     title: str = "",
-    ax: "Axes | None" = None,
-) -> "Axes":
+    ax: Axes | None = None,
+) -> Axes:
     """Plot the open, sticking and slipping zones of a joint in plan, its pressure or its loss.
 
     Each point is a disc of the area that it stands for, seen along the normal of the joint. The
@@ -132,7 +131,7 @@ def _zones() -> "Colormap":
 
 
 def draw_points(
-    result: "xr.Dataset", points: np.ndarray, value: np.ndarray, ax: "Axes"
+    result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes
 ) -> "EllipseCollection":
     """Draw some points of a joint as discs of their area, seen along its normal, and return them.
 
@@ -165,7 +164,7 @@ def draw_points(
     return dots
 
 
-def _seen(result: "xr.Dataset", points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:
+def _seen(result: Dataset, points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:
     """Find the normal of the plane of some points and two axes in it, (3, 3), and their names.
 
     The axes are those of the coordinates, unless the plane is oblique.
@@ -176,7 +175,7 @@ def _seen(result: "xr.Dataset", points: np.ndarray) -> tuple[np.ndarray, tuple[s
     return axes, ("xyz"[first], "xyz"[second]) if straight else ("along", "across")
 
 
-def _outlines(result: "xr.Dataset", axes: np.ndarray) -> list[np.ndarray]:
+def _outlines(result: Dataset, axes: np.ndarray) -> list[np.ndarray]:
     """Outline of the top of every body in plan, (2, points) in m with NaN between its edges.
 
     The top is what lies farthest along the first of the axes; the plan is in the others.
@@ -198,18 +197,18 @@ def _outlines(result: "xr.Dataset", axes: np.ndarray) -> list[np.ndarray]:
     return lines
 
 
-def _sheared(result: "xr.Dataset") -> int:
+def _sheared(result: Dataset) -> int:
     """Return the number of the first step of a path with shear."""
     return int(np.flatnonzero(np.cumsum(np.abs(result["shear"].values)) > 0.0)[0])
 
 
-def _last_cycle(result: "xr.Dataset") -> slice:
+def _last_cycle(result: Dataset) -> slice:
     """Return the steps of the last cycle."""
     after = result.sizes["step"] - _sheared(result)
     return slice(-4 * (after // (4 * result.sizes["cycle"] + 1)), None)
 
 
-def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_hysteresis(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the shear of the cycles over its displacement; the loop encloses the lost energy.
 
     The elastic displacement, shear over the stiffness without slip, is subtracted: it would hide a
@@ -246,8 +245,8 @@ def plot_hysteresis(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes"
 
 
 def plot_amplitudes(
-    result: "xr.Dataset", *, quantity: str = "secant_stiffness", ax: "Axes | None" = None
-) -> "Axes":
+    result: Dataset, *, quantity: str = "secant_stiffness", ax: Axes | None = None
+) -> Axes:
     """Plot secant stiffness or loss of closed cycles over the amplitude, a line for each preload.
 
     Parameters
@@ -281,7 +280,7 @@ def plot_amplitudes(
     return ax
 
 
-def joint_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]":
+def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     """Return what is drawn of a joint, by name: zones and pressure, loop and loss if it is sheared.
 
     Zones are drawn at the step at which most of the area slips.
@@ -296,28 +295,24 @@ def joint_pictures(result: "xr.Dataset") -> "dict[str, Callable[[Axes], object]]
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
         raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
     step = int(np.nanargmax(slips))
-    draw: dict[str, Callable[[Axes], object]] = {
-        "contact_zones": lambda ax: plot_joint_plan(result, step=step, ax=ax),
-        "pressure": lambda ax: plot_joint_plan(result, quantity="pressure", step=step, ax=ax),
+    draw: dict[str, Callable[..., object]] = {
+        "contact_zones": partial(plot_joint_plan, result, step=step),
+        "pressure": partial(plot_joint_plan, result, quantity="pressure", step=step),
     }
     if "cycle_energy" in result:
-        draw["hysteresis"] = lambda ax: plot_hysteresis(result, ax=ax)
+        draw["hysteresis"] = partial(plot_hysteresis, result)
         if np.isfinite(result["cycle_energy"].values[-1]):
-            draw["loss"] = lambda ax: plot_joint_plan(result, quantity="dissipation", ax=ax)
+            draw["loss"] = partial(plot_joint_plan, result, quantity="dissipation")
     if np.isfinite(result["joint_stiffness"].values).sum() > 1:
-        draw["joint_stiffness"] = lambda ax: plot_joint_stiffness(result, ax=ax)
+        draw["joint_stiffness"] = partial(plot_joint_stiffness, result)
     if "cycle_loss" in result:
         for name in ("secant_stiffness", "cycle_loss"):
             if np.isfinite(result[name].values).any():
-                draw[name] = partial(_draw_amplitudes, result, name)
+                draw[name] = partial(plot_amplitudes, result, quantity=name)
     return draw
 
 
-def _draw_amplitudes(result: "xr.Dataset", quantity: str, ax: "Axes") -> "Axes":
-    return plot_amplitudes(result, quantity=quantity, ax=ax)
-
-
-def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
+def draw_joint(result: Dataset, folder: Path) -> list[Path]:
     """Draw a joint, and its error budget if it has one, into PNG files; see `joint_pictures`.
 
     Parameters
@@ -331,5 +326,5 @@ def draw_joint(result: "xr.Dataset", folder: Path) -> list[Path]:
     """
     draw = joint_pictures(result)
     if "error_total" in result:
-        draw["error_budget"] = lambda ax: plot_error_budget(result, ax=ax)
+        draw["error_budget"] = partial(plot_error_budget, result)
     return save_figures(draw, folder)

@@ -6,29 +6,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.io import make_folder
-from multiscale.plotting.figure import axes_or_current, new_figure, plot_energy_parts, save_figure
+from multiscale.plotting.figure import (
+    Axes,
+    axes_or_current,
+    new_figure,
+    plot_energy_parts,
+    save_figure,
+)
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
     from mpl_toolkits.mplot3d import Axes3D
 
 __all__ = ["draw_links", "plot_deformed_links", "plot_energies", "plot_sorted_tensions"]
 
 
-def plot_sorted_tensions(
-    result: "xr.Dataset", *, law: str = "cable", ax: "Axes | None" = None
-) -> "Axes":
-    """Plot the tensions of links in falling order, one line for each converged step.
-
-    Parameters
-    ----------
-    law : str, kind of the links to plot
-    """
+def plot_sorted_tensions(result: Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot the tensions of cables in falling order, one line for each converged step."""
     from matplotlib import colormaps
 
     ax = axes_or_current(ax)
-    tension = 1e-3 * result["tension"].values[:, result["law"].values == law]
+    tension = 1e-3 * result["tension"].values[:, result["law"].values == "cable"]
     name, symbol, unit = _step_coordinate(result)
     colours = colormaps["viridis"](np.linspace(0.0, 0.9, len(tension)))
     rank = np.arange(1, tension.shape[1] + 1)
@@ -37,13 +35,13 @@ def plot_sorted_tensions(
         ax.plot(
             rank, np.sort(tension[k])[::-1], color=colours[k], label=f"{symbol} = {at:.3g}{unit}"
         )
-    ax.set(xlabel=f"{law}s, sorted (number)", ylabel="tension (kN)")
+    ax.set(xlabel="cables, sorted (number)", ylabel="tension (kN)")
     ax.legend()
     return ax
 
 
 def plot_deformed_links(
-    result: "xr.Dataset", *, ax: "Axes3D", step: int = -1, scale: float = 1.0
+    result: Dataset, *, ax: "Axes3D", step: int = -1, scale: float = 1.0
 ) -> "Axes3D":
     """Plot the deformed structure coloured by tension; slack links are dashed in black.
 
@@ -88,7 +86,7 @@ def plot_deformed_links(
     return ax
 
 
-def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_energies(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the parts of the energy of a moving structure, and their sum, which is constant."""
     parts = {
         "kinetic": "kinetic_energy",
@@ -99,7 +97,7 @@ def plot_energies(result: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return plot_energy_parts(result, parts, "work of the loads, negative", ax)
 
 
-def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> list[Path]:
+def draw_links(result: Dataset, folder: Path, *, scale: float = 1.0) -> list[Path]:
     """Draw the figures of a result into PNG files.
 
     Parameters
@@ -124,6 +122,6 @@ def draw_links(result: "xr.Dataset", folder: Path, *, scale: float = 1.0) -> lis
     return [first, save_figure(figure, folder / "deformed_links.png")]
 
 
-def _step_coordinate(result: "xr.Dataset") -> tuple[str, str, str]:
+def _step_coordinate(result: Dataset) -> tuple[str, str, str]:
     """Name, symbol and unit of the coordinate of the steps."""
     return ("time", "t", " s") if "time" in result.coords else ("load_factor", "α", "")

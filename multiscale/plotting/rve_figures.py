@@ -9,12 +9,11 @@ from multiscale.io.images import VoxelImage
 from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.directions import sphere_directions
 from multiscale.plotting.damage_figures import colour_sphere
-from multiscale.plotting.figure import axes_or_current
+from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.units import length_unit
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
@@ -39,7 +38,7 @@ LIGHT = np.array([0.35, -0.55, 0.76])
 COLOURS = {"traction": "C0", "periodic": "black", "displacement": "C3"}
 
 
-def plot_rve(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+def plot_rve(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
     """Draw the voids of the first volume within its box."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
     from scipy.ndimage import gaussian_filter
@@ -96,14 +95,14 @@ def _void_faces(image: VoxelImage) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
     return tuple(np.concatenate(one) for one in (corners, normals, voxels, cuts))  # type: ignore[return-value]
 
 
-def plot_rve_damage(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+def plot_rve_damage(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
     """Colour the sphere of normals by the damage of their worst sections, mean over volumes."""
     normals, damage = rve["normal"].to_numpy(), rve["damage"].to_numpy()
     worst = normals[np.argmax(damage)]
     return colour_sphere(normals, damage, worst, ax=ax)
 
 
-def plot_modulus_surface(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+def plot_modulus_surface(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
     """Draw the surface whose distance from the centre is Young's modulus along the direction."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -137,7 +136,7 @@ def plot_modulus_surface(rve: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
     return ax
 
 
-def plot_size_study(rve: "xr.Dataset", figure: "Figure") -> None:
+def plot_size_study(rve: Dataset, figure: "Figure") -> None:
     """Draw stiffness with all sides, and damage of the worst section, against size.
 
     Lines are means over volumes and normals, and bands one standard deviation between volumes.
@@ -148,7 +147,7 @@ def plot_size_study(rve: "xr.Dataset", figure: "Figure") -> None:
     above.set_xlabel("")
 
 
-def plot_size_stiffness(rve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_size_stiffness(rve: Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw Young's modulus, mean over directions, against the size of the volumes."""
     ax = axes_or_current(ax)
     share = rve["share"].to_numpy()
@@ -160,7 +159,7 @@ def plot_size_stiffness(rve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes
     return ax
 
 
-def plot_size_damage(rve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_size_damage(rve: Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw damage of the worst and of the mean section against the size of the volumes."""
     ax = axes_or_current(ax)
     share = rve["share"].to_numpy()
@@ -174,13 +173,13 @@ def plot_size_damage(rve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def _edges(rve: "xr.Dataset", share: np.ndarray) -> np.ndarray:
+def _edges(rve: Dataset, share: np.ndarray) -> np.ndarray:
     """Edges of cubes of the same volume, m."""
     return np.asarray(share * float(np.prod(rve["box_size"].to_numpy())) ** (1.0 / 3.0))
 
 
 def _band(
-    ax: "Axes", rve: "xr.Dataset", share: np.ndarray, value: np.ndarray, colour: str, label: str
+    ax: Axes, rve: Dataset, share: np.ndarray, value: np.ndarray, colour: str, label: str
 ) -> None:
     """Draw the mean of each size, and a standard deviation about it."""
     sizes = np.unique(share)
@@ -195,7 +194,7 @@ def _band(
     ax.fill_between(edges, mean - spread, mean + spread, color=colour, alpha=0.18, linewidth=0)
 
 
-def plot_crack_damage(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_crack_damage(growth: Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw stress and damage of the worst section against strain as cracks of volumes grow.
 
     ``growth`` follows ``VOLUME_GROWTH``; a line for each representative volume.
@@ -203,7 +202,9 @@ def plot_crack_damage(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axe
     ax = axes_or_current(ax)
     whole = growth["share"].to_numpy() == 1.0
     strain = 1e6 * growth["strain"].to_numpy()[whole]
-    ax.plot(strain.T, 1e-6 * growth["stress"].to_numpy()[whole].T, color="C0", linewidth=0.8)
+    stress = 1e-6 * growth["stress"].to_numpy()[whole]
+    ways = (np.pad(one, ((0, 0), (1, 0))).T for one in (strain, stress))  # elastic from rest
+    ax.plot(*ways, color="C0", linewidth=0.8)
     ax.set_xlabel("mean strain (µm/m)")
     ax.set_ylabel("mean stress (MPa)", color="C0")
     ax.set(xlim=(0.0, None), ylim=(0.0, None))
@@ -214,7 +215,7 @@ def plot_crack_damage(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axe
     return ax
 
 
-def plot_softening(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_softening(growth: Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw the stress that a crack transmits against its opening, of all volumes and the mean."""
     ax = axes_or_current(ax)
     whole = growth["share"].to_numpy() == 1.0
@@ -228,7 +229,7 @@ def plot_softening(growth: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
     return ax
 
 
-def plot_cracked_load(cracked: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_cracked_load(cracked: Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw the load of a cracking body, ``CRACKED_BODY``, with the 95 % interval of its peak."""
     ax = axes_or_current(ax)
     moved = cracked["work_displacement"].to_numpy()

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.surfaces import fit_of_statistics
 from multiscale.units import length_unit
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
     from matplotlib.image import AxesImage
 
     from multiscale.surfaces.surface import Surface
@@ -38,13 +37,13 @@ FAINT = 1e-2
 """Flow over its mean below which a channel is not drawn."""
 
 
-def plot_surface(fields: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_surface(fields: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the heights of the composite surface."""
     title = "heights of both bodies together, first realisation"
     return _show_heights(_edges(fields), fields["height"].values, ax, title)
 
 
-def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
+def plot_road(road: "Surface", *, ax: Axes | None = None) -> Axes:
     """Plot the heights of a road.
 
     Parameters
@@ -54,9 +53,7 @@ def plot_road(road: "Surface", *, ax: "Axes | None" = None) -> "Axes":
     return _show_heights(np.array(road.size), road.heights.T, ax, "road, realisation 0")
 
 
-def plot_contact_map(
-    fields: "xr.Dataset", *, step: int | None = None, ax: "Axes | None" = None
-) -> "Axes":
+def plot_contact_map(fields: Dataset, *, step: int | None = None, ax: Axes | None = None) -> Axes:
     """Plot the local contact pressure; white where there is no contact.
 
     Parameters
@@ -79,7 +76,7 @@ def plot_contact_map(
     return image.axes
 
 
-def plot_measured_heights(statistics: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_measured_heights(statistics: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the heights of a map in colours, or of a line scan as a line."""
     size, height = statistics["size"].values, statistics["height"].values
     if int(statistics["dimensions"]) == 2:
@@ -91,8 +88,8 @@ def plot_measured_heights(statistics: "xr.Dataset", *, ax: "Axes | None" = None)
 
 
 def plot_spectral_density(
-    statistics: "xr.Dataset", *, measured: bool = True, ax: "Axes | None" = None
-) -> "Axes":
+    statistics: Dataset, *, measured: bool = True, ax: Axes | None = None
+) -> Axes:
     """Plot the spectral density over the wavelength; of a measured surface reliable waves and fit.
 
     The waves of a cell are all those that it was given.
@@ -121,7 +118,7 @@ def plot_spectral_density(
     return ax
 
 
-def plot_bearing_curve(statistics: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_bearing_curve(statistics: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the share of the surface that lies at or above each height."""
     ax = axes_or_current(ax)
     share, height = statistics["bearing_share"].values, statistics["bearing_height"].values
@@ -133,9 +130,7 @@ def plot_bearing_curve(statistics: "xr.Dataset", *, ax: "Axes | None" = None) ->
     return ax
 
 
-def plot_flow_channels(
-    fields: "xr.Dataset", *, direction: str = "x", ax: "Axes | None" = None
-) -> "Axes":
+def plot_flow_channels(fields: Dataset, *, direction: str = "x", ax: Axes | None = None) -> Axes:
     """Plot the flow along x or y at the highest pressure at which a path leads through a cell."""
     from matplotlib.colors import LogNorm
 
@@ -160,17 +155,17 @@ def plot_flow_channels(
     return ax
 
 
-def _edges(fields: "xr.Dataset") -> np.ndarray:
+def _edges(fields: Dataset) -> np.ndarray:
     return np.array([fields.attrs["size_x"], fields.attrs["size_y"]])
 
 
 def _show_heights(
     size: np.ndarray,
     height: np.ndarray,
-    ax: "Axes | None",
+    ax: Axes | None,
     title: str,
     shown: tuple[float, float] = (0.0, 1.0),
-) -> "Axes":
+) -> Axes:
     """Show heights over their mean, m, with colours that differ between two of their quantiles."""
     level = height - height.mean()
     largest = float(np.abs(np.quantile(level, shown)).max())
@@ -182,7 +177,7 @@ def _show_heights(
 
 
 def _show(
-    size: np.ndarray, values: np.ndarray, ax: "Axes | None", title: str, **style: Any
+    size: np.ndarray, values: np.ndarray, ax: Axes | None, title: str, **style: Any
 ) -> "AxesImage":
     """Show values over a map of a size, m."""
     ax, unit = axes_or_current(ax), length_unit(size)

@@ -5,19 +5,15 @@ A ``result`` follows ``VIBRATION``.
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
 from multiscale.plotting.joint_figures import draw_points
 from multiscale.plotting.law_figures import BANDS
+from multiscale.schema import Dataset
 from multiscale.units import Unit, length_unit
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
 
 __all__ = ["plot_backbone", "plot_mode_shape", "plot_vibrating_joint", "vibration_pictures"]
 
@@ -35,12 +31,12 @@ AT_POINTS = {"pressure": ("pressure", Unit("MPa", 1e-6)), "slipping": ("slip", U
 
 
 def plot_backbone(
-    result: "xr.Dataset",
+    result: Dataset,
     *,
     quantity: str = "frequency",
     mode: int | None = None,
-    ax: "Axes | None" = None,
-) -> "Axes":
+    ax: Axes | None = None,
+) -> Axes:
     """Plot frequency or damping of a mode against its amplitude, with intervals if it has any.
 
     Parameters
@@ -68,7 +64,7 @@ def plot_backbone(
     return ax
 
 
-def plot_mode_shape(result: "xr.Dataset", *, mode: int = 1, ax: "Axes | None" = None) -> "Axes":
+def plot_mode_shape(result: Dataset, *, mode: int = 1, ax: Axes | None = None) -> Axes:
     """Plot the bodies moved by a mode, seen across the plane of its largest motion.
 
     Colours are the size of the displacement relative to the largest.
@@ -96,13 +92,13 @@ def plot_mode_shape(result: "xr.Dataset", *, mode: int = 1, ax: "Axes | None" = 
 
 
 def plot_vibrating_joint(
-    result: "xr.Dataset",
+    result: Dataset,
     *,
     quantity: str = "pressure",
     step: int = -1,
     joint: int = 0,
-    ax: "Axes | None" = None,
-) -> "Axes":
+    ax: Axes | None = None,
+) -> Axes:
     """Plot pressure at a joint, or the share of it that slips, at an amplitude, in one direction.
 
     Parameters
@@ -130,15 +126,17 @@ def plot_vibrating_joint(
     return ax
 
 
-def vibration_pictures(result: "xr.Dataset", most: int) -> "dict[str, Callable[[Axes], object]]":
+def vibration_pictures(result: Dataset, most: int) -> dict[str, Callable[..., object]]:
     """Return what is drawn of vibration, by name: modes and joints, at most so many of each."""
-    draw: dict[str, Callable[[Axes], object]] = {}
+    draw: dict[str, Callable[..., object]] = {}
     followed = list(dict.fromkeys(result["step_mode"].values.tolist()))[:most]
     for k, mode in enumerate(followed):
-        draw[f"mode_shape_{k}"] = _on(plot_mode_shape, result, mode=mode)
+        draw[f"mode_shape_{k}"] = partial(plot_mode_shape, result, mode=mode)
         for quantity in QUANTITIES:
             if np.isfinite(result[quantity].values[result["step_mode"].values == mode]).any():
-                draw[f"{quantity}_{k}"] = _on(plot_backbone, result, quantity=quantity, mode=mode)
+                draw[f"{quantity}_{k}"] = partial(
+                    plot_backbone, result, quantity=quantity, mode=mode
+                )
     known = np.flatnonzero(
         (result["converged"].values == 1) & (result["step_mode"].values == followed[0])
     )
@@ -146,15 +144,7 @@ def vibration_pictures(result: "xr.Dataset", most: int) -> "dict[str, Callable[[
         return draw
     for joint in np.unique(result["point_joint"].values).astype(int).tolist()[:most]:
         for quantity in AT_POINTS:
-            draw[f"{quantity}_{joint}"] = _on(
+            draw[f"{quantity}_{joint}"] = partial(
                 plot_vibrating_joint, result, quantity=quantity, step=int(known[-1]), joint=joint
             )
     return draw
-
-
-def _on(
-    plot: "Callable[..., Axes]", result: "xr.Dataset", **chosen: object
-) -> "Callable[[Axes], object]":
-    """Return what draws with some choices on axes."""
-    drawn = partial(plot, result, **chosen)
-    return lambda ax: drawn(ax=ax)

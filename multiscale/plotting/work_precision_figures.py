@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.plotting.figure import axes_or_current, new_figure, save_figure
+from multiscale.plotting.figure import Axes, axes_or_current, new_figure, save_figure
 from multiscale.plotting.growth_figures import draw_growth_panels
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
 
 __all__ = ["draw_work_precision", "plot_history", "plot_work_precision"]
 
@@ -23,12 +22,12 @@ SMALLEST_ERROR = 1e-17
 
 
 def plot_work_precision(
-    work_precision: "xr.Dataset",
+    work_precision: Dataset,
     *,
     scene: str | None = None,
     error: str = "error",
-    ax: "Axes | None" = None,
-) -> "Axes":
+    ax: Axes | None = None,
+) -> Axes:
     """Plot error against run time, one line per method; dashed, against the limit of the method.
 
     Differences below the uncertainty of the reference, drawn as a band, are not significant. Points
@@ -77,7 +76,7 @@ def plot_work_precision(
     return ax
 
 
-def _labels(runs: "xr.Dataset") -> list[str]:
+def _labels(runs: Dataset) -> list[str]:
     """Ratio of scales or setting of every run; empty if the dataset has neither."""
     if "scale_ratio" in runs:
         return [f"1/{round(1.0 / ratio)}" for ratio in runs["scale_ratio"].values]
@@ -87,7 +86,7 @@ def _labels(runs: "xr.Dataset") -> list[str]:
     return [f"{value:g}" if value > 0.0 else "" for value in runs[known].values]
 
 
-def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" = None) -> "Axes":
+def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None) -> Axes:
     """Plot the smallest error so far against time, one line per method.
 
     Each line ends in a marker at the error and the time of the whole run, open if the run did not
@@ -118,7 +117,7 @@ def plot_history(work_precision: "xr.Dataset", *, scene: str, ax: "Axes | None" 
     return ax
 
 
-def draw_work_precision(work_precision: "xr.Dataset", file: Path) -> Path:
+def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
     """Draw bench results into a PNG file.
 
     With sizes of structures the panels show the growth of time and memory; with histories each

@@ -12,7 +12,6 @@ __all__ = [
     "FATIGUE",
     "FATIGUE_LIFE",
     "RVE",
-    "RVE_STIFFNESS",
     "RVE_VOLUMES",
     "VOLUME_GROWTH",
     "WOEHLER",
@@ -47,24 +46,6 @@ DAMAGE_SECTIONS = Schema(
     },
     optional={
         "resolution_error": _number("1", "change of the largest damage from half the resolution")
-    },
-)
-
-RVE_STIFFNESS = Schema(
-    name="rve_stiffness",
-    version=1,
-    variables={
-        "stiffness": Variable(("strain", "other_strain"), "Pa", "effective stiffness"),
-        "normal": Variable(("direction", "axis"), "1", "unit normals"),
-        "modulus_ratio": Variable(
-            ("direction",), "1", "Young's modulus along the normal over the solid's"
-        ),
-        "damage": Variable(("direction",), "1", "damage of the worst section, eq (1)"),
-        "porosity": _number("1", "volume fraction of void"),
-    },
-    optional={
-        "strain": Variable(("strain",), "1", "component of stress"),
-        "other_strain": Variable(("other_strain",), "1", "component of strain, shear as angle"),
     },
 )
 

@@ -2,16 +2,25 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import SchemaError
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    from xarray import Coordinates, Dataset
 else:  # which takes long to load, where nothing but an annotation needs it
     Dataset = Any
 
-__all__ = ["BUDGET", "COMPONENTS", "Dataset", "Schema", "Variable", "with_cautions"]
+__all__ = [
+    "BUDGET",
+    "COMPONENTS",
+    "SENSITIVITY",
+    "Dataset",
+    "Schema",
+    "Variable",
+    "with_cautions",
+]
 
 COMPONENTS = ("n", "t1", "t2")
 """Labels of the dimension ``component``: the normal and the two tangents of the joint."""
@@ -131,13 +140,8 @@ class Schema:
         sizes: dict[str, int] = {}
         for dims, value, _ in described.values():
             sizes |= zip(dims, np.shape(value), strict=False)
-        labels = {
-            dim: list(COMPONENTS[:size]) if dim == "component" else range(size)
-            for dim, size in sizes.items()
-            if dim not in described
-        }
-        along = {name: described.pop(name) for name in coordinates}
-        dataset = xr.Dataset(described, along | labels, attributes)
+        labels = _labels(tuple((dim, size) for dim, size in sizes.items() if dim not in described))
+        dataset = xr.Dataset(described, labels, attributes).set_coords(coordinates)
         self.check(dataset)
         return dataset
 
@@ -171,6 +175,16 @@ class Schema:
             if known[name].coordinate or (name in self.optional and name in COORDINATES)
         ]
         return described, along
+
+
+@lru_cache
+def _labels(sizes: tuple[tuple[str, int], ...]) -> "Coordinates":
+    """Label dimensions; indexes take as long to make as the rest of a small dataset."""
+    import xarray as xr
+
+    return xr.Coordinates(
+        {dim: list(COMPONENTS[:size]) if dim == "component" else range(size) for dim, size in sizes}
+    )
 
 
 COORDINATES = frozenset(
@@ -208,6 +222,15 @@ BUDGET = {
     ),
 }
 """Errors that laws and results carry."""
+
+SENSITIVITY = {
+    "sensitivity": Variable(
+        ("parameter", "quantity", "step"),
+        "1",
+        "relative change of the answer if a parameter is larger by its half-width, to first order",
+    )
+}
+"""What results carry of parameters with a half-width of their own."""
 
 
 def with_cautions(dataset: Dataset, *lines: str) -> Dataset:

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
+from multiscale.schema.dataset_schema import BUDGET, SENSITIVITY, Schema, Variable
 
 __all__ = ["ERROR_BUDGET", "INTERFACE_LAW", "LAW_COMPARISON"]
 
@@ -115,7 +115,7 @@ ERROR_BUDGET = Schema(
     name="error_budget",
     version=1,
     variables=BUDGET,
-    optional={"nominal_pressure": _step("Pa", "pressure of the steps"), **SCATTER},
+    optional={"nominal_pressure": _step("Pa", "pressure of the steps"), **SCATTER, **SENSITIVITY},
 )
 
 LAW_COMPARISON = Schema(

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from multiscale.schema.dataset_schema import BUDGET, Schema, Variable
+from multiscale.schema.dataset_schema import BUDGET, SENSITIVITY, Schema, Variable
 
 __all__ = ["GRANULATE", "HOMOGENISED", "MACRO_RESULT", "SEAL", "VIBRATION"]
 
@@ -140,6 +140,7 @@ MACRO_RESULT = Schema(
         ),
         "smallest_link_dissipation": _step("J", "smallest energy that one link lost in the step"),
         **BUDGET,
+        **SENSITIVITY,
     },
 ).with_samples(
     sample=("joint_stiffness", "interface_stiffness", "braking_force"),
@@ -181,6 +182,7 @@ VIBRATION = Schema(
     },
     optional={
         "frequency": _step("Hz", "frequency at the amplitude"),
+        "fall": _step("Hz", "frequency of small vibration less the frequency at the amplitude"),
         "damping": _step("1", "share of critical damping at the amplitude"),
         "joint_damping": _step("1", "share of critical damping that the joints give"),
         "frequency_drop": _side(
@@ -206,8 +208,9 @@ VIBRATION = Schema(
             )
         },
         **BUDGET,
+        **SENSITIVITY,
     },
-).with_intervals("frequency", "damping")
+).with_intervals("frequency", "fall", "damping")
 
 SEAL = Schema(
     name="seal",

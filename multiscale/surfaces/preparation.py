@@ -12,13 +12,13 @@ __all__ = ["composite", "crop", "detrend", "low_pass", "mirror", "resample", "ro
 _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 
 
-def detrend(surface: Surface, order: int = 1) -> Surface:
-    """Remove the mean (order 0), a plane (1) or a plane and the curvature (2), by least squares.
+def detrend(surface: Surface) -> Surface:
+    """Remove the plane that is nearest to the heights, by least squares.
 
     A piece of a map has its own mean and tilt: remove them after :func:`crop`. Size and filled
     points stay.
     """
-    return Surface(remove_trend(surface.heights, order), surface.size, surface.filled)
+    return Surface(remove_trend(surface.heights, 1), surface.size, surface.filled)
 
 
 def mirror(surface: Surface) -> Surface:

@@ -15,29 +15,18 @@ def rms_height(surface: Surface) -> float:
     return float(surface.heights.std())
 
 
-def rms_slope(surface: Surface, *, periodic: bool = True) -> float:
-    r"""Root mean square slope, dimensionless.
-
-    Parameters
-    ----------
-    surface : Surface
-    periodic : bool
-        Whether to differentiate the Fourier series (1). Otherwise slopes are differences of
-        neighbouring points, without differences across the edges, as a measured map is not
-        periodic. Differences damp the short waves.
+def rms_slope(surface: Surface) -> float:
+    r"""Root mean square slope of a periodic surface, dimensionless.
 
     Returns
     -------
     float
-        :math:`\langle |\nabla h|^2 \rangle^{1/2} = (\sum_q q^2 |\hat h_q|^2)^{1/2}`.
+        :math:`\langle |\nabla h|^2 \rangle^{1/2} = (\sum_q q^2 |\hat h_q|^2)^{1/2}`, by the Fourier
+        series. The slope of a measured map, which is not periodic, is told by
+        :func:`~.map_statistics.describe_surface`.
     """
-    if periodic:
-        q, power = wave_power(surface)
-        return float(np.sqrt(np.sum(q**2 * power)))
-    slopes = (
-        np.diff(surface.heights, axis=axis) / step for axis, step in enumerate(surface.spacing)
-    )
-    return float(np.sqrt(sum(np.mean(slope**2) for slope in slopes)))
+    q, power = wave_power(surface)
+    return float(np.sqrt(np.sum(q**2 * power)))
 
 
 def nayak_parameter(surface: Surface) -> float:

@@ -9,6 +9,7 @@ from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, Dataset
 from multiscale.upscaling.budget_terms import (
     FEW_CELLS,
     NORMAL,
+    STATED,
     Term,
     fit_term,
     grid_term,
@@ -26,6 +27,7 @@ from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
 __all__ = [
     "ERROR_TERMS",
     "NO_PART",
+    "NO_STATED",
     "add_up",
     "assemble_budget",
     "error_budget",
@@ -46,6 +48,7 @@ ERROR_TERMS = (
     "friction bed",
     "scale separation",
     FEW_CELLS,
+    STATED,
     "macro discretisation",
 )
 """Labels of the dimension ``error_term``."""
@@ -57,6 +60,7 @@ ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
 NO_PART = Term("not in a law without the scales of a structure")
+NO_STATED = Term("not in a law: values of the structure that are given with +-")
 
 QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
@@ -161,6 +165,7 @@ def error_budget(
         "friction bed": NORMAL_ALONE,
         "scale separation": Term("not known: pass scales from compare_scales"),
         FEW_CELLS: NO_PART,
+        STATED: NO_STATED,
         "macro discretisation": Term("not in a law: see structure_budget"),
     }
     if sizes and "cell size" not in known:

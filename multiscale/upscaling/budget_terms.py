@@ -20,6 +20,7 @@ from multiscale.upscaling.scales import ScaleSeparation
 __all__ = [
     "FEW_CELLS",
     "NORMAL",
+    "STATED",
     "Sampling",
     "Term",
     "compared",
@@ -46,6 +47,9 @@ FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures ha
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 FEW_CELLS = "few cells"
 """Term of one part, whose interface holds few cells; the mean law does not have it."""
+
+STATED = "stated values"
+"""Term of values that a case states with a half-width of their own."""
 
 NORMAL = 1.959963984540054  # standard deviations to 95 %
 

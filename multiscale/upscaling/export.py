@@ -9,6 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import write_bytes
+from multiscale.schema import Dataset
 from multiscale.units import to_si
 from multiscale.upscaling.conductance import conductance_ratios
 from multiscale.upscaling.reading import (
@@ -21,8 +22,6 @@ from multiscale.upscaling.reading import (
 from multiscale.upscaling.shear_branch import sliders_from_dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.laws import NormalLaw
 
 __all__ = ["ChordTable", "pressure_overclosure", "write_law_table", "write_pressure_overclosure"]
@@ -89,7 +88,7 @@ def pressure_overclosure(
 
 
 def write_pressure_overclosure(
-    dataset: "xr.Dataset",
+    dataset: Dataset,
     path: str | PathLike[str],
     *,
     name: str = "ROUGH",
@@ -217,7 +216,7 @@ def write_pressure_overclosure(
 
 
 def write_law_table(
-    dataset: "xr.Dataset",
+    dataset: Dataset,
     path: str | PathLike[str],
     *,
     length_unit: str = "um",

@@ -25,11 +25,10 @@ __all__ = ["FAMILIES", "Family", "Parameter", "unloading_family"]
 
 @dataclass(frozen=True)
 class Parameter:
-    """Unit (UDUNITS spelling) and open range of a parameter."""
+    """Unit (UDUNITS spelling) and lower end of the open range of a parameter."""
 
     unit: str
     lower: float = 0.0
-    upper: float = np.inf
 
 
 @dataclass(frozen=True)

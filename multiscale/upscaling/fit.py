@@ -16,7 +16,7 @@ from multiscale.upscaling.parametric import BY_REALISATION, NONE, fit_family
 from multiscale.upscaling.reading import area_from_dataset, fitted_law
 from multiscale.upscaling.regression import regression_of
 from multiscale.upscaling.response_observations import area_observations, normal_observations
-from multiscale.upscaling.spline import N_TERMS, RIDGE
+from multiscale.upscaling.spline import N_TERMS
 from multiscale.upscaling.spline_law import (
     FitResult,
     Values,
@@ -61,7 +61,6 @@ def fit_law(
     weights: np.ndarray | None = None,
     n_terms: int = N_TERMS,
     n_samples: int = 200,
-    ridge: float = RIDGE,
     seed: int = 0,
 ) -> Dataset:
     r"""Fit a law to the response of an ensemble of cells, or to other observations.
@@ -90,9 +89,6 @@ def fit_law(
         Number of bootstrap samples. With fewer than three realisations the scatter is not known,
         and the dimension ``sample`` has size 0; if the points are independent measurements, the
         residuals of a family with parameters are resampled instead.
-    ridge : float
-        Weight of the smoothness of the law of free form, dimensionless; see :func:`fit_spline`.
-        Larger is smoother: less noise in the stiffness at the ends of the data, more bias.
     seed : int
 
     Returns
@@ -151,11 +147,8 @@ def fit_law(
     """
     if n_terms < 6:
         raise CaseError(f"a normal law needs at least 6 terms, got n_terms = {n_terms}")
-    if not (n_samples >= 0 and ridge > 0.0):
-        raise CaseError(
-            f"n_samples must not be negative and ridge must be positive, got {n_samples} "
-            f"and {ridge:g}"
-        )
+    if n_samples < 0:
+        raise CaseError(f"n_samples must not be negative, got {n_samples}")
     observations = data if isinstance(data, Observations) else normal_observations(data, control)
     chosen = _choose(family, observations.quantity)
     share = np.ones(observations.pressure.size)
@@ -182,7 +175,7 @@ def fit_law(
         fitted = fit_area(observations, counts)
         found = FitResult(fitted, unseen_errors(fitted["area_fit_error"]))
     else:
-        found = fit_convex_decreasing(observations, counts, share, n_terms=n_terms, ridge=ridge)
+        found = fit_convex_decreasing(observations, counts, share, n_terms=n_terms)
     values = found.values
     if area is not None:
         values = fit_area(area, counts) | values

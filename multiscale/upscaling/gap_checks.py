@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.schema import Dataset
 from multiscale.units import readable
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.upscaling.observations import Observations
 
 __all__ = ["check_heights", "odd_gaps"]
@@ -23,7 +22,7 @@ LIGHT, DEEPEST = 0.05, 5.0
 height, that no surface but a scratched one has."""
 
 
-def check_heights(response: "xr.Dataset", gap: np.ndarray, counted: np.ndarray) -> None:
+def check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> None:
     """Refuse mean gaps above ``HIGHEST_GAP`` rms heights, which no surface keeps open.
 
     Gaps, m, and which of them exist have the shape (realisations, steps).
@@ -46,7 +45,7 @@ ROUND_OFF = 1e-6
 """Mean gap over the rms height that solvers leave where all of a surface touches."""
 
 
-def odd_gaps(response: "xr.Dataset", found: "Observations") -> Iterator[str]:
+def odd_gaps(response: Dataset, found: "Observations") -> Iterator[str]:
     r"""Say which mean gaps do not fit heights and contact fractions, by (1).
 
     Notes

@@ -45,9 +45,9 @@ class Regression:
     .. math:: \sum_j w_j \Big(\frac{f(x_j; \theta) - y_j}{s_j}\Big)^2    \tag{1}
 
     by the method of Levenberg and Marquardt in MINPACK. A parameter with a lower end :math:`a` of
-    its range is :math:`a + (\theta_0 - a) e^x`, one between two ends a logistic function of
-    :math:`x`, so that :math:`x` is free and has no unit. A measured stiffness leaves the datum of
-    the gap open: one more term puts zero gap to the largest pressure.
+    its range is :math:`a + (\theta_0 - a) e^x`, so that :math:`x` is free and has no unit. A
+    measured stiffness leaves the datum of the gap open: one more term puts zero gap to the largest
+    pressure.
     """
 
     family: Family
@@ -216,15 +216,10 @@ def regression_of(
 
 def _move(parameter: Parameter, origin: float, step: np.ndarray) -> np.ndarray:
     """Leave the origin by a step of a free coordinate, inside the range."""
-    low, high = parameter.lower, parameter.upper
-    step = np.minimum(np.maximum(step, -FARTHEST), FARTHEST)
-    if isinf(low) and isinf(high):
+    low, step = parameter.lower, np.clip(step, -FARTHEST, FARTHEST)
+    if isinf(low):
         return np.asarray(origin + step * (abs(origin) or 1.0))
-    if isinf(high):
-        return np.asarray(low + max(origin - low, 1e-12 * abs(origin)) * np.exp(step))
-    share = min(max((origin - low) / (high - low), 1e-9), 1.0 - 1e-9)
-    odds = share / (1.0 - share) * np.exp(step)
-    return np.asarray(low + (high - low) * odds / (1.0 + odds))
+    return np.asarray(low + max(origin - low, 1e-12 * abs(origin)) * np.exp(step))
 
 
 def _solve_many(

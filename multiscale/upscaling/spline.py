@@ -2,10 +2,12 @@
 
 import numpy as np
 
-__all__ = ["N_TERMS", "RIDGE", "fit_spline", "place_knots"]
+__all__ = ["N_TERMS", "fit_spline", "place_knots"]
 
-N_TERMS, RIDGE = 40, 3e-4
-"""Knots and weight of the smoothness of a law, if nothing else is asked for; dimensionless."""
+N_TERMS = 40
+"""Knots of a law, if nothing else is asked for."""
+
+RIDGE = 3e-4  # weight of the smoothness of a law, dimensionless
 
 PASSES = 4  # of the fit, each smooth relative to the one before
 HEAD = 0.3  # the first knot lies beyond the largest pressure by this, in its logarithm
@@ -62,8 +64,6 @@ def fit_spline(
     weight: np.ndarray,
     knot: np.ndarray,
     level: np.ndarray,
-    *,
-    ridge: float,
 ) -> np.ndarray:
     r"""Fit convex decreasing laws to samples of a response by non-negative least squares.
 
@@ -74,7 +74,6 @@ def fit_spline(
     weight : ndarray, shape (samples, n)
         :math:`w_j`: 1 for a point that counts, 0 for one that is left out; dimensionless.
     knot, level : ndarray, shape (terms,), from :func:`place_knots`
-    ridge : float, :math:`\rho`, dimensionless
 
     Returns
     -------
@@ -93,15 +92,16 @@ def fit_spline(
         + \rho^2 \int \Big( \frac{\mathrm{d}^3 \ln \theta}{\mathrm{d} x^3} \Big)^2 \mathrm{d}x,
         \qquad x = \ln p,    \tag{1}
 
-    with :math:`\ln\theta` linearised about the pass before. The second term decides between
-    curvatures that the data do not tell apart; it vanishes for exponential and for power laws.
+    with :math:`\rho =` :data:`RIDGE`, and :math:`\ln\theta` linearised about the pass before. The
+    second term decides between curvatures that the data do not tell apart; it vanishes for
+    exponential and for power laws.
     """
     from scipy.optimize import nnls
 
     origin, length, unit = knot[0], np.ptp(knot), pressure.max()
     s, g = (knot - origin) / length, (gap - origin) / length
     powers = _curvature_to_powers(s)
-    bending = ridge * _third_derivative(level[:-1])
+    bending = RIDGE * _third_derivative(level[:-1])
     decay = -np.gradient(s, level)[:-1]
     start = np.exp(level[:-1]) / unit / decay**2
 

@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, ConvexDecreasing
 from multiscale.upscaling.family import integrate_stiffness
 from multiscale.upscaling.observations import Observations
-from multiscale.upscaling.spline import N_TERMS, RIDGE, fit_spline, place_knots
+from multiscale.upscaling.spline import N_TERMS, fit_spline, place_knots
 
 __all__ = [
     "FitResult",
@@ -40,7 +40,6 @@ def fit_convex_decreasing(
     weights: np.ndarray,
     *,
     n_terms: int,
-    ridge: float,
 ) -> FitResult:
     """Fit a convex decreasing law and its samples.
 
@@ -49,7 +48,7 @@ def fit_convex_decreasing(
     observations : Observations, observed gaps or normal stiffnesses
     counts : ndarray, shape (samples, realisations)
         How often each realisation counts in each sample.
-    weights, n_terms, ridge
+    weights, n_terms
         See :func:`multiscale.upscaling.fit_law`; ``weights`` has the shape (points,).
 
     Raises
@@ -71,19 +70,19 @@ def fit_convex_decreasing(
     knot, level = place_knots(p, gap[0], n_terms, largest)
 
     root = np.sqrt(weights)
-    coefficient = fit_spline(p, gap, root[None], knot, level, ridge=ridge)[0]
+    coefficient = fit_spline(p, gap, root[None], knot, level)[0]
     law = ConvexDecreasing(knot, coefficient, pressure_range=(p[0], p[-1]))
     kept, judged = left_out(n)
-    unseen = fit_spline(p, np.repeat(gap, len(kept), axis=0), root * kept, knot, level, ridge=ridge)
+    unseen = fit_spline(p, np.repeat(gap, len(kept), axis=0), root * kept, knot, level)
     sample_gap = gap + factor * np.where(sample_weight > 0.0, sample_gap - gap, 0.0)
     sample = np.empty((0, n_terms))
     if len(counts):
         seen = root * (sample_weight > 0.0)
-        sample = fit_spline(p, sample_gap, seen, knot, level, ridge=ridge)
+        sample = fit_spline(p, sample_gap, seen, knot, level)
     blind = [ConvexDecreasing(knot, one) for one in unseen]
     values = {"knot": knot, "coefficient": coefficient, "coefficient_sample": sample}
     errors = normal_errors(law, blind, judged, p, gap[0])
-    ends = {"gap_min": float(gap[0, -1]), "gap_max": float(gap[0, 0]), "ridge": ridge}
+    ends = {"gap_min": float(gap[0, -1]), "gap_max": float(gap[0, 0])}
     return FitResult(values | errors.values, errors.attributes | ends)
 
 
@@ -92,7 +91,7 @@ def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasi
     p, mean = observations.pressure, observations.mean
     _check_falls(p, mean)
     knot, level = place_knots(p, mean, N_TERMS, float(gap.max()))
-    found = fit_spline(p, gap, 1.0 * observations.counted, knot, level, ridge=RIDGE)
+    found = fit_spline(p, gap, 1.0 * observations.counted, knot, level)
     return [ConvexDecreasing(knot, one, pressure_range=(p[0], p[-1])) for one in found]
 
 

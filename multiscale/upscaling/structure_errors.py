@@ -41,6 +41,9 @@ __all__ = [
 STRETCH = 0.02
 """Relative change of a parameter of the law, to see how an answer depends on it."""
 
+LABELS = ("quantity", "error_term", "parameter")
+"""Labels of the dimensions of a budget."""
+
 FEWEST_SAMPLES = 40  # for a percentile interval
 
 
@@ -209,12 +212,11 @@ def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
 def over_steps(budget: Dataset, steps: np.ndarray, count: int) -> Dataset:
     """Return a budget of some steps, by their numbers, as one of ``count`` steps, NaN at others."""
     values = {}
-    for name in ("error_half_width", "error_bias", "error_total"):
-        values[name] = np.full((*budget[name].shape[:-1], count), np.nan)
-        values[name][..., steps] = budget[name].to_numpy()
-    return ERROR_BUDGET.build(values, **budget.attrs).assign_coords(
-        quantity=budget["quantity"].values, error_term=budget["error_term"].values
-    )
+    for name, one in budget.data_vars.items():
+        values[str(name)] = np.full((*one.shape[:-1], count), np.nan)
+        values[str(name)][..., steps] = one.to_numpy()
+    labels = {name: budget[name].values for name in LABELS if name in budget}
+    return ERROR_BUDGET.build(values, **budget.attrs).assign_coords(labels)
 
 
 def _rows(answer: np.ndarray, names: Sequence[str]) -> np.ndarray:

@@ -7,8 +7,9 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.laws import Exponential, Sliders, Spaced
+from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
+from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro import (
     AssembledNewton,
     Assembly,
@@ -63,7 +64,7 @@ def test_an_even_map_is_the_gap_of_the_law_and_other_laws_count_from_it_too():
 
 def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
     spacing = np.array([0.0, 4e-7, -2e-7])
-    law, jump = Spaced(LAW, spacing), np.full((3, 3), 1e-7)
+    law, jump = SideBySide([LAW], [slice(0, 3)], spacing), np.full((3, 3), 1e-7)
     opened = jump + np.stack([spacing, 0 * spacing, 0 * spacing])
     state = law.at_rest(jump)
     np.testing.assert_array_equal(state, LAW.at_rest(opened))

@@ -8,9 +8,6 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential
 from multiscale.macro import Block, RoughJoint, press_joint, rough_joint, soften
-from multiscale.micro.damage import youngs_modulus_along
-from multiscale.micro.damage.rve import STRAINS
-from multiscale.schema import RVE_STIFFNESS
 from tests.closed_forms import joint as closed_form
 from tests.closed_forms.elastic_solids import isotropic_stiffness
 
@@ -44,32 +41,17 @@ def random_stiffness(seed):
     return 0.5 * isotropic_stiffness(E, 0.3) + 0.02 * E * noise @ noise.T
 
 
-def rve_stiffness(stiffness):
-    normals = np.eye(3)
-    return RVE_STIFFNESS.build(
-        {
-            "stiffness": stiffness,
-            "strain": list(STRAINS),
-            "other_strain": list(STRAINS),
-            "normal": normals,
-            "modulus_ratio": youngs_modulus_along(stiffness, normals) / E,
-            "damage": np.zeros(3),
-            "porosity": 0.1,
-        }
-    )
-
-
 def test_blocks_with_the_tensor_of_a_volume_are_springs_with_its_compliance():
     """Between frictionless platens the stress is uniaxial, whatever shear comes with it."""
     C = random_stiffness(1)
-    found = pressed(soften(BLOCK, rve_stiffness(C)))
+    found = pressed(soften(BLOCK, C))
     modulus = 1.0 / np.linalg.inv(C)[2, 2]
     expected = closed_form.series(PRELOAD / DECAY, modulus / HEIGHT, modulus / HEIGHT)
     np.testing.assert_allclose(found["joint_stiffness"], expected, rtol=1e-8)
 
 
 def test_an_isotropic_tensor_is_the_solid():
-    tensor = soften(BLOCK, rve_stiffness(isotropic_stiffness(E, 0.3)))
+    tensor = soften(BLOCK, isotropic_stiffness(E, 0.3))
     for eccentricity in (None, (0.01, 0.005)):
         one, other = (
             rough_joint(
@@ -95,7 +77,7 @@ def test_a_damaged_law_carries_less():
     ("call", "sentence"),
     [
         (
-            lambda: soften(BLOCK, rve_stiffness(np.diag([E, E, 0.0, 0.0, 0.0, E]))),
+            lambda: soften(BLOCK, np.diag([E, E, 0.0, 0.0, 0.0, E])),
             "cut through, D = 1, and carries no load",
         ),
         (lambda: soften(BLOCK, 0.0), "must lie above 0 and up to 1, got 0; a block without"),

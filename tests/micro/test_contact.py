@@ -139,14 +139,14 @@ def test_an_unconverged_step_is_not_a_number_and_says_so():
 
 
 def test_all_active_sets_share_one_budget_of_linear_iterations(monkeypatch):
-    cell = cell_of(rough(n=16, slope=0.5), poissons_ratio=0.49999)
-    monkeypatch.setattr(elastic_contact, "_LINEAR_LIMIT", 120)
+    cell = cell_of(rough(n=16, slope=0.5), poissons_ratio=0.499)
+    monkeypatch.setattr(elastic_contact, "_LINEAR_LIMIT", 160)
     response = solve_cell(cell, Path(pressure=(0.01, 0.0)), recover_stress=False)
     assert response["converged"].values.tolist() == [[0, 1]]
     assert response["active_set_iterations"].values[0, 0] > 1
-    assert response["linear_iterations"].values[0, 0] == 120
+    assert response["linear_iterations"].values[0, 0] == 160
     assert response.attrs["ended"].startswith("step 0 ended after")
-    assert "120 linear iterations: the limit on linear iterations" in response.attrs["ended"]
+    assert "160 linear iterations: the limit on linear iterations" in response.attrs["ended"]
 
 
 def dense_body(stiffness, rng):

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, solve_cell
+from multiscale.micro import Cell, Path, Surface, flat, solve_cell
+from multiscale.micro.flat_cell import flat_gap
+from multiscale.micro.lateral_fft import SurfaceFilter
 from tests.closed_forms import westergaard
 from tests.support import rough_square, wave
 
@@ -105,3 +107,25 @@ def test_approach_control_gives_the_pressure_back():
 def test_a_geometry_that_does_not_exist_is_refused():
     with pytest.raises(CaseError, match="geometry must be 'conforming' or 'flat', got 'round'"):
         Cell(Surface(np.zeros((4, 4)), (1.0, 1.0)), 1.0, 4, 1.0, 0.3, geometry="round")
+
+
+def test_every_other_point_answers_long_waves_as_all_points_do():
+    cell = Cell(Surface(np.zeros((24, 16)), (1.0, 0.8)), 0.7, 4, 1.0, 0.3, geometry="flat")
+    every = SurfaceFilter(flat_gap(cell)[2])
+    x, y = np.arange(24)[:, None] / 24, np.arange(16) / 16
+    for kx, ky in ((0, 0), (5, 0), (-5, 3), (1, 2)):
+        force = np.cos(2.0 * np.pi * (kx * x + ky * y) + 0.3)
+        found = every.coarse(4.0 * force[::2, ::2])
+        np.testing.assert_allclose(found, every(force)[::2, ::2], rtol=1e-10)
+
+
+@pytest.mark.parametrize("hardness", [None, 0.06], ids=["elastic", "hard"])
+def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(monkeypatch, hardness):
+    cell = Cell(rough(64, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=hardness)
+    path = Path(pressure=(0.01,))
+    alone = solve_cell(cell, path)
+    monkeypatch.setattr(flat, "_FINE", 16)
+    guessed = solve_cell(cell, path)
+    assert guessed["linear_iterations"].item() < 0.95 * alone["linear_iterations"].item()
+    for name in ("mean_gap", "contact_fraction"):
+        assert guessed[name].item() == pytest.approx(alone[name].item(), rel=1e-5)

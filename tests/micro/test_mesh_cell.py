@@ -5,10 +5,11 @@ import pytest
 from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex, MeshTet
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk import Elastic, GradedElastic
+from multiscale.laws.bulk import J2, Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
 from multiscale.micro.cell import CellSides
 from multiscale.micro.cell_needs import cell_needs
+from multiscale.micro.damage import Cavities, spheres
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.micro.mesh import mesh_size
 from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
@@ -184,6 +185,38 @@ def test_a_gmsh_cell_with_a_buried_void_is_softer_than_one_without(box_with_void
     # a dilute void of volume fraction .0335 takes about twice that from the layer's stiffness
     ratio = response["traction"].values[0, 0, 0] / solid["traction"].values[0, 0, 0]
     assert 0.85 < ratio < 0.97
+
+
+def test_a_small_pore_takes_the_share_of_a_dilute_sphere_from_the_stiffness_of_a_layer():
+    """Eshelby: K loses (3 K + 4 G)/4 G of itself and G loses 5 (3 K + 4 G)/(9 K + 8 G), times v."""
+    nu, radius = 0.3, 0.2
+    K, G = 1.0 / (3.0 * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu)
+    lost = K * (3 * K + 4 * G) / (4 * G) + 4 / 3 * G * 5 * (3 * K + 4 * G) / (9 * K + 8 * G)
+    share = 4.0 / 3.0 * np.pi * radius**3 * lost / (K + 4.0 / 3.0 * G)
+    flat = Surface(np.zeros((8, 8)), (1.0, 1.0))
+    pore = Cavities((1.0, 1.0, 1.0), [spheres([[0.02, 0.48, 0.5]], radius)])  # across the sides
+    solid, porous = (
+        solve_cell(
+            graph_mesh_cell(flat, 1.0, 8, Elastic(1.0, nu), pores=one), Path(approach=(1e-3,))
+        )["traction"].values[0, 0, 0]
+        for one in (None, pore)
+    )
+    assert solid / porous - 1.0 == pytest.approx(share, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("height", "radius", "law", "message"),
+    [
+        (0.9, 0.2, Elastic(1.0, 0.3), "cuts the surface"),
+        (0.5, 0.01, Elastic(1.0, 0.3), "hold no centre"),
+        (0.5, 0.2, J2(1.0, 0.3, 0.01), "leave out one"),
+    ],
+)
+def test_pores_that_a_layer_cannot_have_are_refused(height, radius, law, message):
+    pores = Cavities((1.0, 1.0, 1.0), [spheres([[0.5, 0.5, height]], radius)], periodic=False)
+    flat = Surface(np.zeros((8, 8)), (1.0, 1.0))
+    with pytest.raises(CaseError, match=message):
+        graph_mesh_cell(flat, 1.0, 8, law, pores=pores)
 
 
 def test_a_stiff_inclusion_takes_part_through_its_elements():

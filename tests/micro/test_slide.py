@@ -40,14 +40,6 @@ def test_friction_is_the_ratio_of_the_averages_at_every_load_and_step(cell):
     assert np.ptp(friction[:, 1:]) > 0.02
 
 
-def test_sliding_along_y_is_sliding_along_x_for_an_egg_box(cell):
-    first, second = (
-        slide_cell(cell, (0.004,), 0.25, steps=2, along=axis)["effective_friction"].values
-        for axis in ("x", "y")
-    )
-    np.testing.assert_allclose(first[0, 1:], second[0, 1:], rtol=1e-6)
-
-
 def test_less_than_a_period_has_no_steady_friction(cell):
     response = slide_cell(cell, (0.004,), 0.25, steps=1)
     assert np.isnan(response["steady_friction"].values).all()
@@ -61,7 +53,6 @@ def test_less_than_a_period_has_no_steady_friction(cell):
         ({"distance": 0.0}, "distance must be positive"),
         ({"distance": 50.0}, "is 50 periods of the cell"),
         ({"steps": 0}, "at least 1 step"),
-        ({"along": "z"}, "along 'x' or 'y'"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )

@@ -193,11 +193,16 @@ def test_statistics_of_two_waves_are_those_of_the_formula():
     )
 
 
+def slope_of_differences(surface):
+    slopes = (np.diff(surface.heights, axis=k) / step for k, step in enumerate(surface.spacing))
+    return np.sqrt(sum(np.mean(slope**2) for slope in slopes))
+
+
 def test_differences_converge_to_the_slope_of_the_series():
     errors = []
     for n in (32, 64):
         surface = self_affine((n, n), (1.0e-4, 1.0e-4), 1, rms_slope=0.1, **BAND)
-        errors.append(0.1 - rms_slope(surface, periodic=False))
+        errors.append(0.1 - slope_of_differences(surface))
     assert errors[0] > 2.0 * errors[1] > 0.0
     assert errors[1] < 0.01
 
@@ -385,7 +390,7 @@ def test_a_measured_map_becomes_a_periodic_cell(reference_data, name):
     cell = resample(low_pass(mirror(measured), 16.0 * max(measured.spacing)), (128, 96))
     assert cell.size == tuple(2.0 * edge for edge in measured.size)
     assert 0.5 * rms_height(measured) < rms_height(cell) < rms_height(measured)
-    assert 0.1 * rms_slope(measured, periodic=False) < rms_slope(cell) < rms_slope(measured)
+    assert 0.1 * slope_of_differences(measured) < rms_slope(cell) < rms_slope(measured)
 
 
 @pytest.mark.parametrize(("ratio", "degrees"), [(2.0, 0), (4.0, 35), (3.0, 90)])

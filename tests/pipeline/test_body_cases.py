@@ -310,7 +310,7 @@ def test_bodies_that_are_turned_answer_the_same(meshes):
     pictures = load_pictures(found)
     assert set(pictures) == {"loads", "contact_zones_0", "pressure_0"}
     ax = Figure().add_subplot()
-    pictures["pressure_0"](ax)
+    pictures["pressure_0"](ax=ax)
     assert ax.get_xlabel() == "along (mm)"
 
 

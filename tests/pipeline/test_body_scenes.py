@@ -10,11 +10,13 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError, SchemaError
 from multiscale.io import open_dataset, open_law, save_law, write_dataset
+from multiscale.io.images import VoxelImage
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import solve_static, tensegrity_grid
+from multiscale.micro.damage.apparent import measure_volume, represent
 from multiscale.pipeline import load_case, run_macro
-from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE_STIFFNESS
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
 from tests.closed_forms.joint import series
 from tests.support import SCENES, TWO_BLOCKS, write_law, write_scene
@@ -127,20 +129,14 @@ def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path)
 
 def test_blocks_have_the_tensor_of_a_representative_volume(blocks):
     along_z = 0.4 * 210e9
-    names = ["xx", "yy", "zz", "yz", "xz", "xy"]
-    values = {
-        "stiffness": np.diag([150e9, 120e9, along_z, 60e9, 50e9, 40e9]),
-        "strain": names,
-        "other_strain": names,
-        "normal": np.eye(3),
-        "modulus_ratio": np.array([150e9, 120e9, along_z]) / 210e9,
-        "damage": np.zeros(3),
-        "porosity": 0.2,
-    }
-    folder = blocks.parent
-    write_dataset(RVE_STIFFNESS.build(values), folder / "rve.nc", RVE_STIFFNESS)
-    given = 'poissons_ratio = 0\nstiffness = "rve.nc"\ndamage = [0.3, 0]'
-    scene = load_case(write_scene(folder, BLOCKS, ("poissons_ratio = 0", given)))
+    solid, folder = VoxelImage(np.zeros((2, 2, 2)), (1.0, 1.0, 1.0)), blocks.parent
+    volumes = measure_volume(solid, 210e9, 0.0, voxels=2, level=0, sections=1)
+    rve = represent(volumes, solid, 210e9, 0.0, level=0)
+    tensor = np.diag([150e9, 120e9, along_z, 60e9, 50e9, 40e9])
+    write_dataset(RVE.assign(rve, {"stiffness": tensor}), folder / "rve.nc", RVE)
+    moduli = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0\n'
+    given = 'rve = "rve.nc"\ndamage = [0.3, 0]\n'
+    scene = load_case(write_scene(folder, BLOCKS, (moduli, given)))
     run_macro(scene, folder / "out.nc")
     found = open_dataset(folder / "out.nc", MACRO_RESULT)
     expected = expected_stiffness(folder / "law.nc", [5e6, 20e6], (0.72, 0.0, 0.6))

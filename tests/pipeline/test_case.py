@@ -9,7 +9,7 @@ from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
 from tests.support import write_scene
 
-OTHERS = ("brake_reuss", "porous_bracket", "seal", "tyre_on_road")
+OTHERS = ("brake_reuss", "notched_concrete", "porous_bracket", "seal", "tyre_on_road")
 """Shipped cases without a joint of rough blocks or without cells."""
 
 JOINTS = [name for name in shipped_cases() if name not in OTHERS]

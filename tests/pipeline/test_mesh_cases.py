@@ -12,6 +12,7 @@ from tests.voxels import write_voxels
 
 CELL = {"size": ["1 um", "1 um"], "points": [8, 8], "layers": 4, "geometry": "mesh"}
 NO_FILE = {"mesh": None, "unit": None}
+PORES = {"porosity": "0.1", "radius": "0.2 um", "cover": "0.2 um"}
 PRESSURES = ["10 MPa", "40 MPa", "160 MPa", "400 MPa"]
 
 
@@ -98,6 +99,27 @@ def test_a_mesh_with_overhang_and_inclusion_goes_through_the_chain(tmp_path):
     assert stiffness[1] < 0.9 * stiffness[0]
 
 
+def test_pores_of_a_recipe_lie_below_the_cover_and_differ_between_cells(tmp_path):
+    cell = CELL | {"layers": 8, "depth": "1.2 um"}
+    solid, porous = (
+        make_cells(load_case(written(tmp_path / "case.toml", one)))
+        for one in (cell, cell | {"pores": PORES})
+    )
+    lost = []
+    for one in porous:
+        void = one.law.youngs_modulus < 0.5 * one.law.youngs_modulus.max()
+        middle = one.mesh.p[:, one.mesh.t].mean(axis=1)
+        assert 0.01 < void.mean() < 0.12
+        assert middle[2, void].max() < 1.02e-6
+        lost.append(void)
+    assert np.any(lost[0] != lost[1])
+    gap = [
+        solve_cell(one, Path(pressure=(1e8,)))["mean_gap"].values[0, 0]
+        for one in (porous[0], solid[0])
+    ]
+    assert gap[0] < gap[1]
+
+
 def test_a_pore_below_the_surface_makes_a_cell_softer(tmp_path):
     jump = []
     for name, pore in (("solid", False), ("pore", True)):
@@ -127,6 +149,16 @@ def test_a_pore_below_the_surface_makes_a_cell_softer(tmp_path):
             {"geometry": "flat", "mesh": None, "unit": None, "element": "hex8"},
             r"element means nothing to flat cells",
             id="flat",
+        ),
+        pytest.param({"pores": PORES}, "has pores of its own", id="pores-file"),
+        pytest.param(
+            NO_FILE | {"geometry": "flat", "pores": PORES}, "pores means nothing", id="pores-flat"
+        ),
+        pytest.param(
+            NO_FILE | {"pores": PORES | {"radius": "0.1 um"}}, "than three elements", id="small"
+        ),
+        pytest.param(
+            NO_FILE | {"pores": PORES | {"cover": "0.9 um"}}, "no pore .* fits whole", id="cover"
         ),
         pytest.param({"mesh": None}, "unit says something of a file", id="no-file"),
         pytest.param(

@@ -111,6 +111,19 @@ def test_a_listed_pore_has_the_damage_of_its_section(tmp_path):
     assert "one volume alone has no scatter" in rve.attrs["cautions"]
 
 
+@pytest.mark.parametrize(("edge", "known"), [(0.5, True), (0.6, False)])
+def test_only_parts_that_do_not_overlap_tell_the_scatter_of_one_volume(edge, known, tmp_path):
+    pores = "".join(
+        f'[[rve.pores]]\ncentre = ["{x} mm", "{y} mm", "0.4 mm"]\nradius = "0.15 mm"\n'
+        for x, y in ((0.2, 0.3), (0.7, 0.6))
+    )
+    text = TEXT.replace("sections = 5", f"sections = 2\nparts = [{edge}]") + pores
+    rve = run(load_case(write_scene(tmp_path, text)), tmp_path / "out")["rve"]
+    assert np.isfinite(rve["scatter"]).all() == known
+    assert np.isfinite(rve["modulus_mean_law"]).all() == known
+    assert ("one volume alone has no scatter" in rve.attrs["cautions"]) != known
+
+
 # validation 3.1: through cylinders along n have D(n) = porosity and E (1 - D) exactly
 @pytest.mark.slow
 def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monkeypatch):

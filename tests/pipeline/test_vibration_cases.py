@@ -78,6 +78,12 @@ REFUSED = {
     "twice": ("modes = [1, 2]", "modes = [2, 2]", "modes should name mode 2 once"),
     "cycles": ("[vibration]", '[cycles]\nload = "press"\ncycles = 1\n[vibration]', "takes"),
     "beyond": ("modes = [1, 2]", "modes = [109]", "mode 109 is wanted, and the model has 108"),
+    "too wide": (
+        "friction = 0.2",
+        'friction = "0.2 +- 200 %"',
+        "a positive half-width behind +-",
+    ),
+    "no half-width": ("friction = 0.2", 'friction = "0.2 +- ?"', "' ?' is not a quantity"),
     "not joined": ("friction = 0.2", "friction = 0", "the structure as a whole may be free"),
     "far": ('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]', "the preload is unknown: up to 100"),
 }
@@ -111,7 +117,7 @@ def test_a_free_structure_and_an_amplitude_that_slides_are_told(meshes):
 def test_intervals_follow_the_budget_of_the_law(meshes):
     write_scattered_law(meshes / "law.nc")
     text = ONLY_PRESS.replace(STATED, 'law = "law.nc"\n') + LARGER
-    found = solve(meshes, text)["vibration"]
+    found = solve(meshes, text, ('"0.1 um", "0.3 um"', '"0.3 um"'))["vibration"]
     value = found["frequency"].values
     low, high = found["frequency_mean_law"].values
     assert np.all((low < value) & (value < high))
@@ -119,6 +125,54 @@ def test_intervals_follow_the_budget_of_the_law(meshes):
     assert np.all(half.sel(quantity="damping") > half.sel(quantity="frequency"))
     assert np.isnan(found["error_total"].sel(quantity="damping")).all()  # no cell was cycled
     assert "the error of the loss of a cycle is not known" in found.attrs["cautions"]
+
+
+UNCERTAIN = (
+    ("friction = 0.2", 'friction = "0.2 +- 20 %"'),
+    ('decay_length = "0.3 um"', 'decay_length = "0.3 um ± 0.03 um"'),
+    ("material_damping = 0.001", "material_damping = 0"),
+)
+
+
+def test_stated_half_widths_reach_frequency_fall_and_damping(meshes):
+    """Slip depends on amplitude over friction, so that a larger friction is a smaller amplitude."""
+    near = ('"0.1 um", "0.3 um"', '"0.29 um", "0.3 um"')
+    results = solve(meshes, ONLY_PRESS + LARGER, near, *UNCERTAIN)
+    found = results["vibration"]
+    told = ["interfaces[0].exponential.decay_length ± 10 %", "interfaces[0].friction ± 20 %"]
+    assert found["parameter"].values.tolist() == told
+    change, x = found["sensitivity"], np.log(0.3 / 0.29)
+    for name in ("fall", "damping"):
+        slope = np.diff(np.log(found[name].values))[0] / x
+        of_friction = change.sel(quantity=name, parameter=told[1]).mean("step")  # slabs are few
+        np.testing.assert_allclose(of_friction, -0.2 * slope, rtol=0.1)
+    stated = found["error_half_width"].sel(error_term="stated values")
+    np.testing.assert_allclose(stated, np.linalg.norm(change, axis=0), rtol=1e-12)
+    total = found["error_total"].values
+    for kind in ("mean_law", "one_part"):
+        ends = found["frequency"].values * (1.0 + np.multiply.outer([-1.0, 1.0], total[0]))
+        np.testing.assert_allclose(found[f"frequency_{kind}"], ends, rtol=1e-12)
+    heads = [section.heading for section in VIBRATING_BODIES.sections(results, meshes)]
+    assert heads[-2:] == ["Error budget of the damping", "Sensitivity"]
+    assert "intervals do not count the error of the law" not in found.attrs["cautions"]
+
+
+@pytest.mark.slow
+def test_intervals_of_stated_values_are_as_wide_as_samples_scatter(meshes):
+    """Of 24 structures drawn from normal distributions, within the noise of so few."""
+    case = load_case(write_scene(meshes, ONLY_PRESS + LARGER, *UNCERTAIN))
+    found = run(case, meshes / "stated")["vibration"]
+    bodies, rng = case.structure, np.random.default_rng(seed=5)
+    near = _press(bodies, case, _laws(bodies, case, [None], Change()))[0]
+    drawn = []
+    for normal in rng.standard_normal((24, 2)) / 1.96:
+        length = next(bodies.uncertain(1.0 + 0.1 * normal[0]))[2]
+        both = next(length.uncertain(1.0 + 0.2 * normal[1]))[2]
+        drawn.append(_solve_changed(bodies, case, [None], near, Change(structure=both)))
+    for name in ("frequency", "fall", "damping"):
+        scatter = 1.96 * np.std([one[name] for one in drawn], axis=0) / found[name].values
+        half = found["error_half_width"].sel(quantity=name, error_term="stated values").values
+        assert np.all((half / scatter > 0.6) & (half / scatter < 1.7)), (half, scatter)
 
 
 @pytest.mark.slow
@@ -139,3 +193,24 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
         scatter = 1.96 * np.std([one[name] for one in drawn], axis=0) / found[name].values
         half = found["error_half_width"].sel(quantity=name, error_term="sampling").values
         assert np.all((half / scatter > 0.6) & (half / scatter < 1.7)), (half, scatter)
+
+
+def test_another_volume_of_a_body_asks_for_another_backbone(meshes):
+    """The checksum of the stage changes with [rve], of which the cover takes its stiffness."""
+    volume = """
+[rve]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+size = "1 mm"
+[rve.recipe]
+porosity = 0.1
+pore_radius = "0.1 mm"
+"""
+    moduli = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0.3\n'
+    assert moduli in ONLY_PRESS
+    text = ONLY_PRESS.replace(moduli, "", 1) + VIBRATION + volume
+    first, again, other = (
+        VIBRATING_BODIES.identity(load_case(write_scene(meshes, text, *pairs)))
+        for pairs in ((), (), (("porosity = 0.1", "porosity = 0.2"),))
+    )
+    assert first == again != other

@@ -7,16 +7,13 @@ from matplotlib.figure import Figure
 from multiscale.micro.damage import (
     Cavities,
     FatigueMaterial,
-    compare_stiffness,
     cylinders,
     max_damage,
     voxelise,
     woehler_curve,
 )
 from multiscale.plotting import (
-    draw_damage,
     plot_damage_sphere,
-    plot_stiffness_against_damage,
     plot_woehler,
     plot_worst_section,
 )
@@ -27,11 +24,6 @@ RVE = Cavities((1e-3, 1e-3, 1e-3), [cylinders([[5e-4, 5e-4, 5e-4]], (0, 0, 1), 3
 @pytest.fixture(scope="module")
 def sections():
     return max_damage(RVE, level=0, sections=5)
-
-
-@pytest.fixture(scope="module")
-def comparison(sections):
-    return compare_stiffness(voxelise(RVE, (16, 16, 1)), sections, 200e9, 0.3)
 
 
 @pytest.fixture(scope="module")
@@ -69,22 +61,3 @@ def test_lives_are_in_cycles_and_megapascal(curve):
     np.testing.assert_allclose(rupture.get_xdata(), curve["cycles_to_rupture"][1:])
     assert np.all(onset.get_xdata() < rupture.get_xdata())
     np.testing.assert_allclose(endless.get_ydata(), [150.0])
-
-
-def test_stiffness_stands_beside_the_line(comparison):
-    ax = plot_stiffness_against_damage(comparison, ax=axes())
-    line, points = ax.lines[:2]
-    np.testing.assert_allclose(line.get_ydata(), 1.0 - line.get_xdata())
-    np.testing.assert_allclose(points.get_ydata(), comparison["modulus_ratio"])
-    # along the cylinders they agree
-    k = int(np.argmax(np.abs(comparison["normal"].values[:, 2])))
-    assert points.get_ydata()[k] == pytest.approx(1.0 - points.get_xdata()[k], abs=0.02)
-
-
-def test_all_figures_are_written(sections, comparison, curve, tmp_path):
-    files = draw_damage(
-        tmp_path / "figures", sections=sections, rve=RVE, curve=curve, comparison=comparison
-    )
-    assert len(files) == 4
-    for file in files:
-        assert file.read_bytes().startswith(b"\x89PNG")

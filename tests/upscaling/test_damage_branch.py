@@ -6,9 +6,10 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_law, write_dataset
 from multiscale.laws import Damaged
-from multiscale.micro.damage import lattice, max_damage, plane_damage
+from multiscale.micro.damage import max_damage, plane_damage
 from multiscale.schema import DAMAGE_SECTIONS
 from multiscale.upscaling import law_from_dataset, with_damage
+from tests.micro.damage.solid import lattice
 from tests.support import TWO_BLOCKS, case_of, joints_of, write_law
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -365,16 +364,14 @@ def test_an_eccentric_force_is_no_closed_form():
     np.testing.assert_array_equal(pressed["joint_stiffness"], resolved["joint_stiffness"])
 
 
-def test_many_samples_take_seconds():
+def test_a_hundred_samples_have_a_stiffness_each():
     knots = np.geomspace(0.05e-6, 3e-6, 20)
     rng = np.random.default_rng(seed=7)
     samples = [
         ConvexDecreasing(knots, 5e5 / knots**3 * rng.uniform(0.8, 1.2, knots.size))
         for _ in range(100)
     ]
-    before = perf_counter()
     result = rough_joint(steel_joint(), samples[0], np.geomspace(1e6, 50e6, 10), samples=samples)
-    assert perf_counter() - before < 10.0  # about 1.2 s on two cores
     assert np.isfinite(result["joint_stiffness_sample"].values).all()
 
 

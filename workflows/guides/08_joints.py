@@ -38,7 +38,7 @@ print(joint["cycle_energy"].values)  # J
 # from its surfaces on, with friction and tangential stiffness of its cells. The second scene has
 # two plates with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers. In
 # a scene blocks and joints may be damaged, damage = [0.3, 0], and blocks may have the elastic
-# tensor of a volume with cavities, stiffness = "rve_stiffness.nc". With homogenise = true in
+# tensor of a volume with cavities, stiffness = "rve.nc". With homogenise = true in
 # [substructures] the file macro_result-homogenised.nc holds the stiffness of every substructure
 # against the resultants of its interfaces, before and after slackening.
 #

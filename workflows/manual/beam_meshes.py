@@ -21,14 +21,16 @@ import numpy as np
 FOLDER = Path(__file__).parents[2] / "microcases" / "brake_reuss"
 LENGTH, HALF_LAP, HALF_WIDTH, HEIGHT = 720.0, 60.706, 12.7, 12.7
 SPACING, HOLE, WASHER, SHANK = 30.175, 4.2164, 8.73125, 3.75  # the last three are radii
-DEPTH = 0.25
+DEPTH = 0.2
 """Where the shank is cut, in heights of the nut, and its radius, between those of shank and thread
 (3.97 and 3.26 mm), are chosen so that the frequencies without contact are the published ones."""
 HEAD = np.sqrt(2.0 * np.sqrt(3.0) * 6.35**2 / np.pi)
 WASHER_HEIGHT, HEAD_HEIGHT, SHANK_LENGTH = 1.5875, 5.159375, 38.1
-SIDES, RINGS, LAYERS, ARM, END = 4, 1, 2, 14, 3
+SIDES, RINGS, LAYERS, ARM, END = 2, 1, 3, 21, 6
 """Elements along a quarter of a hole, between washer and edge, through the height, of an arm along
-its length, and between the last hole's square and the end of the lap."""
+its length, and between the last hole's square and the end of the lap. The notch needs most of them:
+layers 1, 2, 3 with arm and end in proportion have 171.80, 169.70, 169.33 Hz in the first mode, and
+twice the rings change it by .03 %."""
 
 Quads = list[np.ndarray]
 """Anticlockwise quadrilaterals in plan, each of shape (4, 2)."""

@@ -162,11 +162,18 @@ def _models(hint: Any) -> list[type[Settings]]:
 
 def _unit(hint: Any) -> str:
     """SI unit of a quantity."""
-    kind, metadata = _parts(hint)
-    for item in metadata:
-        if isinstance(item, BeforeValidator | WrapValidator):
-            return str(getattr(item.func, "keywords", {}).get("unit", ""))
+    kind, _ = _parts(hint)
+    if "unit" in (read := _reading(hint)):
+        return str(read["unit"])
     return next(filter(None, map(_unit, get_args(kind))), "") if get_origin(kind) is tuple else ""
+
+
+def _reading(hint: Any) -> dict[str, Any]:
+    """Return the options of what reads a quantity."""
+    for item in _parts(hint)[1]:
+        if isinstance(item, BeforeValidator | WrapValidator):
+            return getattr(item.func, "keywords", {})
+    return {}
 
 
 def _value(hint: Any) -> str:
@@ -184,7 +191,8 @@ def _value(hint: Any) -> str:
     if get_origin(kind) is dict:
         return f"table, each {_value(get_args(kind)[1])}"
     if unit := _unit(hint):
-        return ", ".join(["number" if unit == "1" else unit, *_range(bounds)])
+        spread = " ±" if _reading(hint).get("uncertain") else ""
+        return ", ".join([("number" if unit == "1" else unit) + spread, *_range(bounds)])
     words = {int: "integer", bool: "`true` or `false`", str: "text", Path: "path"}
     return ", ".join([words[kind], *_range(bounds)])
 
@@ -209,6 +217,8 @@ def _bounds(metadata: list[Any]) -> dict[str, Any]:
 def _range(bounds: dict[str, Any]) -> list[str]:
     """Write the range of a number."""
     said = {name: text.format(bounds[name]) for name, text in BOUNDS.items() if name in bounds}
+    if "gt" in said:
+        said.pop("ge", None)
     if "ge" in said and "le" in said:
         said = {"ge": f"{bounds['ge']:g} to {bounds['le']:g}"} | {
             name: text for name, text in said.items() if name not in ("ge", "le")

@@ -46,6 +46,7 @@ SHOWN = {
     ),
     "seal": lambda run, ax: plotting.plot_flow_channels(run["fields"], ax=ax),
     "porous_bracket": lambda run, ax: plotting.plot_body_stress(run["macro_result"], ax=ax),
+    "notched_concrete": lambda run, ax: plotting.plot_cracked_load(run["cracked_body"], ax=ax),
     "brake_reuss": lambda run, ax: draw_beam(run["vibration"], ax),
     "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
     "tensegrity_grid": plotting.plot_sorted_tensions,
@@ -54,7 +55,7 @@ SHOWN = {
     "sudden_unloading": plotting.plot_energies,
     "rough_blocks": plotting.plot_hysteresis,
     "lap_joint": plotting.plot_joint_plan,
-    "bolted_cover": lambda result, ax: plotting.load_pictures(result)["contact_zones_0"](ax),
+    "bolted_cover": lambda result, ax: plotting.load_pictures(result)["contact_zones_0"](ax=ax),
     "deposit": plotting.plot_force_network,
     "silo": plotting.plot_force_network,
     "column_collapse": plotting.plot_force_network,
@@ -165,7 +166,7 @@ def draw_answers(joint: xr.Dataset) -> Figure:
     )
     draw = plotting.joint_pictures(joint)
     for name, ax in axes.items():
-        draw[name](ax)
+        draw[name](ax=ax)
     return figure
 
 

@@ -7,14 +7,12 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
+from multiscale.laws.bulk.moduli import VOIGT
 
 __all__ = ["AnisotropicElastic"]
 
 VOIGT_ROW = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 """Row of the 6 x 6 stiffness for each pair of axes (Voigt notation)."""
-
-VOIGT_PAIRS = np.array([[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]])
-"""Pair of axes of each row of the 6 x 6 stiffness."""
 
 SYMMETRY_TOLERANCE = 1e-6
 """Largest allowed difference to the transpose, relative to the largest stiffness."""
@@ -30,8 +28,7 @@ class AnisotropicElastic(BulkLaw):
     Parameters
     ----------
     stiffness : ndarray, shape (6, 6)
-        Stiffness :math:`C`, Pa, for xx, yy, zz, yz, xz, xy with shear angles, in the order of
-        ``RVE_STIFFNESS``.
+        Stiffness :math:`C`, Pa, for xx, yy, zz, yz, xz, xy with shear angles.
 
     Raises
     ------
@@ -92,7 +89,7 @@ class AnisotropicElastic(BulkLaw):
         """Return the law of the solid whose own axes are the columns of a rotation, (3, 3)."""
         Q = np.asarray(axes, dtype=float)
         tensor = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, self.tensor, optimize=True)
-        i, j = VOIGT_PAIRS
+        i, j = np.transpose(VOIGT)
         return AnisotropicElastic(tensor[i[:, None], j[:, None], i, j])
 
     def scaled(self, factor: float) -> "AnisotropicElastic":

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 
 __all__ = [
-    "COMPONENTS",
+    "VOIGT",
     "check_moduli",
     "contact_modulus",
     "drop_soft_modes",
@@ -19,7 +19,7 @@ __all__ = [
 MANDEL = np.array([1.0, 1.0, 1.0, 2.0**0.5, 2.0**0.5, 2.0**0.5])
 """Factors between the components and an orthonormal basis of symmetric tensors."""
 
-COMPONENTS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 """Indices of the components xx, yy, zz, yz, xz, xy."""
 
 
@@ -95,7 +95,7 @@ def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarr
         against the tension is zero.
     """
     n = np.asarray(normals, dtype=float)
-    tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in COMPONENTS], axis=-1)
+    tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in VOIGT], axis=-1)
     values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
     share = (tension @ modes) ** 2
     lost = values <= 1e-9 * max(values.max(), 0.0)

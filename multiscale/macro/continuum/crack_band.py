@@ -17,8 +17,6 @@ References
    doi:10.1002/nag.328.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.sparse import csr_array
 
@@ -26,13 +24,10 @@ from multiscale.errors import CaseError
 from multiscale.fe.elasticity import elastic_matrix
 from multiscale.laws.bulk import AnisotropicElastic, Elastic, respond_bulk
 from multiscale.laws.bulk.moduli import youngs_modulus_along
-from multiscale.laws.softening import LAST_STRESS, SawTeeth, Softening
+from multiscale.laws.softening import LAST_STRESS, Softening
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.numerics.factorisation import factorise
-from multiscale.schema import CRACK_BAND
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import CRACK_BAND, Dataset
 
 __all__ = ["follow_crack_band"]
 
@@ -53,7 +48,7 @@ def follow_crack_band(
     teeth: int = 20,
     stop: float = 0.005,
     max_events: int = 5000,
-) -> "xr.Dataset":
+) -> Dataset:
     """Pull a body until it has lost its strength.
 
     Parameters
@@ -99,32 +94,24 @@ def follow_crack_band(
     width, tooth = np.full(n, np.nan), np.zeros(n, dtype=int)
     share, strength = np.ones(n), np.full(n, law.strength)
     rows: list[tuple[float, float]] = [(0.0, 0.0)]
-    largest, q, factor, done = 0.0, 0.0, 0.0, False
-    cut: dict[tuple[float, float], SawTeeth] = {}
-    band: dict[int, SawTeeth] = {}
+    largest, done = 0.0, False
+    band: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     for _ in range(max_events):
         u = weakened.solve()
-        tension, normal = weakened.tension(u)
-        ratio = share * tension / strength
-        worst = int(np.argmax(ratio))
-        if not ratio[worst] > 0.0:
+        worst, ratio, normal = weakened.find_worst(u, share / strength)
+        if not ratio > 0.0:
             raise CaseError("no element of the body is in tension; reverse the load")
-        factor = float(1.0 / ratio[worst])
-        q = factor * float(force @ u)
-        rows.append((factor, q))
+        factor = 1.0 / ratio
+        rows.append((factor, factor * float(force @ u)))
         largest = max(largest, factor)
         if done := factor < stop * largest:
             break
         if worst not in band:  # the band lies across the first tension
-            width[worst] = round(float(np.ptp(normal[:, worst] @ corner[:, :, worst])), 12)
-            modulus = round(_modulus(body.law, normal[:, worst], plane=plane), -3)
-            key = (float(width[worst]), modulus)
-            if key not in cut:
-                cut[key] = law.teeth(modulus, np.array(key[0]), teeth)
-            band[worst] = cut[key]
+            width[worst] = np.ptp(normal @ corner[:, :, worst])
+            modulus = _modulus(body.law, normal, plane=plane)
+            band[worst] = law.teeth(modulus, float(width[worst]), teeth)
         tooth[worst] += 1
-        share[worst] = band[worst].share[tooth[worst]]
-        strength[worst] = band[worst].strength[tooth[worst]]
+        share[worst], strength[worst] = (one[tooth[worst]] for one in band[worst])
         weakened.weaken(worst, float(share[worst]))
     factors, moved = np.array(rows).T
     steps = 0.5 * (factors[:-1] * moved[1:] - factors[1:] * moved[:-1])
@@ -212,14 +199,24 @@ class _Weakened:
         u[self.free] = self._first + self._columns @ (self._loss @ own)  # (1)
         return u
 
-    def tension(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest principal stress of the sound material, (elements,), Pa, and its direction."""
+    def find_worst(self, u: np.ndarray, weight: np.ndarray) -> tuple[int, float, np.ndarray]:
+        """Element whose largest principal stress of the sound material weighs most.
+
+        ``weight``, shape (elements,), is in 1/Pa. Also that stress times its weight, 0 without any
+        tension, and its direction.
+        """
         d = self.body.mesh.dim()
         local = u.reshape(-1, d)[self.body.basis.element_dofs]  # (nodes, elements, d)
         gradient = np.zeros((3, 3, self.share.size))
         gradient[:d, :d] = np.einsum("aei,aje->ije", local, self._slopes)
         at = np.eye(3)[:, :, None] + gradient
-        stress = respond_bulk(self.law, at, np.zeros((0, at.shape[2]))).stress
-        value, vector = np.linalg.eigh(stress[:d, :d].transpose(2, 0, 1))
-        pulled = value[:, -1] > ROUNDING * np.abs(value).max()
-        return np.where(pulled, value[:, -1], 0.0), vector[:, :, -1].T
+        response = respond_bulk(self.law, at, np.zeros((0, at.shape[2])))
+        stress = response.stress[:d, :d].transpose(2, 0, 1)
+        least = weight * np.diagonal(stress, axis1=1, axis2=2).max(axis=1)
+        most = weight * np.linalg.norm(stress, axis=(1, 2))  # both bound the principal stress
+        near = np.flatnonzero(most >= max(0.0, least.max()))
+        value, vector = np.linalg.eigh(stress[near])
+        pulled = value[:, -1] > ROUNDING * np.abs(stress).max()
+        ratio = np.where(pulled, weight[near] * value[:, -1], 0.0)
+        k = int(np.argmax(ratio))
+        return int(near[k]), float(ratio[k]), vector[k, :, -1]

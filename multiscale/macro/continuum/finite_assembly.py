@@ -10,6 +10,7 @@ from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
 
 from multiscale.errors import CaseError
 from multiscale.fe.elements import Elements, element_response, prepare_elements, sum_blocks
+from multiscale.fe.faces import face_areas
 from multiscale.fe.facets import surface_of
 from multiscale.laws.bulk import BulkLaw, BulkResponse
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
@@ -144,8 +145,11 @@ class FiniteAssembly:
                 for surface, (b, _) in zip(surfaces, contact.surfaces, strict=True)
             )
             one = nodes[0]
+            corner, _, area = face_areas(self.bodies[contact.side1[0]].basis, contact.side1[1])
+            area = np.bincount(corner, area)[surfaces[0].nodes]
             free = self.free.reshape(self.start.shape)[one]
-            interface = ContactInterface(name, contact, surfaces, nodes, free, np.zeros(len(one)))
+            offset = np.zeros(len(one))
+            interface = ContactInterface(name, contact, surfaces, nodes, area, free, offset)
             interfaces.append(fit(interface, self.start))
         return tuple(interfaces)
 
@@ -248,7 +252,7 @@ class FiniteAssembly:
             obstacle, shift = interface.contact.obstacle, np.zeros(d)
             if moving and obstacle is not None:
                 shift = obstacle_motion(obstacle, d, time)
-            result.append(build_coupling(interface, x if moving else self.start, self.start, shift))
+            result.append(build_coupling(interface, x if moving else self.start, shift))
         return tuple(result)
 
     def join(self, before: tuple[Coupling, ...], couplings: tuple[Coupling, ...]) -> JoinedContacts:

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import CaseError
-from multiscale.fe.facets import ContactFace, nodal_areas, nodal_normals
+from multiscale.fe.facets import ContactFace, nodal_normals
 from multiscale.fe.mortar import couple
 from multiscale.macro.continuum.rigid_obstacle import RigidObstacle, obstacle_motion
 
@@ -107,6 +107,7 @@ class ContactInterface:
     contact : Contact, what the user gave
     surfaces : tuple of ContactFace, side 1, and side 2 unless it is an obstacle
     nodes : tuple of ndarray, their nodes, numbered over all bodies
+    area : ndarray, shape (n1,), area that each node of side 1 stands for, undeformed, m²
     free : ndarray of bool, shape (n1, d), components of side 1 that no support holds
     offset : ndarray, shape (n1,), gap that is taken off, m
     """
@@ -115,6 +116,7 @@ class ContactInterface:
     contact: Contact
     surfaces: tuple[ContactFace, ...]
     nodes: tuple[np.ndarray, ...]
+    area: np.ndarray
     free: np.ndarray
     offset: np.ndarray
 
@@ -144,24 +146,21 @@ class Coupling:
     kept: np.ndarray
 
 
-def build_coupling(
-    interface: ContactInterface, x: np.ndarray, start: np.ndarray, shift: np.ndarray
-) -> Coupling:
+def build_coupling(interface: ContactInterface, x: np.ndarray, shift: np.ndarray) -> Coupling:
     """Couple the two sides where they are.
 
     Parameters
     ----------
-    x, start : ndarray, shape (nodes, d), positions of all nodes, now and undeformed, m
+    x : ndarray, shape (nodes, d), positions of all nodes, m
     shift : ndarray, shape (d,), displacement of the obstacle, m
     """
     surface, nodes = interface.surfaces[0], interface.nodes[0]
     own = x[nodes]
     n1 = len(nodes)
-    whole = nodal_areas(surface, start[nodes])
     obstacle = interface.contact.obstacle
     if obstacle is not None:
         normal = -obstacle.distance(own - shift)[1]
-        area = whole  # of the undeformed body: the reaction is then a force per that area
+        area = interface.area  # of the undeformed body: the reaction is then a force per that area
         operator = csr_array((-area, (np.arange(n1), nodes)), shape=(n1, len(x)))
     else:
         normal = nodal_normals(surface, own, interface.free)
@@ -177,7 +176,7 @@ def build_coupling(
         )
     frame = _frame(normal)
     held = np.sqrt(np.sum((frame * interface.free[:, None, :]) ** 2, axis=2)) < 0.1
-    kept = ~held & (area > LEAST_AREA * whole)[:, None]
+    kept = ~held & (area > LEAST_AREA * interface.area)[:, None]
     return Coupling(operator, frame, area, kept)
 
 
@@ -186,7 +185,7 @@ def fit(interface: ContactInterface, start: np.ndarray) -> ContactInterface:
     if not interface.contact.fitted:
         return interface
     rest = np.zeros_like(start)
-    coupling = build_coupling(interface, start, start, rest[0])
+    coupling = build_coupling(interface, start, rest[0])
     gap = local_jump(interface, (coupling, coupling), start, (rest, rest), (0.0, 0.0))[:, 0]
     return replace(interface, offset=gap)
 

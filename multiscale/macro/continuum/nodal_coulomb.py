@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multiscale.nonsmooth.semismooth_newton import linearise as linearise_space
+
 __all__ = ["LocalLaw", "linearise"]
 
 
@@ -63,42 +65,14 @@ def linearise(
     .. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
        doi:10.1016/0045-7825(91)90022-X.
     """
-    nodes, c = reaction.shape
-    y = reaction - stiffness[:, None] * jump
-    closed = (y[:, 0] > 0.0) & kept[:, 0]
-    residual = np.array(reaction)  # open: R = r
-    by_reaction = np.broadcast_to(np.eye(c), (nodes, c, c)).copy()
-    by_jump = np.zeros((nodes, c, c))
-
-    residual[closed, 0] -= y[closed, 0]
-    by_reaction[closed, 0, 0] = 0.0
-    by_jump[closed, 0, 0] = stiffness[closed]
-    if c == 1:
-        return LocalLaw(residual, by_reaction, by_jump)
-
-    y_t = np.where(kept[:, 1:], y[:, 1:], 0.0)
-    size = np.linalg.norm(y_t, axis=1)
-    bound = friction * np.maximum(y[:, 0], 0.0)
-    stick = closed & (size <= bound) & (friction > 0.0)
-    slip = closed & ~stick & (friction > 0.0)
-
-    residual[stick, 1:] -= y_t[stick]
-    e = y_t[slip] / size[slip, None]
-    share = bound[slip] / size[slip]
-    residual[slip, 1:] -= bound[slip, None] * e
-    across = share[:, None, None] * (np.eye(c - 1) - e[:, :, None] * e[:, None, :])
-    along = friction[slip, None] * e
-
-    by_reaction[np.ix_(stick, range(1, c), range(1, c))] = 0.0
-    by_jump[np.ix_(stick, range(1, c), range(1, c))] = stiffness[stick, None, None] * np.eye(c - 1)
-    by_reaction[np.ix_(slip, range(1, c), range(1, c))] -= across
-    by_reaction[slip, 1:, 0] = -along
-    by_jump[np.ix_(slip, range(1, c), range(1, c))] = stiffness[slip, None, None] * across
-    by_jump[slip, 1:, 0] = stiffness[slip, None] * along
-
+    c = reaction.shape[1]
     lost = ~kept
-    by_reaction[lost] = np.broadcast_to(np.eye(c), (nodes, c, c))[lost]
-    by_jump[lost] = 0.0
-    by_jump[np.broadcast_to(lost[:, None, :], by_jump.shape)] = 0.0
-    residual[lost] = reaction[lost]
-    return LocalLaw(residual, by_reaction, by_jump)
+    lost[:, 1:] |= lost[:, :1] | (friction == 0.0)[:, None]
+    space = np.zeros((2, len(reaction), 3))
+    space[:, :, :c] = np.where(lost, 0.0, [stiffness[:, None] * jump, reaction])
+    residual, by_jump, by_reaction = linearise_space(*space, friction)  # (1)
+    return LocalLaw(
+        np.where(lost, reaction, residual[:, :c]),
+        np.where(lost[:, :, None], np.eye(c), by_reaction[:, :c, :c]),
+        np.where(lost[:, :, None], 0.0, stiffness[:, None, None] * by_jump[:, :c, :c]),
+    )

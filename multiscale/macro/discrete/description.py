@@ -1,16 +1,13 @@
 """Datasets of structures of links."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState
 from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["describe", "join_steps", "link_dataset", "step_values"]
 
@@ -21,7 +18,7 @@ def describe(system: LinkSystem) -> dict[str, Any]:
     return {"position": system.position, "ends": system.ends, "law": names[system.kind]}
 
 
-def link_dataset(system: LinkSystem, values: dict[str, Any], **labels: Any) -> "xr.Dataset":
+def link_dataset(system: LinkSystem, values: dict[str, Any], **labels: Any) -> Dataset:
     """Return variables of steps as a dataset that follows ``MACRO_RESULT``, with the structure."""
     import xarray as xr
 
@@ -61,9 +58,7 @@ def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> d
     return column
 
 
-def join_steps(
-    system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]
-) -> "xr.Dataset":
+def join_steps(system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]) -> Dataset:
     """Join the variables of each step, from :func:`step_values`, at its load factor."""
     names = [name for column in columns for name in column]
     values = {

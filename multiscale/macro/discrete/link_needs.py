@@ -1,6 +1,5 @@
 """Unknowns, operators and memory of a structure of links, from its laws and the analysis."""
 
-from enum import StrEnum
 from importlib.util import find_spec
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.needs import Needs, choose
 
-__all__ = ["LinkPart", "link_needs"]
+__all__ = ["link_needs"]
 
 LINK_MEMORY, UNKNOWN_MEMORY = (600, 200), (600, 100)
 """Peak memory per link and per unknown, byte: for operators and factors, and for the results of
@@ -18,19 +17,6 @@ SUPERLU_MEMORY = 2500
 """Additional memory per unknown, byte, if SuperLU factorises because pypardiso is missing."""
 
 STEP_TIME = 8e-5  # s of an unknown in a step, on a grid of 9,400 unknowns
-
-
-class LinkPart(StrEnum):
-    """What solving a structure of links may take, in the order of the text."""
-
-    TANGENT = "tangent"
-    SLACK = "slack"
-    MOVED_POSITIONS = "moved positions"
-    GEOMETRIC_STIFFNESS = "geometric stiffness"
-    EIGENVALUES = "eigenvalues"
-    BEAM_MODES = "beam modes"
-    MASS = "mass"
-    IMPULSES = "impulses"
 
 
 def link_needs(
@@ -53,48 +39,48 @@ def link_needs(
     --------
     >>> from multiscale.macro import tensegrity_grid
     >>> needs = link_needs(tensegrity_grid(2))
-    >>> LinkPart.TANGENT in needs.built, LinkPart.GEOMETRIC_STIFFNESS in needs.built
+    >>> "tangent" in needs.built, "geometric stiffness" in needs.built
     (True, False)
     """
     unknowns = int((~np.asarray(system.fixed, dtype=bool)).sum())
     rigid = bool(np.isinf(system.stiffness).any())
     lower, upper = system.bounds
     one_sided = bool((np.isfinite(lower) | np.isfinite(upper)).any())
-    choices = (
-        choose(LinkPart.TANGENT, True, "stiffness of the links that are taut", ""),
-        choose(
-            LinkPart.SLACK,
+    parts = (
+        ("tangent", True, "stiffness of the links that are taut", ""),
+        (
+            "slack",
             one_sided,
             "a cable or strut that would bear the other sign carries nothing",
             "every link carries tension and compression",
         ),
-        choose(
-            LinkPart.MOVED_POSITIONS,
+        (
+            "moved positions",
             exact,
             "lengths and directions follow the nodes",
             "displacements count as small",
         ),
-        choose(
-            LinkPart.GEOMETRIC_STIFFNESS,
+        (
+            "geometric stiffness",
             exact or stability,
             "of the tensions, in the tangent" + ("" if exact else " whose eigenvalue is sought"),
             "displacements count as small",
         ),
-        choose(
-            LinkPart.EIGENVALUES,
+        (
+            "eigenvalues",
             stability,
             "smallest ones of the tangent, without and with geometric stiffness",
             "not asked for",
         ),
-        choose(
-            LinkPart.BEAM_MODES,
+        (
+            "beam modes",
             system.n_components == 6,
             "bending and twist, with the rotations of the nodes",
             "links carry a tension alone",
         ),
-        choose(LinkPart.MASS, moving, "of the nodes, in the matrix of every step", "at rest"),
-        choose(
-            LinkPart.IMPULSES,
+        ("mass", moving, "of the nodes, in the matrix of every step", "at rest"),
+        (
+            "impulses",
             moving and rigid,
             "jumps of velocity where links of fixed length become taut",
             "every link is extensible" if moving else "at rest",
@@ -104,7 +90,7 @@ def link_needs(
     return Needs(
         unknowns_per_contact=1,
         kinematics="large displacements" if exact else "small displacements",
-        choices=choices,
+        choices=tuple(choose(*part) for part in parts),
         state_variables=("displacement", "velocity", "tension") if moving else (),
         fields=("tension", "slack", "displacement"),
         libraries=("numba",),

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +24,7 @@ from multiscale.macro.discrete.mechanism import factorise_taut, name_mechanism, 
 from multiscale.macro.discrete.small_displacement import STATIC_METHODS, find_state
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["solve_static"]
 
@@ -46,7 +44,7 @@ def solve_static(
     max_iterations: int = 60,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Find tensions and displacements under a load.
 
     Parameters

@@ -1,7 +1,6 @@
 r"""Biaxial compression of a representative volume of grains, and its response."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,9 +8,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.granulate.grain_bodies import Grains
 from multiscale.macro.granulate.grain_cells import compact, resolving_step
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["biaxial_cell", "biaxial_curve"]
 
@@ -86,7 +83,7 @@ def biaxial_cell(
     return model, step
 
 
-def biaxial_curve(result: "xr.Dataset") -> "xr.Dataset":
+def biaxial_curve(result: Dataset) -> Dataset:
     r"""Return stress ratio and volumetric strain against axial strain.
 
     Parameters

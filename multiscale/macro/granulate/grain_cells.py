@@ -1,7 +1,6 @@
 """Representative volumes of grains: compacted, and sheared as the third body of a joint."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,7 @@ from multiscale.macro.granulate.grain_simulation import Record, final_grains, si
 from multiscale.macro.granulate.grain_state import initial_state
 from multiscale.macro.granulate.loose_packing import place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
-from multiscale.schema import MICRO_RESPONSE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MICRO_RESPONSE, Dataset
 
 __all__ = ["compact", "resolving_step", "shear_layer", "shear_response"]
 
@@ -33,7 +29,7 @@ def compact(
     max_steps: int = 2000,
     solver: Solver | None = None,
     seed: int = 0,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Compact grains in a periodic cell, quasi-statically, until they bear the pressure.
 
     Parameters
@@ -168,7 +164,7 @@ def shear_response(
     *,
     n_realisations: int = 3,
     n_steps: int = 400,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Shear a layer of grains at several pressures and speeds.
 
     Parameters

@@ -66,9 +66,18 @@ def step_grains(
     """
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
-    free = _move_freely(model, state, acted)
+    # without impulses: damping, then gravity, forces on walls and the pressure on the cell
+    keep, (inertia, thrust) = np.exp(-model.damping_rate * acted), cell_inertia(model, state.period)
+    damped, damped_rate = state.velocity.copy(), state.rate if model.driven else keep * state.rate
+    damped[: model.grains.n] *= keep
+    damped_rate = np.where(model.free, damped_rate, model.prescribed_rate)
+    velocity = damped + acted * model.free_acceleration
+    cell = np.array(
+        [damped_rate + acted * thrust / inertia * model.free, model.free / np.sqrt(inertia)]
+    )
     searched = perf_counter()
-    solved = _solve_contacts(model, state, solver, (h, acted, accuracy is not None), free)
+    times = (h, acted, accuracy is not None)
+    solved = _solve_contacts(model, state, solver, times, (damped, velocity), cell)
     new = _advance(model, state, (h, acted), solved)
     worst, _ = penetration(
         new.pairs, new.position, model.grains.radius, new.period, model.walls_at(new.point)
@@ -84,33 +93,17 @@ def step_grains(
     done |= account_grains(
         model,
         (h, acted),
-        (state.velocity, free.damped, new.velocity),
+        (state.velocity, damped, new.velocity),
         solved.contacts,
         -model.law.restitution * new.approach[solved.numbers],
-        (state.rate, free.damped_rate, new.rate),
+        (state.rate, damped_rate, new.rate),
         solved.cell[2:],
-        cell_inertia(model, state.period),
+        (inertia, thrust),
     )
     if model.pressure is not None:  # diagonal of the mean stress after Love and Weber
         moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
         done["stress"] = -moments / (acted * model.volume(state.period))
     return new, done | {"wall_time": perf_counter() - began}
-
-
-class _FreeMotion(NamedTuple):
-    """Motion without impulses.
-
-    Attributes
-    ----------
-    damped, velocity : ndarray, shape (bodies, 4 or 8)
-        Velocities after the damping, and after the forces as well, m/s.
-    damped_rate, rate : ndarray, shape (3,), strain rates of the cell at these stages, 1/s
-    """
-
-    damped: np.ndarray
-    velocity: np.ndarray
-    damped_rate: np.ndarray
-    rate: np.ndarray
 
 
 class _SolvedContacts(NamedTuple):
@@ -188,42 +181,30 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
     return state
 
 
-def _move_freely(model: Model, state: GrainState, acted: float) -> _FreeMotion:
-    """Apply damping, gravity, forces on walls and the pressure on the cell, without impulses."""
-    keep = np.exp(-model.damping_rate * acted)
-    damped = state.velocity.copy()
-    damped[: model.grains.n] *= keep
-    inertia, thrust = cell_inertia(model, state.period)
-    free_rate = state.rate if model.driven else keep * state.rate
-    rate = np.where(model.free, free_rate, model.prescribed_rate)
-    return _FreeMotion(
-        damped,
-        damped + acted * model.free_acceleration,
-        rate,
-        rate + acted * thrust / inertia * model.free,
-    )
-
-
 def _solve_contacts(
     model: Model,
     state: GrainState,
     solver: Solver,
     times: tuple[float, float, bool],
-    free: _FreeMotion,
+    velocities: tuple[np.ndarray, np.ndarray],
+    cell: np.ndarray,
 ) -> _SolvedContacts:
-    """Solve (1), and again if other pairs overlap."""
+    """Solve (1), and again if other pairs overlap.
+
+    Without impulses, velocities are those before and after the forces act, m/s, and ``cell`` is
+    that of :func:`build_contacts`.
+    """
     h, acted, changing = times
     law = model.law
     shares = (0.5 * state.step_length / acted, 0.5 * h / acted) if changing else (0.0, 0.0)
     rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, *shares)
     place = (state.position, model.grains.radius, state.period, model.walls_at(state.point))
-    inertia, _ = cell_inertia(model, state.period)
     wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
     compliance = np.full(len(state.pairs), law.compliance)
     pair_impulse, sweeps = state.pair_impulse, 0
     while True:
-        arrays, index, cell, approach = build_contacts(
+        arrays, index, stretch, approach = build_contacts(
             state.pairs,
             pair_impulse,
             state.spring_impulse,
@@ -232,25 +213,24 @@ def _solve_contacts(
             wanted,
             compliance,
             *place,
-            free.damped,
-            free.velocity,
+            *velocities,
             model.mobility,
             constants,
             model.friction,
             h,
             CONTACT_DISTANCE,
-            np.array([free.rate, model.free / np.sqrt(inertia)]),
+            cell,
         )
-        contacts, velocity = Contacts(*arrays), free.velocity.copy()
-        done, residual = solve_velocities(model, solver, velocity, contacts, cell)
+        contacts, velocity = Contacts(*arrays), velocities[1].copy()
+        done, residual = solve_velocities(model, solver, velocity, contacts, stretch)
         sweeps += done
         pair_impulse = np.zeros_like(state.pair_impulse)
         pair_impulse[index] = contacts.impulse
-        marks, after = (hits, wanted, compliance), (velocity, h, cell[0], ALLOWED_OVERLAP)
+        marks, after = (hits, wanted, compliance), (velocity, h, stretch[0], ALLOWED_OVERLAP)
         if not mark_overlaps(state.pairs, index, contacts.data, *marks, *place, *after):
             break
     approach[~pair_impulse.any(axis=1)] = 0.0  # no impact took place
-    return _SolvedContacts(contacts, index, velocity, approach, cell, sweeps, residual)
+    return _SolvedContacts(contacts, index, velocity, approach, stretch, sweeps, residual)
 
 
 def _advance(

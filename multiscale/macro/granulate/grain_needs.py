@@ -1,6 +1,5 @@
 """Unknowns, operators and memory of a granulate, from its number of grains and contact law."""
 
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from multiscale.needs import Needs, choose
@@ -8,24 +7,11 @@ from multiscale.needs import Needs, choose
 if TYPE_CHECKING:
     from multiscale.macro.granulate.model import ContactLaw, Solver
 
-__all__ = ["GrainPart", "grain_needs"]
+__all__ = ["grain_needs"]
 
 PER_GRAIN, PER_UNKNOWN, PER_FRAME = 1450, 350, 400
 """Peak memory of a dense pile, byte: per grain, per grain and unknown of a contact, and per grain
 and frame."""
-
-
-class GrainPart(StrEnum):
-    """What following grains may take, in the order of the text."""
-
-    SWEEPS = "sweeps"
-    FRICTION = "friction"
-    ROTATION = "rotation"
-    CELL_STRAIN = "cell strain"
-    SPRINGS = "springs"
-    RESTITUTION = "restitution"
-    COLOURS = "colours"
-    ASSEMBLED_PROBLEM = "assembled problem"
 
 
 def grain_needs(
@@ -53,45 +39,32 @@ def grain_needs(
     --------
     >>> from multiscale.macro.granulate import ContactLaw, Solver
     >>> needs = grain_needs(1000, 11, ContactLaw(friction=0.5), Solver())
-    >>> needs.unknowns_per_contact, GrainPart.SPRINGS in needs.built
+    >>> needs.unknowns_per_contact, "springs" in needs.built
     (3, False)
     >>> grain_needs(1000, 11, ContactLaw(friction=0.0), Solver()).unknowns_per_contact
     1
     """
     friction = max(law.friction, wall_friction) > 0.0
-    choices = (
-        choose(
-            GrainPart.SWEEPS, True, "over the contacts, one after the other, again and again", ""
-        ),
-        choose(
-            GrainPart.FRICTION, friction, "Coulomb's limit at each contact", "no friction is given"
-        ),
-        choose(
-            GrainPart.ROTATION, friction, "spins and moments of inertia", "nothing turns the grains"
-        ),
-        choose(
-            GrainPart.CELL_STRAIN,
+    parts = (
+        ("sweeps", True, "over the contacts, one after the other, again and again", ""),
+        ("friction", friction, "Coulomb's limit at each contact", "no friction is given"),
+        ("rotation", friction, "spins and moments of inertia", "nothing turns the grains"),
+        (
+            "cell strain",
             strained,
             "rates along the axes, branch of each contact",
             "no cell strains",
         ),
-        choose(
-            GrainPart.SPRINGS, law.compliance > 0.0, "of compliant contacts", "contacts are rigid"
-        ),
-        choose(
-            GrainPart.RESTITUTION,
-            law.restitution > 0.0,
-            "of pairs that meet fast",
-            "no pair bounces",
-        ),
-        choose(
-            GrainPart.COLOURS,
+        ("springs", law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
+        ("restitution", law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
+        (
+            "colours",
             solver.threads > 1 and not strained,
             "contacts that share no grain are swept side by side",
             "one thread sweeps in the order of the contacts",
         ),
-        choose(
-            GrainPart.ASSEMBLED_PROBLEM,
+        (
+            "assembled problem",
             solver.most_assembled > 0 and not strained,
             f"all contacts at once, where sweeps fail on at most {solver.most_assembled} of them",
             "sweeps alone",
@@ -102,7 +75,7 @@ def grain_needs(
     return Needs(
         unknowns_per_contact=unknowns,
         kinematics="rigid grains in motion, impulses in place of forces",
-        choices=choices,
+        choices=tuple(choose(*part) for part in parts),
         state_variables=("position", "velocity", *spin, "impulse of each contact"),
         fields=("position", "velocity", *spin, "contact force"),
         libraries=("numba",),

@@ -1,7 +1,7 @@
 """Simulation of granulates in time, recorded as a dataset."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,10 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_state import GrainState, initial_state
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.schema import GRANULATE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import GRANULATE, Dataset
 
 __all__ = ["Record", "final_grains", "simulate_grains"]
 
@@ -26,7 +23,7 @@ def simulate_grains(
     solver: Solver | None = None,
     n_frames: int = 2,
     callback: Callable[[int, float], None] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Simulate the motion of grains.
 
     Parameters
@@ -152,7 +149,7 @@ class Record:
         if self.model.turns:
             self.frames[-1]["spin"] = state.velocity[:n, 4:7] / grains.radius[:, None]
 
-    def dataset(self) -> "xr.Dataset":
+    def dataset(self) -> Dataset:
         """Return the record as a dataset that follows ``GRANULATE``."""
         import xarray as xr
 
@@ -193,7 +190,7 @@ class Record:
         return result
 
 
-def final_grains(model: Model, result: "xr.Dataset") -> Any:
+def final_grains(model: Model, result: Dataset) -> Any:
     """Return the grains of a model with the motion of the last frame of its simulation."""
     last = result.isel(frame=-1)
     spin = last["spin"].values if "spin" in last else None

@@ -1,16 +1,13 @@
 """Averages of a granulate: mean stress and coordination number."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["coordination", "love_weber", "network"]
 
 
-def network(result: "xr.Dataset", frame: int = -1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def network(result: Dataset, frame: int = -1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return ends, forces (N) and branches (m) of the contacts of a frame.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +9,7 @@ from multiscale.laws import HystereticLaw, NormalLaw
 from multiscale.macro.data_range import load_shares
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.joint_solver import check_preloads, joint_result, ratios, rough_joint
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["press_joint"]
 
@@ -27,7 +24,7 @@ def press_joint(
     *,
     samples: Sequence[NormalLaw | HystereticLaw] = (),
     extrapolate: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Press the joint, in closed form where its pressure is even; see :func:`rough_joint`.
 
     Parameters

@@ -7,10 +7,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.schema import RVE_STIFFNESS
 
 if TYPE_CHECKING:
-    import xarray as xr
     from skfem import Element
 
 __all__ = ["Block", "RoughJoint", "soften"]
@@ -131,27 +129,24 @@ class RoughJoint:
         return self.section[0] * self.section[1]
 
 
-def soften(block: Block, stiffness: "float | xr.Dataset") -> Block:
+def soften(block: Block, stiffness: float | np.ndarray) -> Block:
     """Return a block with less stiffness.
 
     Parameters
     ----------
     block : Block, sound, or softened before
-    stiffness : float or Dataset
+    stiffness : float or ndarray
         A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
-        Or a dataset that follows ``RVE_STIFFNESS``: the block takes the whole tensor of the
-        representative volume, whose axes are the axes of the joint, in place of its moduli.
+        Or the tensor of a representative volume, shape (6, 6), Pa, whose axes are the axes of the
+        joint, in place of its moduli.
 
     Raises
     ------
     CaseError
         If the share is outside its range, or the volume is cut through.
-    SchemaError
-        If the dataset does not follow its schema.
     """
-    if not isinstance(stiffness, int | float | np.number):
-        RVE_STIFFNESS.check(stiffness)
-        return replace(block, effective=AnisotropicElastic(stiffness["stiffness"].values))
+    if isinstance(stiffness, np.ndarray):
+        return replace(block, effective=AnisotropicElastic(stiffness))
     if not 0.0 < stiffness <= 1.0:
         raise CaseError(
             f"the stiffness factor of a block must lie above 0 and up to 1, got {stiffness:g}; a "

@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import eye_array
+from scipy.linalg import block_diag
+from scipy.sparse import csr_array, eye_array
 
+from multiscale.errors import MultiscaleError
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw
@@ -49,22 +51,73 @@ def pressed_blocks(joint: RoughJoint, law: InterfaceLaw) -> Assembly:
     return Assembly(tuple(bodies), (interface,), platens=(platen_above,))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CondensedJoint:
-    """Joint condensed onto the normal jump of its interface, equations (1)-(3)."""
+    r"""Joint condensed onto the elastic jump e of its interface and the motion w of its platen.
 
-    compliance: np.ndarray  # C, m/N
-    motion: np.ndarray  # R
-    operator: np.ndarray  # N
-    weight: np.ndarray  # omega, m²
-    arm: np.ndarray  # l
-    area: float  # m²
-    solid_stiffness: float  # Pa/m
+    The jump is :math:`j = e + R w`. With the compliance C of both blocks the forces on the nodes
+    are :math:`C^{-1} e`, and nothing but the interface resists w.
 
-    def split(self, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Jump j (m), motion w of the platen (m) and nodal force (N) of a solution."""
-        n, m = self.motion.shape
-        return value[:n], value[n : n + m], value[n + m :]
+    Attributes
+    ----------
+    compliance : ndarray, shape (nodes, nodes), :math:`C`, m/N
+    motion : ndarray, shape (nodes, k), :math:`R`, dimensionless
+    stiffness : ndarray, shape (nodes + k,) * 2, of e and w, N/m
+    load : ndarray, shape (nodes + k,), under a nominal pressure of 1 Pa, N
+    jump : csr_array, shape (points, nodes + k), normal jump from e and w, dimensionless
+    weight : ndarray, shape (points,), m²
+    solid_stiffness : float, of the blocks without a jump between them, Pa/m
+    """
+
+    compliance: np.ndarray
+    motion: np.ndarray
+    stiffness: np.ndarray
+    load: np.ndarray
+    jump: csr_array
+    weight: np.ndarray
+    solid_stiffness: float
+
+    @property
+    def area(self) -> float:
+        """Nominal contact area, m²."""
+        return float(self.weight.sum())
+
+    def approach(self, value: np.ndarray) -> float:
+        """Approach of the platen where the force acts, m."""
+        return float(self.load @ value) / self.area
+
+    def direction(self, B: csr_array, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
+        r"""Newton direction of e and w, m.
+
+        With the stiffness k of the interface between the nodes and the forces out of balance r,
+
+        .. math:: (I + C k)\, j - R w = C r_e, \qquad R^T k j = r_w.    \tag{1}
+
+        Neither bodies nor interface are lost beside the other, however stiff.
+
+        Parameters
+        ----------
+        B : csr_array, shape (points, nodes + k), as ``jump``
+        tangent : ndarray, shape (1, 1, points), of the law, times the weights, N/m
+        force : ndarray, shape (nodes + k,), r, N
+
+        Raises
+        ------
+        MultiscaleError
+            If the joint is loose.
+        """
+        C, R, (n, m) = self.compliance, self.motion, self.motion.shape
+        N = B[:, :n].toarray()
+        k = N.T @ (tangent[0, 0][:, None] * N)
+        reaction = R.T @ k
+        scale = 1.0 / (np.abs(reaction).max() or 1.0)  # so that all rows are in metres
+        matrix = np.block([[np.eye(n) + C @ k, -R], [scale * reaction, np.zeros((m, m))]])
+        right = np.concatenate([C @ force[:n], scale * force[n:]])
+        try:
+            j, w = np.split(np.linalg.solve(matrix, right), [n])  # (1)
+        except np.linalg.LinAlgError as error:
+            raise MultiscaleError("the joint is loose: nothing resists its platen") from error
+        return np.concatenate([C @ (force[:n] - k @ j), w])
 
 
 def condense_joint(joint: RoughJoint, law: InterfaceLaw) -> CondensedJoint:
@@ -92,7 +145,14 @@ def condense_joint(joint: RoughJoint, law: InterfaceLaw) -> CondensedJoint:
     (below, beneath, _), (above, position, operator) = found
     order = cKDTree(beneath.T).query(position.T)[1]
     compliance, motion = below[np.ix_(order, order)] + above, platen.motion(upper, position)
-    # without a jump, (1) and (3) give the approach of the solid joint
+    # without a jump, the load moves the platen against the blocks alone
     held = motion.T @ np.linalg.solve(compliance, motion)
-    solid = 1.0 / (joint.area * float(arm @ np.linalg.solve(held, arm)))
-    return CondensedJoint(compliance, motion, operator, interface.weight, arm, joint.area, solid)
+    return CondensedJoint(
+        compliance,
+        motion,
+        block_diag(np.linalg.inv(compliance), np.zeros((arm.size,) * 2)),
+        np.concatenate([np.zeros(len(motion)), -joint.area * arm]),
+        csr_array(np.hstack([operator, operator @ motion])),
+        interface.weight,
+        1.0 / (joint.area * float(arm @ np.linalg.solve(held, arm))),
+    )

@@ -2,22 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.laws import HystereticLaw
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.data_range import load_shares, with_load_shares
-from multiscale.macro.joint.equilibrium import respond, solve_preload, tangent_stiffness
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.joint_assembly import CondensedJoint, condense_joint
-from multiscale.numerics.newton import Limits
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.macro.monolithic import InterfaceSolution, solve_interface
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["check_preloads", "joint_result", "ratios", "rough_joint"]
 
@@ -31,7 +26,7 @@ def rough_joint(
     extrapolate: bool = False,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Press the joint and return its normal stiffness at every preload.
 
     Parameters
@@ -50,8 +45,8 @@ def rough_joint(
         :func:`~multiscale.macro.data_range.with_load_shares`.
     max_iterations : int, iteration limit of a step
     tolerance : float
-        Bound on the residual of (1)-(3): forces relative to the preload, displacements relative
-        to the largest of them; dimensionless.
+        Bound on the forces out of balance in (2) and (3), see
+        :func:`~multiscale.macro.monolithic.solve_interface`; dimensionless.
 
     Returns
     -------
@@ -89,27 +84,40 @@ def rough_joint(
     """
     preloads = check_preloads(preloads)
     model = condense_joint(joint, law)
-    limits = Limits(max_iterations, tolerance)
     names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")
     values = {name: np.full(preloads.size, np.nan) for name in (*names, "residual", "wall_time")}
     values["converged"] = np.zeros(preloads.size, dtype=int)
     pressure = np.full((preloads.size, model.weight.size), np.nan)
-    solutions: list[np.ndarray | None] = []
+    solutions: list[InterfaceSolution | None] = []
+
+    def solve(
+        law: InterfaceLaw, preload: float, near: InterfaceSolution | None
+    ) -> InterfaceSolution:
+        """Solve (1)-(3), maybe from another solution."""
+        return solve_interface(
+            model.stiffness,
+            preload * model.load,
+            model.jump,
+            model.weight,
+            law.normal_law,
+            start=None if near is None else near.value,
+            jump=None if near is None else near.jump,
+            flexible=model,
+            max_iterations=max_iterations,
+            tolerance=tolerance,
+        )
 
     for step, preload in enumerate(preloads):
         before = perf_counter()
-        start = solutions[-1] if solutions else None
-        solution = solve_preload(model, law, preload, start, limits)
-        solutions.append(solution.value if solution.converged else None)
+        solution = solve(law, preload, solutions[-1] if solutions else None)
+        solutions.append(solution if solution.converged else None)
         values["converged"][step] = solution.converged
-        if solution.residuals:
-            values["residual"][step] = solution.residuals[-1]
+        values["residual"][step] = solution.residuals[-1]
         if solution.converged:
-            j, w, _ = model.split(solution.value)
-            jump = model.operator @ j
-            pressure[step] = respond(law, jump)[0]
-            found = _stiffness(model, law, solution.value) | {
-                "approach": -float(model.arm @ w),
+            jump = solution.jump[0]
+            pressure[step] = _respond(law, solution.jump)[0]
+            found = _stiffness(model, law, solution.jump) | {
+                "approach": model.approach(solution.value),
                 "mean_gap": float(model.weight @ jump) / model.area + law.gap,
                 "closed_fraction": float(model.weight @ (pressure[step] > 0.0)) / model.area,
             }
@@ -122,15 +130,21 @@ def rough_joint(
         failed = dict.fromkeys(("interface_stiffness", *ratios(sample)), np.nan)
         steps = []
         for preload, start in zip(preloads, solutions, strict=True):
-            solution = solve_preload(model, sample, preload, start, limits)
+            solution = solve(sample, preload, start)
             good = solution.converged
-            steps.append(_stiffness(model, sample, solution.value) if good else failed)
+            steps.append(_stiffness(model, sample, solution.jump) if good else failed)
         rows.append({name: np.array([step[name] for step in steps]) for name in failed})
     shares = load_shares(pressure, model.weight, law.pressure_range)
     result = {"preload": preloads, **values}
     return joint_result(
         result, rows, model.solid_stiffness, shares, law.pressure_range, extrapolate=extrapolate
     )
+
+
+def _respond(law: InterfaceLaw, jump: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pressure (Pa) and stiffness (Pa/m) of the law for normal jumps, shape (1, points), m."""
+    response = law.normal_law.respond(jump, np.zeros((law.normal_law.n_state, jump.size)))
+    return -response.traction[0], response.tangent[0, 0]
 
 
 def joint_result(
@@ -141,7 +155,7 @@ def joint_result(
     data: tuple[float, float],
     *,
     extrapolate: bool,
-) -> "xr.Dataset":
+) -> Dataset:
     """Dataset after ``MACRO_RESULT`` of what the law and each of its samples give at the preloads.
 
     Shares of the load lie outside the data of the law, shape (3, steps) and Pa; see
@@ -159,15 +173,21 @@ def joint_result(
     return MACRO_RESULT.assign(found, {"solid_stiffness": solid})
 
 
-def _stiffness(model: CondensedJoint, law: InterfaceLaw, value: np.ndarray) -> dict[str, float]:
-    """Stiffness of the interface, and of the joint on every branch of its law, Pa/m."""
-    K = respond(law, model.operator @ model.split(value)[0])[1]
-    return {
-        "interface_stiffness": float(model.weight @ K) / model.area,
-        **{
-            name: tangent_stiffness(model, law, value, ratio) for name, ratio in ratios(law).items()
-        },
-    }
+def _stiffness(model: CondensedJoint, law: InterfaceLaw, jump: np.ndarray) -> dict[str, float]:
+    """Stiffness of the interface, and of the joint on every branch of its law, Pa/m.
+
+    The stiffness of the law is multiplied by a ratio: unloading over loading, for a preload that
+    begins to fall.
+    """
+    K = model.weight * _respond(law, jump)[1]
+    found = {"interface_stiffness": float(K.sum()) / model.area}
+    for name, ratio in ratios(law).items():
+        try:
+            change = model.direction(model.jump, ratio * K[None, None], model.load)
+            found[name] = 1.0 / model.approach(change)
+        except MultiscaleError:
+            found[name] = np.nan
+    return found
 
 
 def check_preloads(preloads: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """One assembly, three ways to solve it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,12 +11,9 @@ from multiscale.macro.substructures.bolted_path import Method, follow_bolts
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.latin_solver import solve_latin
 from multiscale.macro.substructures.parallel import ProcessGroup
-from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.schur import solve_schur
 from multiscale.macro.substructures.whole_solver import solve_whole
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["AssembledNewton", "LatinMethod", "NewtonSchur", "solve_assembly"]
 
@@ -28,17 +26,8 @@ class AssembledNewton(Method):
     """
 
     name: ClassVar[str] = "Newton's method on the whole"
+    solver: ClassVar[Callable[..., Dataset]] = solve_whole
     condenses: ClassVar[bool] = True
-
-    def solve(
-        self,
-        problem: CutProblem,
-        load_factor: float | np.ndarray,
-        after: "xr.Dataset | None" = None,
-        near: "xr.Dataset | None" = None,
-    ) -> "xr.Dataset":
-        """Solve by :func:`solve_whole`."""
-        return solve_whole(problem, load_factor, after=after, near=near, **self.options)
 
 
 @dataclass(frozen=True)
@@ -49,20 +38,11 @@ class LatinMethod(Method):
     """
 
     name: ClassVar[str] = "LATIN"
+    solver: ClassVar[Callable[..., Dataset]] = solve_latin
     tolerance: float = 1e-8
     max_iterations: int = 400
     coarse: bool = True
     team: ProcessGroup | None = None
-
-    def solve(
-        self,
-        problem: CutProblem,
-        load_factor: float | np.ndarray,
-        after: "xr.Dataset | None" = None,
-        near: "xr.Dataset | None" = None,
-    ) -> "xr.Dataset":
-        """Solve by :func:`solve_latin`, which begins each step where the last one ended."""
-        return solve_latin(problem, load_factor, after=after, **self.options)
 
 
 @dataclass(frozen=True)
@@ -73,17 +53,8 @@ class NewtonSchur(Method):
     """
 
     name: ClassVar[str] = "Newton-Schur"
+    solver: ClassVar[Callable[..., Dataset]] = solve_schur
     team: ProcessGroup | None = None
-
-    def solve(
-        self,
-        problem: CutProblem,
-        load_factor: float | np.ndarray,
-        after: "xr.Dataset | None" = None,
-        near: "xr.Dataset | None" = None,
-    ) -> "xr.Dataset":
-        """Solve by :func:`solve_schur`, which begins each step where the last one ended."""
-        return solve_schur(problem, load_factor, after=after, **self.options)
 
 
 def solve_assembly(
@@ -91,8 +62,8 @@ def solve_assembly(
     load_factor: float | np.ndarray = 1.0,
     *,
     method: Method = AssembledNewton(),  # frozen
-    after: "xr.Dataset | None" = None,
-) -> "xr.Dataset":
+    after: Dataset | None = None,
+) -> Dataset:
     """Solve elastic bodies with interfaces, step by step.
 
     Parameters

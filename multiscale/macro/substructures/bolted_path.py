@@ -9,10 +9,9 @@ the distance :math:`\delta` of the washers and its value :math:`\delta_0` when t
 so that the pair of forces is :math:`F - k \delta_0` from then on.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -21,10 +20,7 @@ from multiscale.errors import CaseError
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import end_path, load_factors
 from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["Method", "bolt_pull", "follow_bolts", "lock_bolts"]
 
@@ -33,7 +29,7 @@ LOOSE = 1e-9
 
 
 @dataclass(frozen=True)
-class Method(ABC):
+class Method:
     """A way to solve an assembly.
 
     Parameters
@@ -43,8 +39,10 @@ class Method(ABC):
     """
 
     name: ClassVar[str]
+    solver: ClassVar[Callable[..., Dataset]]
     condenses: ClassVar[bool] = False
-    """Whether bodies are condensed onto their joints before it follows a path."""
+    """Whether bodies are condensed onto their joints before it follows a path, whose steps may
+    begin as those of another path."""
 
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10
@@ -61,18 +59,19 @@ class Method(ABC):
         """All options of its solver."""
         return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "parts"}
 
-    @abstractmethod
     def solve(
         self,
         problem: CutProblem,
         load_factor: float | np.ndarray,
-        after: "xr.Dataset | None" = None,
-        near: "xr.Dataset | None" = None,
-    ) -> "xr.Dataset":
+        after: Dataset | None = None,
+        near: Dataset | None = None,
+    ) -> Dataset:
         """Solve at factors of the load cases; the earlier steps come first in the result.
 
         A path of the same steps under other laws may tell where to begin.
         """
+        begin = {"near": near} if self.condenses else {}
+        return type(self).solver(problem, load_factor, after=after, **begin, **self.options)
 
 
 def bolt_pull(bolt: CutBolt, n: int) -> np.ndarray:
@@ -122,9 +121,9 @@ def follow_bolts(
     problem: CutProblem,
     load_factor: float | np.ndarray,
     method: Method,
-    after: "xr.Dataset | None" = None,
-    near: "xr.Dataset | None" = None,
-) -> "xr.Dataset":
+    after: Dataset | None = None,
+    near: Dataset | None = None,
+) -> Dataset:
     """Solve step by step; bolts are tightened where the first factor changes, and locked elsewhere.
 
     Parameters

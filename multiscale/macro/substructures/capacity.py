@@ -104,16 +104,11 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
         for joint in problem.joints
     ]
     normal, *across = (np.concatenate(direction) for direction in zip(*jumps, strict=True))
-    sizes = [joint.weight.size for joint in problem.joints]
-    area = np.concatenate([joint.weight for joint in problem.joints])
-    numbers = np.repeat([joint.joint for joint in problem.joints], sizes)
     known = [one for one in pressures if one.size and np.all(np.isfinite(one))]
     sliding = np.concatenate([normal, -normal])
     # sliding first: what also tips has a capacity that can be told
     for kept, pressure in [(sliding, one) for one in known] + [(normal, one) for one in known]:
-        parts = np.split(np.maximum(pressure, 0.0), np.cumsum(sizes)[:-1])
-        pairs = zip(problem.joints, parts, strict=True)
-        bound = area * np.concatenate([j.law.friction_limit(p) for j, p in pairs if j.law])
+        bound = problem.weight * problem.law.friction_limit(np.maximum(pressure, 0.0))
         a = _weakest(power, kept, across, bound)
         if a is None:
             continue
@@ -122,7 +117,7 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
         if taken < work and kept is normal:
             return Slide(np.nan, np.nan, ())
         if taken < work and largest > 0.0:
-            slides = tuple(np.unique(numbers[slip > NOTHING * largest]).tolist())
+            slides = tuple(np.unique(problem.point_joint[slip > NOTHING * largest]).tolist())
             return Slide(work / largest, taken / largest, slides)
     return None
 

@@ -6,12 +6,10 @@ import numpy as np
 
 from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
-from multiscale.schema import MACRO_RESULT, with_cautions
+from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import readable
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from multiscale.macro.substructures.joint_loading import FollowedJoint
 
 __all__ = ["closed_cycle", "cycle_work", "find_cycles", "to_and_fro", "with_amplitudes"]
@@ -74,8 +72,8 @@ def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.nd
 
 
 def with_amplitudes(
-    result: "xr.Dataset", followed: "FollowedJoint", area: float, *, extrapolate: bool = False
-) -> "xr.Dataset":
+    result: Dataset, followed: "FollowedJoint", area: float, *, extrapolate: bool = False
+) -> Dataset:
     r"""Return the result of a joint with secant stiffness, slip and loss of its cycles of shear.
 
     Parameters

@@ -10,17 +10,14 @@ the forces of the bolts are. Modes of both kinds do no work on each other.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array
 
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["DENSE", "CondensedProblem", "condense_problem"]
 
@@ -90,7 +87,7 @@ class CondensedProblem:
         condensed = self.small is not whole
         return _reduce(problem, self.insides) if condensed else CondensedProblem(problem, problem)
 
-    def restore(self, result: "xr.Dataset") -> "xr.Dataset":
+    def restore(self, result: Dataset) -> Dataset:
         """Return a result of the small problem with the displacement of all nodes."""
         if self.small is self.whole:
             return result
@@ -111,7 +108,11 @@ class CondensedProblem:
 
 
 def condense_problem(
-    problem: CutProblem, kept: Sequence[int] = (), *, largest: int | None = None
+    problem: CutProblem,
+    kept: Sequence[int] = (),
+    *,
+    largest: int | None = None,
+    insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
     """Condense each substructure, unless joints are missing or too many unknowns would be kept.
 
@@ -122,6 +123,8 @@ def condense_problem(
         Unknowns that are kept beside those that joints, bolts and neighbours touch.
     largest : int, optional
         Limit of the kept unknowns; ``DENSE`` if not given.
+    insides : sequence of CondensedStiffness, optional
+        Of a problem that differs by its loads, the laws of its joints and its preloads alone.
 
     Raises
     ------
@@ -140,7 +143,7 @@ def condense_problem(
     little = problem.n - left.size <= problem.n_cases * len(parts)  # modes may be as many
     if not problem.joints or left.size > (DENSE if largest is None else largest) or little:
         return CondensedProblem(problem, problem)
-    insides = [
+    insides = insides or [
         condense_body(part.stiffness, np.flatnonzero(keep), name="the stiffness of the structure")
         for part, keep in zip(parts, keeps, strict=True)
     ]

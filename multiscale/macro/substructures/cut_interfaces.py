@@ -118,8 +118,10 @@ def cut_interface(
         position = piece.values[1] @ upper.basis.doflocs.T
         first, second = traces
         gap = None if joint.gap is None else joint.gap.at(position)
-        cut = CutInterface(piece.sides, (first, second), None, piece.weight, position, place, gap)
-        found.append(cut.with_law(joint.law))
+        cut = CutInterface(
+            piece.sides, (first, second), joint.law, piece.weight, position, place, gap
+        )
+        found.append(cut)
     for side, body in enumerate(joint.sides):
         if body is not None and not any(one.trace[side].nnz for one in found):
             held = bodies[body].say_face(str(joint.boundaries[side]), body)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -13,10 +13,7 @@ from multiscale.macro.substructures.latin import Latin
 from multiscale.macro.substructures.latin_solver import solve_step
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["simulate_latin"]
 
@@ -31,7 +28,7 @@ def simulate_latin(
     tolerance: float = 1e-10,
     max_iterations: int = 400,
     team: ProcessGroup | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Follow a cut structure in time, by implicit steps of :func:`multiscale.macro.simulate`.
 
     Parameters
@@ -168,7 +165,7 @@ def _row(
     return {"time": time, **account, **fields}
 
 
-def _dataset(problem: CutProblem, rows: list[dict[str, Any]]) -> "xr.Dataset":
+def _dataset(problem: CutProblem, rows: list[dict[str, Any]]) -> Dataset:
     """Join the rows."""
     values: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     result = MACRO_RESULT.build(values | {"position": problem.position})

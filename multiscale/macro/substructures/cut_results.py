@@ -1,16 +1,13 @@
 """What the solvers for cut structures take and return alike."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.schema import COMPONENTS, MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import COMPONENTS, MACRO_RESULT, Dataset
 
 __all__ = ["assemble_result", "end_path", "link_fields", "load_factors"]
 
@@ -25,7 +22,7 @@ ENDED = "the steps end before step"
 
 
 def load_factors(
-    problem: CutProblem, load_factor: float | np.ndarray, after: "xr.Dataset | None" = None
+    problem: CutProblem, load_factor: float | np.ndarray, after: Dataset | None = None
 ) -> np.ndarray:
     """One row of factors for each step, shape (steps, cases), maybe after an earlier path.
 
@@ -59,14 +56,14 @@ def link_fields(
     return {"tension": tension[place], "slack": slack[place]}
 
 
-def _check_after(problem: CutProblem, after: "xr.Dataset") -> None:
+def _check_after(problem: CutProblem, after: Dataset) -> None:
     """Refuse an earlier path that ended with a failure, or has other nodes or points."""
     if not after["converged"].values.all():
         raise CaseError(
             f"the earlier path has failed, so that nothing follows it ({after.attrs['failure']}); "
             f"go on from the steps before, after.isel(step=slice(...))"
         )
-    points = sum(face.weight.size for face in problem.joints)
+    points = problem.weight.size
     found = after.sizes["node"], after.sizes.get("point", 0)
     if found != (len(problem.position), points):
         raise CaseError(
@@ -75,7 +72,7 @@ def _check_after(problem: CutProblem, after: "xr.Dataset") -> None:
         )
 
 
-def end_path(result: "xr.Dataset", step: int, steps: int, reason: str = "") -> "xr.Dataset":
+def end_path(result: Dataset, step: int, steps: int, reason: str = "") -> Dataset:
     """Let a path of so many steps end with a failure at one of them.
 
     The reason is the one that the path has told if none is given.
@@ -94,9 +91,9 @@ def assemble_result(
     problem: CutProblem,
     factors: np.ndarray,
     columns: Sequence[dict[str, Any]],
-    after: "xr.Dataset | None" = None,
+    after: Dataset | None = None,
     **attributes: str | float | int,
-) -> "xr.Dataset":
+) -> Dataset:
     """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN.
 
     A path ends with its first failure: later steps have no column. The steps of an earlier path
@@ -124,11 +121,8 @@ def assemble_result(
     if "jump" in values:
         values |= {
             "point_position": np.concatenate([face.position for face in problem.joints]),
-            "point_area": np.concatenate([face.weight for face in problem.joints]),
-            "point_joint": np.repeat(
-                [face.joint for face in problem.joints],
-                [face.weight.size for face in problem.joints],
-            ),
+            "point_area": problem.weight,
+            "point_joint": problem.point_joint,
         }
     result = MACRO_RESULT.build(
         values,

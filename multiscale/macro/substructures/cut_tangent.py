@@ -2,7 +2,7 @@ r"""Newton steps of a structure that has been cut."""
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import pairwise, starmap
 
 import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
@@ -11,6 +11,7 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import CondensedStiffness, condense, split
+from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.interface_newton import (
     FLOOR,
@@ -24,15 +25,14 @@ from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.inner_joints import move_joints_inside
-from multiscale.macro.substructures.joint_state import advance_state, states_after
+from multiscale.macro.substructures.joint_state import state_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
+from multiscale.macro.substructures.whole_structure import stack_jumps
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import enough, step_length
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["Imbalance", "Newton"]
 
@@ -65,8 +65,8 @@ class Imbalance:
         With the tractions of the tangents of the joints at their own jumps, N.
     residual, rounding : float
         Largest of the whole structure and what rounding makes of it, relative to the load.
-    tangents : list of ndarray, shape (3, 3, points), tangent of the joints, times the weights, N/m
-    tractions : list of ndarray, shape (3, points), on the joints, Pa
+    tangent : ndarray, shape (3, 3, points), of the laws of joints, times the weights, N/m
+    traction : ndarray, shape (3, points), on the joints, Pa
     softened : bool
         Whether laws (of this process) are stiffer than their tangents, so that they must go on.
     """
@@ -74,8 +74,8 @@ class Imbalance:
     force: np.ndarray
     residual: float
     rounding: float
-    tangents: list[np.ndarray]
-    tractions: list[np.ndarray]
+    tangent: np.ndarray
+    traction: np.ndarray
     softened: bool
 
 
@@ -95,7 +95,7 @@ class _Way:
 
     u: np.ndarray
     elastic: np.ndarray
-    jump: list[np.ndarray]
+    jump: np.ndarray
 
 
 class Newton:
@@ -122,10 +122,18 @@ class Newton:
         self.slot = slot[self.parts.edge]
         basis = coarse_basis(perfect)
         self.layout = lay_out(self.parts, self.slot, basis, perfect.interfaces, mine, self.team)
-        self.places = [place for place, joint in enumerate(joints) if joint.owner in mine]
-        self.joints = [joints[place] for place in self.places]
-        self.jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in self.joints]
-        self.states = [np.zeros((item.law.n_state, item.weight.size)) for item in self.joints]
+        places = [place for place, joint in enumerate(joints) if joint.owner in mine]
+        own = [joints[place] for place in places]
+        self.points = np.r_[(slice(0), *(problem.points[place] for place in places))]
+        ends = np.cumsum([0, *(joint.weight.size for joint in own)]).tolist()
+        at = list(starmap(slice, pairwise(ends)))
+        self.law = SideBySide([joint.law for joint in own], at, problem.gap[self.points])
+        self.weight = problem.weight[self.points]
+        jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in own]
+        self.operator = stack_jumps(jumps, self.stack.n)
+        normal, diagonal = self.operator[: ends[-1]], self.stack.stiffness.diagonal()
+        self.resistance = face_stiffness(diagonal, normal, self.weight) if own else 0.0
+        self.state = np.zeros((self.law.n_state, ends[-1]))
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors, self.before = (Factors(), Factors()), np.zeros(0)
@@ -135,26 +143,19 @@ class Newton:
         self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
         # jumps are summed up, as the tensions: the difference of both sides would round them away;
         # tangential ones over a step alone, after those of all earlier steps
-        self.slid = [np.zeros((3, item.weight.size)) for item in self.joints]
-        self.jump = [np.zeros((3, item.weight.size)) for item in self.joints]
+        self.slid, self.jump = np.zeros((2, 3, self.points.size))
         self.at = self.jump  # where the tangents of the laws are
-        diagonal = self.stack.stiffness.diagonal()
-        self.resistance = [
-            face_stiffness(diagonal, place[: item.weight.size], item.weight)
-            for place, item in zip(self.jumps, self.joints, strict=True)
-        ]
 
-    def resume(self, path: "xr.Dataset") -> None:
+    def resume(self, path: Dataset) -> None:
         """Start from the last step of a path."""
         self.u = self.problem.unknowns(path["displacement"].values[-1])[self.unknown]
         links = self.stack.links
         self.elastic = links.stiffness * (links.operator @ self.u)
         if self.problem.joints:
             jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
-            self.jump = [jump[:, self.problem.points[place]] for place in self.places]
-            self.at = self.jump
-            states = states_after(self.problem, path)
-            self.states = [states[place] for place in self.places]
+            self.jump = self.at = jump[:, self.points]
+            state = state_after(self.problem, path)
+            self.state = state[: self.law.n_state, self.points]
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
         """Let an operator of one substructure act on the unknowns of all."""
@@ -165,13 +166,9 @@ class Newton:
     def start(self, factor: np.ndarray) -> None:
         """Begin a step with factors of the load cases."""
         self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
-        self.states = [
-            joint.law.from_here(state)
-            for joint, state in zip(self.joints, self.states, strict=True)
-        ]
-        along = [jump * np.array([[0.0], [1.0], [1.0]]) for jump in self.jump]
-        self.slid = [slid + more for slid, more in zip(self.slid, along, strict=True)]
-        self.jump = [jump - more for jump, more in zip(self.jump, along, strict=True)]
+        self.state = self.law.from_here(self.state)
+        along = self.jump * np.array([[0.0], [1.0], [1.0]])
+        self.slid, self.jump = self.slid + along, self.jump - along
         self.at = self.jump
         links = self.stack.links
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
@@ -211,24 +208,19 @@ class Newton:
 
     def imbalance(self) -> Imbalance:
         """Evaluate (1)."""
-        u, tension, tangents, tractions = self.u, self.tension(), [], []
-        inner = self.stack.stiffness @ u
-        balanced = self.load - inner - self.stack.links.operator.T @ tension
-        force, softened = balanced.copy(), False
-        for joint, place, jump, at, k, state in zip(
-            self.joints, self.jumps, self.jump, self.at, self.resistance, self.states, strict=True
-        ):
-            own = joint.law.respond(at, state)
-            response = soften_tangent(own, k)
-            softened |= response is not own
-            balanced -= place.T @ (joint.weight * response.traction).ravel()
-            force -= place.T @ (joint.weight * tangent_traction(response, at, jump)).ravel()
-            tangents.append(joint.weight * response.tangent)
-            tractions.append(response.traction)
+        u, tension, joints = self.u, self.tension(), self.operator.T
+        own = self.law.respond(self.at, self.state)
+        response = soften_tangent(own, self.resistance)
+        outer = self.load - self.stack.stiffness @ u - self.stack.links.operator.T @ tension
+        balanced, force = (
+            outer - joints @ (self.weight * traction).ravel()
+            for traction in (response.traction, tangent_traction(response, self.at, self.jump))
+        )
         residual = float(np.abs(self.assemble(balanced)).max(initial=0.0)) / self.scale
         largest = self._largest(np.append(self.magnitude @ np.abs(u), tension))
-        rounding = 8.0 * np.finfo(float).eps * largest / self.scale
-        return Imbalance(force, residual, min(rounding, UNSURE), tangents, tractions, softened)
+        rounding = min(8.0 * float(np.finfo(float).eps) * largest / self.scale, UNSURE)
+        tangent, softened = self.weight * response.tangent, response is not own
+        return Imbalance(force, residual, rounding, tangent, response.traction, softened)
 
     def advance(self, imbalance: Imbalance, tolerance: float, *, search: bool = False) -> int:
         """Take one Newton step; return the number of iterations of the linear solver.
@@ -267,19 +259,14 @@ class Newton:
         self.lending.adapt(step)
         return count
 
-    def _place(self) -> tuple[np.ndarray, np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    def _place(self) -> tuple[np.ndarray, ...]:
         """Displacement and tension reached, jumps, and jumps of the tangents."""
         return self.u, self.elastic, self.jump, self.at
 
     def _held(self, imbalance: Imbalance) -> Imbalance:
         """Lend stiffness to the tangents of joints."""
-        tangents = [
-            tangent + FLOOR * k * joint.weight * np.eye(3)[:, :, None]
-            for joint, k, tangent in zip(
-                self.joints, self.resistance, imbalance.tangents, strict=True
-            )
-        ]
-        return replace(imbalance, tangents=tangents)
+        lent = FLOOR * self.resistance * self.weight * np.eye(3)[:, :, None]
+        return replace(imbalance, tangent=imbalance.tangent + lent)
 
     def _search_from_closest(self, tolerance: float) -> int:
         """Search from the smallest residual; from jumps of their own, the laws would mislead."""
@@ -293,7 +280,7 @@ class Newton:
         return _Way(
             direction,
             links.stiffness * (links.operator @ direction),
-            [(place @ direction).reshape(3, -1) for place in self.jumps],
+            (self.operator @ direction).reshape(3, -1),
         )
 
     def _goes_on(self, way: _Way, work: float, here: Imbalance) -> bool:
@@ -306,12 +293,7 @@ class Newton:
         after = self.imbalance()
         softened = bool(self._sum(here.softened))
         if softened or not enough(work, self._sum(after.force @ way.u)):
-            self.at = [
-                go_on_along_law(joint.law, at, jump, k, state)
-                for joint, at, jump, k, state in zip(
-                    self.joints, before[3], self.jump, self.resistance, self.states, strict=True
-                )
-            ]
+            self.at = go_on_along_law(self.law, before[3], self.jump, self.resistance, self.state)
             after = self.imbalance()
         if not after.residual <= GROWTH * here.residual:
             self.u, self.elastic, self.jump, self.at = before
@@ -322,8 +304,7 @@ class Newton:
         """Go along a direction."""
         self.u = self.u + step * way.u
         self.elastic = self.elastic + step * way.elastic
-        self.jump = [jump + step * more for jump, more in zip(self.jump, way.jump, strict=True)]
-        self.at = self.jump
+        self.jump = self.at = self.jump + step * way.jump
 
     def _solve(
         self, imbalance: Imbalance, carries: np.ndarray, accuracy: float
@@ -340,13 +321,12 @@ class Newton:
         """Condense the tangent and prepare what preconditions it."""
         share = np.where(carries, 1.0, self.lending.share)
         matrix = self.stack.matrix(share * self.stack.links.stiffness, None)
-        symmetric = True
-        for jump, tangent in zip(self.jumps, imbalance.tangents, strict=True):
-            symmetric &= np.array_equal(tangent, tangent.transpose(1, 0, 2))
+        tangent = imbalance.tangent
+        if self.points.size:
             blocks = [[diags_array(entry) for entry in row] for row in tangent]
-            matrix = matrix + jump.T @ block_array(blocks, format="csr") @ jump
+            matrix += self.operator.T @ block_array(blocks, format="csr") @ self.operator
         matrix = csr_array(matrix + HELD * diags_array(self.taut))
-        symmetric = not self._sum(not symmetric)
+        symmetric = not self._sum(not np.array_equal(tangent, tangent.transpose(1, 0, 2)))
         inside, coarse = self.factors if symmetric else (factorise, factorise)
         condensed = together(self.team, lambda: condense(matrix, self.parts, inside))
         schur = self.layout.gather(condensed.blocks)
@@ -418,7 +398,7 @@ class Newton:
     def why(self, status: Status, closest: Imbalance) -> str:
         """Say why a step failed, from where it was closest to a solution."""
         load = self.problem.load(self.factor)
-        pressure = -self._joined(closest.tractions)[0]
+        pressure = -self._joined(closest.traction)[0]
         if slide := find_slide(self.problem, load, self.before, pressure):
             return str(slide)
         if self.unfinished:
@@ -432,20 +412,17 @@ class Newton:
         """Jump, m, and traction, Pa, at all points of all joints, shape (points, 3)."""
         if not self.problem.joints:
             return {}
-        jump = [slid + more for slid, more in zip(self.slid, self.at, strict=True)]
-        fields = {"jump": jump, "traction": imbalance.tractions}
-        return {name: self._joined(values).T for name, values in fields.items()}
+        fields = {"jump": self.slid + self.at, "traction": imbalance.traction}
+        return {name: self._joined(value).T for name, value in fields.items()}
 
-    def _joined(self, values: list[np.ndarray]) -> np.ndarray:
-        """Jump or traction at the points of the joints of all processes, in their order."""
-        found = dict(self.team.collect(list(zip(self.places, values, strict=True))))
-        return np.concatenate(
-            [np.zeros((3, 0)), *(found[place] for place in sorted(found))], axis=1
-        )
+    def _joined(self, value: np.ndarray) -> np.ndarray:
+        """Jump or traction at the points of the joints of all processes."""
+        found = np.zeros((3, self.problem.weight.size))
+        found[:, self.points] = value
+        return self.team.total(found)
 
     def commit(self) -> None:
         """Take the state of the laws at the present displacement for the next step."""
-        self.before = -self._joined(self.imbalance().tractions)[0]
-        for index, (joint, jump) in enumerate(zip(self.joints, self.at, strict=True)):
-            self.states[index], _ = advance_state(joint.law, jump, self.states[index])
+        self.before = -self._joined(self.imbalance().traction)[0]
+        self.state = self.law.sliding(self.at, self.state).state
         self.jump = self.at

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -16,9 +15,7 @@ from multiscale.macro.substructures.joint_state import without_slip
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["FollowedPath", "condense_assembly", "solve_path"]
 
@@ -55,7 +52,7 @@ class FollowedPath:
     problem: CutProblem
     whole: Assembled
     locked: Assembled
-    result: "xr.Dataset"
+    result: Dataset
     work: np.ndarray
 
     def tangent_work(self, steps: Sequence[int]) -> np.ndarray:
@@ -97,18 +94,15 @@ class FollowedPath:
 
     def _tangent(self, step: int) -> csr_array:
         """Stiffness of all joints about the jump of a step, no point slipping, N/m."""
-        joints, B = self.problem.joints, self.whole.jump
-        if not joints:
+        if not self.problem.joints:
             return csr_array(self.whole.stiffness.shape)
-        jump = self.result["jump"].values[step].T
-        parts = zip(joints, self.problem.points, strict=True)
-        k = [without_slip(face.law, jump[:, at]) for face, at in parts if face.law is not None]
-        weight = np.tile(self.whole.weight, 3)
-        return csr_array(B.T @ diags_array(weight * np.concatenate(k, axis=1).ravel()) @ B)
+        k = without_slip(self.problem.law, self.result["jump"].values[step].T)
+        B = self.whole.jump
+        return csr_array(B.T @ diags_array((self.whole.weight * k).ravel()) @ B)
 
 
 def solve_path(
-    problem: CutProblem, factors: np.ndarray, method: Method, near: "xr.Dataset | None" = None
+    problem: CutProblem, factors: np.ndarray, method: Method, near: Dataset | None = None
 ) -> FollowedPath:
     """Solve a path, maybe near another one, and let the loads measure the displacement."""
     result, whole = follow_bolts(problem, factors, method, near=near), assemble(problem)

@@ -1,7 +1,6 @@
 """Behaviour of every substructure as its neighbours feel it from afar."""
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, diags_array
@@ -11,10 +10,7 @@ from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack_parts
-from multiscale.schema import HOMOGENISED
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import HOMOGENISED, Dataset
 
 __all__ = ["homogenise"]
 
@@ -22,9 +18,7 @@ HELD = 1e-12
 """Stiffness lent to every unknown, relative to its diagonal, for mechanisms inside."""
 
 
-def homogenise(
-    problem: CutProblem, result: "xr.Dataset | None" = None, *, step: int = -1
-) -> "xr.Dataset":
+def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int = -1) -> Dataset:
     r"""Condense every substructure onto the resultants of its interfaces.
 
     .. math::
@@ -94,7 +88,7 @@ def homogenise(
     return dataset.assign_coords(status=["taut", "slackened"])
 
 
-def _slack_links(problem: CutProblem, result: "xr.Dataset | None", step: int) -> np.ndarray:
+def _slack_links(problem: CutProblem, result: Dataset | None, step: int) -> np.ndarray:
     """Which links are slack, shape (links,)."""
     if not problem.n_links:
         return np.zeros(0, dtype=bool)

@@ -22,16 +22,14 @@ References
    Springer, 2005, doi:10.1007/b138705, on errors in the constitutive relation.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from multiscale.macro.substructures.bound import Admissible, ForceError
-from multiscale.macro.substructures.parallel import ProcessGroup
-from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.latin import Latin, LatinIterate
 
-__all__ = ["HeuristicIndicator", "JointError"]
+__all__ = ["JointError", "indicate_error"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,51 +48,21 @@ class JointError:
     traction: np.ndarray
 
 
-class HeuristicIndicator:
-    """Evaluate (2) for states of the linear stage, whose coarse forces are balanced."""
-
-    def __init__(self, problem: CutProblem, admissible: Admissible) -> None:
-        self.problem, self.admissible = problem, admissible
-
-    def evaluate(
-        self,
-        u: np.ndarray,
-        force: np.ndarray,
-        states: Sequence[np.ndarray],
-        directions: Mapping[int, tuple[np.ndarray, ...]],
-        team: ProcessGroup,
-    ) -> JointError:
-        """Measure a state.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n,), displacement of the substructures of this process, m
-        force : ndarray, shape (m,), on all sides, N
-        states : sequence of ndarray, last committed state of the law of every interface
-        directions : mapping of int to tuple of ndarray
-            Search directions of both sides of the joints, N/m.
-        team : ProcessGroup
-        """
-        K, trace = self.admissible.stack.stiffness, self.admissible.stack.trace
-        fields = self.admissible(u, force, team)
-        moved = team.concatenate(trace @ fields.continuous)
-        stressed = u + fields.change
-        apart = stressed - fields.continuous
-        bodies = team.total(np.array([apart @ (K @ apart), stressed @ (K @ stressed)]))
-        error, size = (max(float(one), 0.0) for one in bodies)  # rounding may leave less
-        tractions = [np.zeros((3, 0))]
-        for index, face in enumerate(self.problem.interfaces):
-            if face.law is None:
-                continue
-            first, second = self.admissible.sides.place[index]
-            jump = (moved[second] - moved[first]).reshape(3, -1)
-            traction = fields.balanced[first].reshape(3, -1) / face.weight
-            k = directions[index]
-            kappa = (k[0] * k[1] / (k[0] + k[1])).reshape(3, -1) / face.weight
-            source = traction + kappa * jump  # (1)
-            on_law = source - kappa * face.law.resolvent(source, kappa, states[index])
-            error += 4.0 * float(np.sum(face.weight * (traction - on_law) ** 2 / kappa))  # (2)
-            size += float(np.sum(face.weight * traction**2 / kappa))
-            tractions.append(traction)
-        estimate = ForceError(float(np.sqrt(error)), float(np.sqrt(size)))
-        return JointError(estimate, stressed, np.concatenate(tractions, axis=1))
+def indicate_error(method: Latin, admissible: Admissible, found: LatinIterate) -> JointError:
+    """Evaluate (2) for a state of the linear stage, whose coarse forces are balanced."""
+    K, trace, team = admissible.stack.stiffness, admissible.stack.trace, method.team
+    fields = admissible(found.u, found.force, team)
+    moved = team.concatenate(trace @ fields.continuous)
+    stressed = found.u + fields.change
+    apart = stressed - fields.continuous
+    bodies = team.total(np.array([apart @ (K @ apart), stressed @ (K @ stressed)]))
+    error, size = (max(float(one), 0.0) for one in bodies)  # rounding may leave less
+    (first, second), weight = method.sides.joints, method.weight
+    traction = fields.balanced[first] / weight
+    k1, k2 = (method.k0.matrix.diagonal()[side] for side in method.sides.joints)
+    kappa = k1 * k2 / (k1 + k2) / weight
+    source = traction + kappa * (moved[second] - moved[first])  # (1)
+    on_law = source - kappa * method.law.resolvent(source, kappa, method.state)
+    error += 4.0 * float(np.sum(weight * (traction - on_law) ** 2 / kappa))  # (2)
+    size += float(np.sum(weight * traction**2 / kappa))
+    return JointError(ForceError(float(np.sqrt(error)), float(np.sqrt(size))), stressed, traction)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,17 +10,14 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.laws.bulk import respond_bulk
 from multiscale.macro.continuum.body import Body
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["add_body_fields", "element_corners", "element_stress", "list_elements"]
 
 
 def add_body_fields(
-    result: "xr.Dataset", bodies: Sequence[Body], *, damage: Sequence[float] = ()
-) -> "xr.Dataset":
+    result: Dataset, bodies: Sequence[Body], *, damage: Sequence[float] = ()
+) -> Dataset:
     r"""Add elements, their stress and their strain energy to a result of cut bodies.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +16,7 @@ from multiscale.macro.substructures.followed_path import FollowedPath, condense_
 from multiscale.macro.substructures.joint_state import contact_state, joint_shares
 from multiscale.macro.substructures.load_path import LoadPath
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = [
     "FEW_STEPS",
@@ -94,7 +91,7 @@ def load_joint(
     *,
     method: Method = LatinMethod(),  # noqa: B008  # frozen
     extrapolate: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Press and shear bodies with rough joints.
 
     Parameters
@@ -157,7 +154,7 @@ class FollowedJoint:
 
     loading: JointLoading
     path: FollowedPath
-    cycles: "list[xr.Dataset]"
+    cycles: list[Dataset]
 
 
 def follow_joint(
@@ -178,7 +175,7 @@ def follow_joint(
     path = solve_path(problem, loading.path().factors(), method, before)
     top, known = np.array(loading.amplitudes), near.cycles if near else []
     shear = np.ravel(top[:, None] * np.append(1.0, closed_cycle(loading.amplitude_steps)))
-    cycles: list[xr.Dataset] = []
+    cycles: list[Dataset] = []
     for level, preload in enumerate(loading.preloads if loading.amplitudes else ()):
         if path.result["converged"].values[level] != 1:
             break
@@ -191,7 +188,7 @@ def follow_joint(
 
 def measure_joint(
     followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
-) -> "xr.Dataset":
+) -> Dataset:
     """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
     loading, path, area = followed.loading, followed.path, np.array(areas)
     problem, result, loads = path.problem, path.result, loading.path(areas)

@@ -1,26 +1,22 @@
 """What the tractions of a joint say: open, sticking, slipping, stiff, beyond the data."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.data_range import load_shares
 from multiscale.macro.substructures.problem import CutProblem
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = [
     "OPENED",
     "SLIPS",
     "STICKS",
-    "advance_state",
     "contact_state",
     "joint_shares",
-    "states_after",
+    "state_after",
     "without_slip",
 ]
 
@@ -33,11 +29,8 @@ OPEN = 1e-6
 MOST = 0.5
 """Share of the pressure of a point above which what slips makes it a slipping one."""
 
-GAIN = 1e-12
-"""Energy that rounding may win in a step, relative to the largest that a point has stored."""
 
-
-def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
+def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
     """State of every point and its shares of the area.
 
     Parameters
@@ -55,7 +48,7 @@ def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
     Raises
     ------
     ConvergenceError
-        If a step wins energy; see :func:`advance_state`.
+        If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
     """
     pressure = -result["traction"].values[..., 0]
     slipping, dissipated, reached = _slip_and_loss(problem, result)
@@ -72,7 +65,7 @@ def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
         return np.asarray(np.where(failed, np.nan, where) @ share)
 
     return {
-        "gap": result["jump"].values[..., 0] + np.concatenate(initial),
+        "gap": result["jump"].values[..., 0] + np.concatenate(initial) + problem.gap,
         "point_damage": np.repeat([law.damage for law in laws], sizes),
         "contact_state": np.where(failed, np.nan, state),
         "open_fraction": fraction(state == OPENED),
@@ -83,7 +76,7 @@ def contact_state(problem: CutProblem, result: "xr.Dataset") -> dict[str, Any]:
     }
 
 
-def joint_shares(problem: CutProblem, result: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Shares of the load of every joint, however cut, outside the data of its law, and these data.
 
     Parameters
@@ -106,7 +99,7 @@ def joint_shares(problem: CutProblem, result: "xr.Dataset") -> tuple[np.ndarray,
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 
 
-def _slip_and_loss(problem: CutProblem, result: "xr.Dataset") -> np.ndarray:
+def _slip_and_loss(problem: CutProblem, result: Dataset) -> np.ndarray:
     """Return what slips in a step, what slip loses, J/m², and what the shear makes slip.
 
     The shape is (3, steps, points). What slips is a share of the pressure of a point, counted by
@@ -114,53 +107,28 @@ def _slip_and_loss(problem: CutProblem, result: "xr.Dataset") -> np.ndarray:
     """
     jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
     found = np.full(jump.shape, np.nan)
-    for step, points, law, state, account in _replay(problem, result):
-        reached = law.slipping_load(jump[:, step, points], state)
-        found[:, step, points] = account.slipping, account.dissipated, reached
+    for step, state, account in _replay(problem, result):
+        reached = problem.law.slipping_load(jump[:, step], state)
+        found[:, step] = account.slipping, account.dissipated, reached
     return found
 
 
-def states_after(problem: CutProblem, path: "xr.Dataset | None") -> list[np.ndarray]:
-    """States of the laws of joints after a path, shapes (rows, points); zero without one."""
+def state_after(problem: CutProblem, path: Dataset | None) -> np.ndarray:
+    """State of the laws of joints after a path, shape (rows, points); zero without one."""
+    state = np.zeros((problem.law.n_state, problem.weight.size))
     if path is not None and problem.joints:
-        last = path.sizes["step"] - 1
-        return [state for step, _, _, state, _ in _replay(problem, path) if step == last]
-    laws = [(face.law, face.weight.size) for face in problem.joints]
-    return [np.zeros((law.n_state if law else 0, points)) for law, points in laws]
+        for _, last, _ in _replay(problem, path):
+            state = last
+    return state
 
 
-def _replay(
-    problem: CutProblem, result: "xr.Dataset"
-) -> Iterator[tuple[int, slice, InterfaceLaw, np.ndarray, Sliding]]:
-    """Step, points, law, state and account of each joint at each step: jumps tell the states."""
-    jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
-    for face, points in zip(problem.joints, problem.points, strict=True):
-        law = face.law
-        assert law is not None
-        state = np.zeros((law.n_state, face.weight.size))
-        for step in np.flatnonzero(result["converged"].values == 1):
-            state, account = advance_state(law, jump[:, step, points], state)
-            yield int(step), points, law, state, account
-
-
-def advance_state(
-    law: InterfaceLaw, jump: np.ndarray, state: np.ndarray
-) -> tuple[np.ndarray, Sliding]:
-    """State after a step of a joint, and what the step did.
-
-    Raises
-    ------
-    ConvergenceError
-        If the dissipation, work less the change of the energy stored, is negative at a point.
-    """
-    account = law.sliding(jump, state)
-    won, most = -account.dissipated.min(initial=0.0), account.stored.max(initial=0.0)
-    if won > GAIN * most:
-        raise ConvergenceError(
-            f"a step wins {won:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
-            f"most: {type(law).__name__} is wrong, as is every answer of the path; report the case"
-        )
-    return account.state, account
+def _replay(problem: CutProblem, result: Dataset) -> Iterator[tuple[int, np.ndarray, Sliding]]:
+    """State after and account of each step that converged: jumps tell the states."""
+    state = np.zeros((problem.law.n_state, problem.weight.size))
+    for step in np.flatnonzero(result["converged"].values == 1):
+        account = problem.law.sliding(result["jump"].values[step].T, state)
+        state = account.state
+        yield int(step), state, account
 
 
 def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:

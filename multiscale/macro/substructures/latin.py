@@ -2,12 +2,10 @@ r"""Micro-macro LATIN: one stage knows the links and laws, the other the structu
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import diags_array
 
-from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.capacity import Slide, find_slide
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
 from multiscale.macro.substructures.joint_directions import (
@@ -15,7 +13,7 @@ from multiscale.macro.substructures.joint_directions import (
     joint_directions,
     law_stiffness,
 )
-from multiscale.macro.substructures.joint_state import advance_state, states_after
+from multiscale.macro.substructures.joint_state import state_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.search_directions import (
@@ -24,9 +22,7 @@ from multiscale.macro.substructures.search_directions import (
     side_stiffness,
 )
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["Latin", "LatinIterate"]
 
@@ -108,10 +104,8 @@ class Latin:
             for index, face in enumerate(problem.interfaces)
             if face.law is not None
         ]
-        self.states = [
-            np.zeros((face.law.n_state, face.weight.size)) if face.law else np.zeros(0)
-            for face in problem.interfaces
-        ]
+        self.law, self.weight = problem.law, problem.weight
+        self.state = state_after(problem, None)
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
         self.joint_k = self.directions(
             {index: np.full((3, face.weight.size), np.inf) for index, face, _ in self.joints}
@@ -124,24 +118,19 @@ class Latin:
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
         self.largest, self.before = 0.0, np.zeros(0)
 
-    def resume(self, path: "xr.Dataset") -> None:
+    def resume(self, path: Dataset) -> None:
         """Start from the last step of a path; it does not tell forces on perfect interfaces."""
-        jointed = [index for index, _, _ in self.joints]
-        states = states_after(self.problem, path)
-        for index, state in zip(jointed, states, strict=True):
-            self.states[index] = state
+        self.state = state_after(self.problem, path)
         u = self.problem.unknowns(path["displacement"].values[-1])
         local = [u[self.problem.substructures[part].unknown] for part in self.parts]
         moved = self.stack.trace @ np.concatenate(local)
         self.r = self.k0.matrix @ self.team.concatenate(moved)
-        if jointed:
+        if self.joints:
             traction = path["traction"].values[-1].T
             self.before = -traction[0]
-            for (index, face, _), points in zip(self.joints, self.problem.points, strict=True):
-                force = (face.weight * traction[:, points]).ravel()
-                first, second = self.sides.place[index]
-                self.r[first] -= force
-                self.r[second] += force
+            first, second = self.sides.joints
+            self.r[first] -= self.weight * traction
+            self.r[second] += self.weight * traction
 
     @property
     def n_coarse(self) -> int:
@@ -219,24 +208,19 @@ class Latin:
     def local_sides(self, r: np.ndarray) -> np.ndarray:
         """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
         g = np.asarray(2.0 * self.sides.mean(r) - r)  # (16), (17)
-        for index, _, law in self.joints:
-            first, second = self.sides.place[index]
-            force = self.joint_answer(index, law, r)[1]
-            g[first], g[second] = r[first] + 2.0 * force, r[second] - 2.0 * force
+        first, second = self.sides.joints
+        force = self.weight * self.joint_fields(r)[1]
+        g[first], g[second] = r[first] + 2.0 * force, r[second] - 2.0 * force
         return g
 
-    def joint_answer(
-        self, index: int, law: InterfaceLaw, r: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Jump, shape (3, points), and force on side 1 of a joint on its search direction."""
-        face = self.problem.interfaces[index]
-        first, second = self.sides.place[index]
-        weight = np.tile(face.weight, 3)
+    def joint_fields(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Jump, m, and traction, Pa, on the search directions of all joints, (3, points)."""
+        first, second = self.sides.joints
         k = self.k0.matrix.diagonal()
-        series = 1.0 / (1.0 / k[first] + 1.0 / k[second]) / weight
+        series = 1.0 / (1.0 / k[first] + 1.0 / k[second]) / self.weight
         source = series * (r[second] / k[second] - r[first] / k[first])
-        jump = law.resolvent(source.reshape(3, -1), series.reshape(3, -1), self.states[index])
-        return jump, weight * (source - series * jump.ravel())
+        jump = self.law.resolvent(source, series, self.state)
+        return jump, source - series * jump
 
     def update(self) -> np.ndarray | None:
         """Adapt the search directions to the status of links and joints.
@@ -277,9 +261,10 @@ class Latin:
 
     def update_joints(self) -> bool:
         """Adapt the search directions of joints to the laws where they are; say if any did."""
+        jump = self.law.opened(self.joint_fields(self.r)[0])
         tangents = {
-            index: law_stiffness(law, self.joint_answer(index, law, self.r)[0], self.states[index])
-            for index, _, law in self.joints
+            index: law_stiffness(law, jump[:, at], self.state[: law.n_state, at])
+            for (index, _, law), at in zip(self.joints, self.problem.points, strict=True)
         }
         changed = False
         for index, found in self.directions(tangents).items():
@@ -302,21 +287,11 @@ class Latin:
             for index, face, _ in self.joints
         }
 
-    def joint_fields(self) -> tuple[np.ndarray, np.ndarray]:
-        """Jump, m, and traction, Pa, at all points of all joints, shape (3, points)."""
-        jumps, tractions = [np.zeros((3, 0))], [np.zeros((3, 0))]
-        for index, face, law in self.joints:
-            jump, force = self.joint_answer(index, law, self.r)
-            jumps.append(jump)
-            tractions.append(force.reshape(3, -1) / face.weight)
-        return np.concatenate(jumps, axis=1), np.concatenate(tractions, axis=1)
-
     def commit(self, found: LatinIterate) -> None:
         """Take the state of the laws at the present forces for the next step."""
         self.largest, self.before = max(self.largest, self.size(found)), self.pressure()
-        for index, _, law in self.joints:
-            jump = self.joint_answer(index, law, self.r)[0]
-            self.states[index], _ = advance_state(law, jump, self.states[index])
+        jump = self.joint_fields(self.r)[0]
+        self.state = self.law.sliding(jump, self.state).state
 
     def slack(self) -> np.ndarray:
         """Distance by which the ends of every link miss it, shape (rows,), m."""
@@ -364,7 +339,7 @@ class Latin:
 
     def pressure(self) -> np.ndarray:
         """Contact pressure at all points of all joints, Pa."""
-        return np.asarray(-self.joint_fields()[1][0])
+        return np.asarray(-self.joint_fields(self.r)[1][0])
 
     def slide(self, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
         """Say whether the load overcomes friction at pressures, Pa: of the step before or these."""

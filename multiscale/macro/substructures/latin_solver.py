@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,14 +11,12 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
-from multiscale.macro.substructures.indicator import HeuristicIndicator
+from multiscale.macro.substructures.indicator import indicate_error
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.anderson import Anderson
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["solve_latin", "solve_step"]
 
@@ -43,7 +41,7 @@ def solve_latin(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
-    after: "xr.Dataset | None" = None,
+    after: Dataset | None = None,
     coarse: bool = True,
     updated: bool = True,
     tolerance: float = 1e-8,
@@ -51,7 +49,7 @@ def solve_latin(
     team: ProcessGroup | None = None,
     callback: Callable[[int, float, LatinIterate], None] | None = None,
     after_step: Callable[[], object] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
 
     Parameters
@@ -200,7 +198,7 @@ def solve_step(
     judged = judge(found) if converged and judge else {}
     if converged:
         method.go_on_from(z, r)
-    jump, traction = method.joint_fields()
+    jump, traction = method.joint_fields(method.r)
     fields = {"slack": method.slack(), "jump": jump, "traction": traction, "found": found}
     if converged:
         method.commit(found)
@@ -220,12 +218,9 @@ def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
     """Return what measures the error of a state, relative to its size: friction has no bound."""
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
     if method.problem.joints:
-        indicator = HeuristicIndicator(method.problem, admissible)
 
         def indicate(found: LatinIterate) -> dict[str, float]:
-            states, directions = method.states, method.joint_k
-            error = indicator.evaluate(found.u, found.force, states, directions, method.team)
-            return {"error_indicator": error.estimate.relative}
+            return {"error_indicator": indicate_error(method, admissible, found).estimate.relative}
 
         return indicate
     bound, team = ErrorBound(method.stack, admissible), method.team

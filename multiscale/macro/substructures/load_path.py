@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,7 @@ from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.followed_path import solve_path
 from multiscale.macro.substructures.joint_state import OPENED, SLIPS, contact_state, joint_shares
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["LoadPath", "follow_cut_loads", "refuse_free", "require_held"]
 
@@ -132,8 +129,8 @@ def follow_cut_loads(
     *,
     method: Method,
     extrapolate: bool = False,
-    near: "xr.Dataset | None" = None,
-) -> "xr.Dataset":
+    near: Dataset | None = None,
+) -> Dataset:
     r"""Load a cut structure with interfaces by named loads.
 
     Parameters
@@ -210,13 +207,13 @@ def _say_factors(names: Sequence[str], factors: np.ndarray) -> str:
     return "the loads " + (", ".join(said) or "zero")
 
 
-def _by_interface(result: "xr.Dataset", values: np.ndarray) -> np.ndarray:
+def _by_interface(result: Dataset, values: np.ndarray) -> np.ndarray:
     """Sum over the points of every interface, shape (steps, interfaces)."""
     number = result["point_joint"].to_numpy()
     return np.stack([values[:, number == one].sum(axis=1) for one in np.unique(number)], axis=1)
 
 
-def _of_interfaces(result: "xr.Dataset") -> dict[str, np.ndarray]:
+def _of_interfaces(result: Dataset) -> dict[str, np.ndarray]:
     """Mean pressure of every interface, and its open and slipping shares."""
     area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
     state = result["contact_state"].to_numpy()

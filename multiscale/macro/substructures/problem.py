@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.laws.spaced import Spaced
+from multiscale.laws.side_by_side import SideBySide
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
@@ -101,10 +101,6 @@ class CutInterface:
     joint: int = 0
     gap: np.ndarray | None = None
 
-    def with_law(self, law: InterfaceLaw) -> "CutInterface":
-        """Return the interface with another law, which counts from the initial gap."""
-        return replace(self, law=law if self.gap is None else Spaced(law, self.gap))
-
     @property
     def size(self) -> int:
         """Number of unknowns of one side."""
@@ -177,9 +173,34 @@ class CutProblem:
         ends = np.cumsum([0, *(joint.weight.size for joint in self.joints)])
         return [slice(a, b) for a, b in pairwise(ends.tolist())]
 
+    @cached_property
+    def law(self) -> SideBySide:
+        """Laws of all joints side by side."""
+        laws = [joint.law for joint in self.joints if joint.law]
+        return SideBySide(laws, self.points, self.gap)
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """Area of the points of all joints, m², shape (points,)."""
+        return np.concatenate([np.zeros(0), *(joint.weight for joint in self.joints)])
+
+    @cached_property
+    def gap(self) -> np.ndarray:
+        """Initial gap of the points of all joints beside the gaps of their laws, m."""
+        gap = np.zeros(self.weight.size)
+        for joint, at in zip(self.joints, self.points, strict=True):
+            gap[at] = 0.0 if joint.gap is None else joint.gap
+        return gap
+
+    @property
+    def point_joint(self) -> np.ndarray:
+        """Joint of every point, by its number, shape (points,)."""
+        numbers = [np.full(joint.weight.size, joint.joint) for joint in self.joints]
+        return np.concatenate([np.zeros(0, dtype=int), *numbers])
+
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""
-        joints = tuple(one.with_law(laws[one.joint]) for one in self.joints)
+        joints = tuple(replace(one, law=laws[one.joint]) for one in self.joints)
         return replace(self, joints=joints)
 
     @property

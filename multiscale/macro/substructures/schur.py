@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.newton import Limits, NewtonRun
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["solve_schur"]
 
@@ -28,13 +26,13 @@ def solve_schur(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
-    after: "xr.Dataset | None" = None,
+    after: Dataset | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 100,
     team: ProcessGroup | None = None,
     callback: Callable[[int, float, Newton], None] | None = None,
     after_step: Callable[[], object] | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
     Parameters

@@ -29,6 +29,7 @@ class Sides:
     slot : ndarray of int, shape (m,), unknown of the interface that a row is one side of
     count : ndarray of int, shape (slots,), number of sides of every such unknown
     perfect : ndarray of bool, shape (m,), whether the interface has no law
+    joints : ndarray of int, shape (2, 3, points), rows of both sides of the interfaces with a law
     """
 
     place: tuple[tuple[slice, ...], ...]
@@ -36,6 +37,7 @@ class Sides:
     slot: np.ndarray
     count: np.ndarray
     perfect: np.ndarray
+    joints: np.ndarray
 
     @property
     def m(self) -> int:
@@ -61,6 +63,11 @@ def lay_out_sides(problem: CutProblem) -> Sides:
             perfect.append(np.full(size, interfaces[index].law is None))
             row += size
         start.append(row)
+    joints = [
+        np.stack([np.arange(side.start, side.stop).reshape(3, -1) for side in sides])
+        for face, sides in zip(interfaces, place, strict=True)
+        if face.law is not None
+    ]
     slot = np.concatenate(slots) if slots else np.zeros(0, dtype=int)
     return Sides(
         tuple(tuple(sides) for sides in place),
@@ -68,6 +75,7 @@ def lay_out_sides(problem: CutProblem) -> Sides:
         slot,
         np.bincount(slot, minlength=first_slot[-1]),
         np.concatenate(perfect),
+        np.concatenate([np.zeros((2, 3, 0), dtype=int), *joints], axis=2),
     )
 
 

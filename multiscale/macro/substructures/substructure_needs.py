@@ -1,27 +1,12 @@
 """What a structure that is cut needs, from its size."""
 
-from enum import StrEnum
-
 from multiscale.needs import Needs, choose
 
-__all__ = ["PER_UNKNOWN", "CutPart", "cut_needs", "latin_memory"]
+__all__ = ["PER_UNKNOWN", "cut_needs", "latin_memory"]
 
 PER_LINK, PER_UNKNOWN, PER_FILL = 5000, 2800, 1300
 """Peak memory, byte: of a link; of an unknown of a body, for matrices and results; of that to the
 power of 4/3 in a substructure, for the factors of three matrices."""
-
-
-class CutPart(StrEnum):
-    """What solving a structure that is cut may take, in the order of the text."""
-
-    SUBSTRUCTURE_STIFFNESS = "substructure stiffness"
-    LINKS = "links"
-    JOINT_LAWS = "joint laws"
-    COARSE_PROBLEM = "coarse problem"
-    ERROR_BOUND = "error bound"
-    ERROR_INDICATOR = "error indicator"
-    MASS = "mass"
-    GEOMETRIC_STIFFNESS = "geometric stiffness"
 
 
 def latin_memory(unknowns: int, substructures: int) -> int:
@@ -55,55 +40,55 @@ def cut_needs(
     Examples
     --------
     >>> needs = cut_needs(3000, substructures=4)
-    >>> CutPart.COARSE_PROBLEM in needs.built, CutPart.JOINT_LAWS in needs.built
+    >>> "coarse problem" in needs.built, "joint laws" in needs.built
     (True, False)
     """
     memory = PER_LINK * links if links else latin_memory(unknowns, substructures)
     faces = substructures > 1 or joint_points > 0
     judged = coarse and not moving
-    choices = (
-        choose(CutPart.SUBSTRUCTURE_STIFFNESS, True, "factorised for each part by itself", ""),
-        choose(
-            CutPart.LINKS,
+    parts = (
+        ("substructure stiffness", True, "factorised for each part by itself", ""),
+        (
+            "links",
             links > 0,
             "cables and bars inside the parts, some of which may go slack",
             "the parts are elastic bodies",
         ),
-        choose(
-            CutPart.JOINT_LAWS,
+        (
+            "joint laws",
             joint_points > 0,
             "jump and traction, three components a point"
             + (f"; {slabs} slabs of sliders" if slabs else ""),
             "the parts hang together",
         ),
-        choose(
-            CutPart.COARSE_PROBLEM,
+        (
+            "coarse problem",
             coarse and faces,
             "balances the parts as wholes: more parts take hardly more iterations",
             "none is asked for, or needed by the method"
             if faces
             else "there is one part and no joint",
         ),
-        choose(
-            CutPart.ERROR_BOUND,
+        (
+            "error bound",
             judged and not joint_points,
             "guaranteed, from forces in balance",
             "friction has no bound" if joint_points else "of statics with a coarse problem alone",
         ),
-        choose(
-            CutPart.ERROR_INDICATOR,
+        (
+            "error indicator",
             judged and joint_points > 0,
             "heuristic, of the laws of the joints",
             "without joints there is a bound" if judged else "of statics with a coarse problem",
         ),
-        choose(CutPart.MASS, moving, "of the nodes, a stiffness of the parts", "at rest"),
-        choose(CutPart.GEOMETRIC_STIFFNESS, False, "", "substructures move little"),
+        ("mass", moving, "of the nodes, a stiffness of the parts", "at rest"),
+        ("geometric stiffness", False, "", "substructures move little"),
     )
     libraries = {"numba": links or joint_points, "scikit-fem": not links}
     return Needs(
         unknowns_per_contact=3 if joint_points else min(1, links),
         kinematics="small displacements",
-        choices=choices,
+        choices=tuple(choose(*part) for part in parts),
         state_variables=(
             *(("state of the laws of joints",) if joint_points else ()),
             *(("displacement", "velocity") if moving else ()),

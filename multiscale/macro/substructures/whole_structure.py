@@ -1,5 +1,6 @@
 """The structure that the substructures make, in one piece."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -20,7 +21,7 @@ from multiscale.macro.substructures.problem import CutProblem, Substructure
 from multiscale.macro.substructures.stack import FULL
 from multiscale.numerics.factorisation import Solve, factorise
 
-__all__ = ["Assembled", "assemble"]
+__all__ = ["Assembled", "assemble", "stack_jumps"]
 
 FEW = 2000
 """Unknowns up to which the stiffness is taken as a full matrix."""
@@ -33,14 +34,14 @@ class Assembled:
     Attributes
     ----------
     stiffness : csr_array, shape (n, n), stiffness of all linear parts, N/m
-    load : ndarray, shape (n, cases), N
+    load : ndarray or csr_array, shape (n, cases), N
     jump : csr_array, shape (3 points, n)
         Normal jump at all points of all joints, then each tangential one.
     weight : ndarray, shape (points,), area of these points, m²
     """
 
     stiffness: csr_array
-    load: np.ndarray
+    load: np.ndarray | csr_array
     jump: csr_array
     weight: np.ndarray
 
@@ -65,7 +66,7 @@ class Assembled:
     @cached_property
     def _full(self) -> np.ndarray | None:
         """Stiffness as a full matrix, if few of its entries are zero or it has few."""
-        n = len(self.load)
+        n = self.load.shape[0]
         few = n <= FEW or self.stiffness.nnz > FULL * n**2
         return self.stiffness.toarray() if few else None
 
@@ -98,23 +99,27 @@ def assemble(problem: CutProblem) -> Assembled:
         place = _placement(problem, part)
         K = K + place.T @ part.stiffness @ place
         load += place.T @ part.load
-    rows: list[list[csr_array]] = [[], [], []]
+    jumps = []
     for joint in problem.joints:
         first, second = (
             trace @ _placement(problem, problem.substructures[side])
             for side, trace in zip(joint.sides, joint.trace, strict=True)
         )
-        jump = csr_array(second - first)
-        for direction, points in enumerate(np.split(np.arange(joint.size), 3)):
-            rows[direction].append(jump[points])
-    if not problem.joints:
-        return Assembled(csr_array(K), load, csr_array((0, problem.n)), np.zeros(0))
-    return Assembled(
-        csr_array(K),
-        load,
-        csr_array(vstack([block for direction in rows for block in direction])),
-        np.concatenate([joint.weight for joint in problem.joints]),
-    )
+        jumps.append(csr_array(second - first))
+    return Assembled(csr_array(K), load, stack_jumps(jumps, problem.n), problem.weight)
+
+
+def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
+    """Join the normal jumps of all joints, then each tangential one, from n unknowns.
+
+    Parameters
+    ----------
+    jumps : sequence of csr_array, shape (3 points, n), of each joint, in this order
+    n : int
+    """
+    parts = [(jump, jump.shape[0] // 3) for jump in jumps]
+    blocks = [jump[k * size : (k + 1) * size] for k in range(3) for jump, size in parts]
+    return csr_array(vstack([csr_array((0, n)), *blocks]))
 
 
 def _placement(problem: CutProblem, part: Substructure) -> csr_array:

@@ -1,6 +1,7 @@
 """Vibration of preloaded structures with joints: frequency and damping against amplitude."""
 
 from multiscale.macro.vibration.backbone import Amplitudes, Backbone, follow_backbone
+from multiscale.macro.vibration.free_decay import free_decay
 from multiscale.macro.vibration.preloaded import Preloaded, press_structure, require_joined
 from multiscale.macro.vibration.tangent_modes import TangentModes, structure_mass, tangent_modes
 from multiscale.macro.vibration.vibrate import vibrate
@@ -11,6 +12,7 @@ __all__ = [
     "Preloaded",
     "TangentModes",
     "follow_backbone",
+    "free_decay",
     "press_structure",
     "require_joined",
     "structure_mass",

@@ -6,10 +6,13 @@ the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` 
 .. math::
     \omega^2(q) = \frac{\alpha}{q}, \qquad
     \zeta(q) = \frac{D}{2 \pi \omega^2 q^2}, \qquad
-    D = 8 \int_0^q \alpha\, \mathrm{d}q' - 4 \alpha q, \tag{1}
+    D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right), \tag{1}
 
-where the loss D of a cycle follows by Masing's rule if the normal load of the joints stays as it
-is, and is :math:`\oint \alpha\, \mathrm{d}q` of a cycle that is solved else.
+where E is the energy that bodies and joints store. By Masing's rule every slider slips twice as far
+in each half of a cycle as in the loading, so that the loss D of a cycle is four times the loss of
+the loading, if the normal load of the joints stays as it is; it is
+:math:`\oint \alpha\, \mathrm{d}q` of a cycle that is solved else. The usual form of (1),
+:math:`8 \int \alpha\, \mathrm{d}q' - 4 \alpha q`, takes the curvature of elastic joints for a loss.
 
 References
 ----------
@@ -30,7 +33,7 @@ from multiscale.macro.substructures.whole_structure import Assembled
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.macro.vibration.tangent_modes import TangentModes
 
-__all__ = ["Amplitudes", "Backbone", "follow_backbone", "masing_loss"]
+__all__ = ["Amplitudes", "Backbone", "TractionChange", "follow_backbone", "loading_work"]
 
 SPRING = 1e3
 """Stiffness of the spring on the modal amplitude that drives a mode, over the mode's own."""
@@ -46,6 +49,9 @@ OPENS = 0.01
 
 SHEARED = 0.02
 """Shear at rest, relative to what friction bears, above which loading curves depend on it."""
+
+ABSCISSAE, WEIGHTS = (0.5 * one for one in np.polynomial.legendre.leggauss(6))
+"""Gauss points about the middle of an interval of length 1, for the energy of normal laws."""
 
 MIDDLE = 1e-3
 """Middle of a cycle, relative to its amplitude."""
@@ -113,7 +119,7 @@ class Backbone:
 
 
 @dataclass(frozen=True)
-class _Change(InterfaceLaw):
+class TractionChange(InterfaceLaw):
     """Change of the traction of a law from a traction at rest, shape (3, points), Pa."""
 
     law: InterfaceLaw
@@ -146,6 +152,7 @@ class _Point:
     amplitude, force : float, q, kg^1/2 m, and alpha, kg^1/2 m/s2
     jump, state : ndarray, of the joints
     slipping : ndarray, shape (points,), share of the pressure that slips in the step to it
+    sheared : float, energy that the tangential tractions of the joints store, J
     failure : str
     """
 
@@ -155,6 +162,7 @@ class _Point:
     jump: np.ndarray
     state: np.ndarray
     slipping: np.ndarray
+    sheared: float
     failure: str = ""
 
 
@@ -172,7 +180,7 @@ class _Mode:
 
     rest: Preloaded
     structure: Assembled
-    law: _Change
+    law: TractionChange
     square: float
 
     @property
@@ -180,7 +188,9 @@ class _Mode:
         """The structure at rest."""
         points = self.rest.jump.shape[1]
         nothing = np.zeros(self.structure.load.shape[0])
-        return _Point(nothing, 0.0, 0.0, self.rest.jump, self.rest.state, np.zeros(points))
+        rest, state = self.rest, self.rest.state
+        stored = float(rest.law.sliding(rest.jump, state).stored @ self.structure.weight)
+        return _Point(nothing, 0.0, 0.0, rest.jump, state, np.zeros(points), stored)
 
     def follow(self, point: _Point, amplitudes: Sequence[float]) -> Iterator[_Point]:
         """Take the mode to amplitudes one after the other, until it cannot follow."""
@@ -223,7 +233,20 @@ class _Mode:
             return replace(point, failure=failure)
         done = law.sliding(solution.jump, state)
         force = spring * (reach - q)
-        return _Point(solution.value, q, force, jump, done.state, done.slipping)
+        sheared = float(done.stored @ self.structure.weight)
+        return _Point(solution.value, q, force, jump, done.state, done.slipping, sheared)
+
+    def stored(self, point: _Point) -> float:
+        """Energy that bodies and joints store at a point of the path since rest, J."""
+        u, rest = point.value, self.rest
+        spring = SPRING * self.square * point.amplitude**2
+        bodies = 0.5 * (float(u @ (self.structure.stiffness @ u)) - spring)
+        opened, normal = point.jump[0] - rest.jump[0], 0.0
+        for at, weight in zip(0.5 + ABSCISSAE, WEIGHTS, strict=True):
+            jump = np.concatenate([[rest.jump[0] + at * opened], rest.jump[1:]])
+            change = self.law.respond(jump, rest.state).traction[0]
+            normal += weight * float((change * opened) @ self.structure.weight)
+        return bodies + normal + point.sheared - self.start.sheared
 
     def pressure(self, point: _Point) -> np.ndarray:
         """Pressure at a point of the path, shape (points,), Pa."""
@@ -272,7 +295,7 @@ def follow_backbone(
     driven = _drive(rest, load[:, mode], square)
     grid, places = amplitudes.curve()
     force, drop = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
-    reached = np.full((2, asked), np.nan)
+    reached, stored = np.full((2, 2, asked), np.nan)
     curves: list[np.ndarray] = []
     pressure, slipping = (np.full((2, asked, points), np.nan) for _ in range(2))
     ends: list[list[_Point]] = [[], []]
@@ -289,6 +312,7 @@ def follow_backbone(
             if (k := at.get(step)) is not None:
                 ends[side].append(point)
                 pressure[side, k], slipping[side, k] = driven.pressure(point), point.slipping
+                stored[side, k] = driven.stored(point)
                 progress()
         found = len(ends[side])
         known = places[:found] + 1
@@ -300,7 +324,9 @@ def follow_backbone(
     mean = 0.5 * (curves[0][:, :both] + curves[1][:, :both])  # what is odd in q loses nothing
     found = int(np.isfinite(sizes).sum())
     lost, q_mean = np.full(asked, np.nan), 0.5 * sizes
-    lost[:found] = masing_loss(mean[0], mean[1], square)[places[:found] + 1]
+    worked = loading_work(mean[0], mean[1], square)[places[:found] + 1]
+    # the loss is not negative but for rounding
+    lost[:found] = np.maximum(4.0 * (worked - stored.mean(axis=0)[:found]), 0.0)  # (1)
     opens, sheared = _opens(driven, pressure), _sheared(driven)
     for k in np.flatnonzero(np.isfinite(lost)):
         if amplitudes.full_cycle or opens[k] or sheared:
@@ -332,7 +358,7 @@ def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
         own.weight,
     )
     still = rest.law.respond(rest.jump, rest.state).traction
-    return _Mode(rest, driven, _Change(rest.law, still), square)
+    return _Mode(rest, driven, TractionChange(rest.law, still), square)
 
 
 def _opens(driven: _Mode, pressure: np.ndarray) -> np.ndarray:
@@ -375,8 +401,8 @@ def _closed_work(q: np.ndarray, alpha: np.ndarray) -> float:
     return float(sum(simpson(deficit[part], x=q[part]) for part in branches))
 
 
-def masing_loss(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
-    r"""Loss of closed cycles to the points of a loading curve, by Masing's rule (1), J.
+def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
+    r"""Work of a loading curve up to its points, J.
 
     Parameters
     ----------
@@ -385,20 +411,21 @@ def masing_loss(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.n
 
     Notes
     -----
-    With the deficit :math:`d = \omega_0^2 - \alpha/q`, (1) is
-    :math:`D = 4 d q^2 - 8 \int d\, q'\, \mathrm{d}q'`. Between the points d is a power of q, as it
-    is in micro-slip, and below the first one of the same power as behind it.
+    With the deficit :math:`d = \omega_0^2 - \alpha/q`, the work is
+    :math:`\tfrac12 \omega_0^2 q^2 - \int d\, q'\, \mathrm{d}q'`. Between the points d is a power of
+    q, as it is in micro-slip, and below the first one of the same power as behind it.
 
     Examples
     --------
     >>> q = np.linspace(0.0, 1.0, 5)
-    >>> round(float(masing_loss(q, q - 0.3 * q**2, 1.0)[-1]), 12)  # a deficit of .3 q: .4 q^3
+    >>> round(float(loading_work(q, q - 0.3 * q**2, 1.0)[-1]), 12)  # a deficit of .3 q
     0.4
     """
     q = amplitude[1:]
-    d = np.maximum(square - force[1:] / q, np.finfo(float).tiny)
-    slope = np.diff(np.log(d)) / np.diff(np.log(q))
+    d = square - force[1:] / q
+    ratio = d[1:] / np.where(d[:-1] == 0.0, np.inf, d[:-1])
+    slope = np.log(np.where(ratio > 0.0, ratio, 1.0)) / np.log(q[1:] / q[:-1])
     slope = np.clip(np.append(slope[:1] if slope.size else 1.0, slope), -1.0, 50.0)
     below = np.append(0.0, q[:-1] / q[1:]) ** (slope + 2.0)
     area = np.cumsum(d * q**2 / (slope + 2.0) * (1.0 - below))
-    return np.append(0.0, 4.0 * d * q**2 - 8.0 * area)
+    return np.append(0.0, 0.5 * square * q**2 - area)

@@ -9,6 +9,7 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.interface_newton import face_stiffness
@@ -16,10 +17,9 @@ from multiscale.macro.substructures.assembly_methods import AssembledNewton
 from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.joint_state import joint_shares, states_after
+from multiscale.macro.substructures.joint_state import joint_shares, state_after
 from multiscale.macro.substructures.load_path import refuse_free
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.whole_solver import SideBySide
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
 from multiscale.macro.vibration.tangent_modes import find_free_motions
 
@@ -87,6 +87,7 @@ def press_structure(
     *,
     preload_laws: Sequence[InterfaceLaw] | None = None,
     extrapolate: bool = False,
+    near: Preloaded | None = None,
 ) -> Preloaded:
     """Bring a structure to rest under its preload.
 
@@ -98,10 +99,11 @@ def press_structure(
     factors : ndarray, shape (steps, cases), factors of its loads, with bolts of their preloads
     preload_laws : sequence of InterfaceLaw, optional
         Laws of the interfaces during the preload, such as frictionless ones, with the same states.
-
     extrapolate : bool
         Whether pressures may lie far outside the data of the laws; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
+    near : Preloaded, optional
+        The same bodies under other laws and loads, whose condensed stiffness is taken.
 
     Raises
     ------
@@ -113,7 +115,8 @@ def press_structure(
     free = cut_assembly(assembly)
     held = _hold(free)
     refuse_free(assembly, held, "; the structure as a whole may be free")
-    condensed = condense_problem(held, largest=MOST)
+    known = near.condensed.insides if near else ()
+    condensed = condense_problem(held, largest=MOST, insides=known)
     joints = condensed.small.joints
     if joints and condensed.small is held and held.n > MOST:
         raise CaseError(
@@ -132,11 +135,9 @@ def press_structure(
         path = with_load_shares(path, shares, data, extrapolate=extrapolate, loads=loads)
         if not (extrapolate or path["known"].values[-1]):
             raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
-    laws = [joint.law.shaken_down() for joint in joints if joint.law is not None]
-    after = SideBySide(laws, pressed.points)
-    states = states_after(pressed, path)
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
-    return Preloaded(free, condensed, path, after, jump, after.join(states))
+    law, state = condensed.small.law.shaken_down(), state_after(pressed, path)
+    return Preloaded(free, condensed, path, law, jump, state)
 
 
 def require_joined(assembly: Assembly) -> None:
@@ -153,11 +154,9 @@ def require_joined(assembly: Assembly) -> None:
 def _hold(problem: CutProblem) -> CutProblem:
     """Hold the motions of the whole that neither supports nor joints with the ground resist."""
     whole = assemble(problem)
-    size, k = float(whole.stiffness.diagonal().mean()), np.zeros((3, whole.weight.size))
-    for joint, points in zip(problem.joints, problem.points, strict=True):
-        assert joint.law is not None  # a joint has one
-        k[:, points] = size
-        k[1:, points] *= np.sign(joint.law.friction_limit(np.ones(1)))
+    size = whole.stiffness.diagonal().mean()
+    k = np.full((3, whole.weight.size), size)
+    k[1:] *= np.sign(problem.law.friction_limit(np.ones(whole.weight.size)))
     B = whole.jump
     K = csr_array(whole.stiffness + B.T @ diags_array(k.ravel()) @ B)
     springs = np.zeros(problem.n)

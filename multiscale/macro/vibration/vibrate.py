@@ -57,16 +57,19 @@ def vibrate(
     largest = np.linalg.norm(shape, axis=2).max(axis=1)
     curves, q = list(found.values()), [np.array(one.values) for one in amplitudes.values()]
     joint = np.concatenate([one.damping for one in curves])
+    frequency = np.concatenate([one.frequency for one in curves])
+    number = np.repeat([*found], [one.size for one in q])
     values: dict[str, Any] = {
         "mode_frequency": modes.frequency,
         "shape": shape,
         "position": rest.free.position,
-        "step_mode": np.repeat(1 + np.array(list(found)), [one.size for one in q]),
+        "step_mode": 1 + number,
         "modal_amplitude": np.concatenate(q),
         "largest_displacement": np.concatenate(
             [largest[mode] * one for mode, one in zip(found, q, strict=True)]
         ),
-        "frequency": np.concatenate([one.frequency for one in curves]),
+        "frequency": frequency,
+        "fall": modes.frequency[number] - frequency,
         "damping": material_damping + joint,
         "joint_damping": joint,
         "frequency_drop": np.concatenate([one.drop for one in curves], axis=1),

@@ -5,8 +5,7 @@ from multiscale.laws.bulk.moduli import (
     youngs_modulus_along,
 )
 from multiscale.micro.damage.cavities import Cavities, voxelise
-from multiscale.micro.damage.cavity_packing import boolean_spheres, lattice, random_spheres
-from multiscale.micro.damage.compare import compare_stiffness
+from multiscale.micro.damage.cavity_packing import boolean_spheres, random_spheres
 from multiscale.micro.damage.crack_growth import (
     Microcracks,
     grow_microcracks,
@@ -40,13 +39,11 @@ __all__ = [
     "StressBlock",
     "VoxelImage",
     "boolean_spheres",
-    "compare_stiffness",
     "cylinders",
     "effective_stiffness",
     "ellipsoids",
     "grow_microcracks",
     "grow_volumes",
-    "lattice",
     "local_fatigue",
     "max_damage",
     "mesh_stiffness",

@@ -1,6 +1,6 @@
 """Damage and apparent stiffness of one volume, and of the material from many volumes."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,10 +11,7 @@ from multiscale.micro.damage.cavities import Cavities, voxelise
 from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
 from multiscale.micro.damage.rve import SIDES, STRAINS, effective_stiffness
 from multiscale.micro.damage.sections import max_damage, section_normals
-from multiscale.schema import RVE, RVE_VOLUMES
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 
 __all__ = ["ERRORS", "measure_volume", "represent"]
 
@@ -41,7 +38,7 @@ def measure_volume(
     sections: int = 33,
     slab: float = 0.0,
     share: float = 1.0,
-) -> "xr.Dataset":
+) -> Dataset:
     """Measure sections and stiffness of one volume, with all kinds of sides.
 
     Parameters
@@ -105,13 +102,13 @@ def measure_volume(
 
 
 def represent(
-    volumes: "xr.Dataset",
+    volumes: Dataset,
     image: VoxelImage,
     youngs_modulus: float,
     poissons_ratio: float,
     *,
     level: int,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Average volumes, and say how well they represent their material.
 
     Parameters

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations_with_replacement, product
+from itertools import product
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Ellipsoids, Mapped, Shapes
+from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Mapped, Shapes
 
-__all__ = ["Cavities", "check_box", "first_overlap", "voxelise"]
+__all__ = ["Cavities", "check_box", "voxelise"]
 
 
 @dataclass(frozen=True)
@@ -23,19 +23,15 @@ class Cavities:
     size : tuple of float, lengths along x, y and z, m
     bodies : Ellipsoids, Cylinders or Cracks, or a sequence of them
         Cavities and cracks; see :func:`~.shapes.spheres` and its siblings. They may reach out of
-        the box.
+        the box, and overlap.
     periodic : bool
         Whether the parts of bodies outside the box enter again on the opposite side. An infinite
         cylinder must then be parallel to an edge.
-    overlap : bool
-        Whether bodies may overlap; overlapping bodies are refused otherwise. Cracks and cylinders
-        are represented in this check by balls and round rods that enclose them.
 
     Raises
     ------
     CaseError
-        If a length is not positive, an infinite cylinder is tilted in a periodic box, or bodies
-        overlap although ``overlap`` is false.
+        If a length is not positive, or an infinite cylinder is tilted in a periodic box.
 
     Examples
     --------
@@ -46,7 +42,6 @@ class Cavities:
     size: tuple[float, float, float]
     bodies: Sequence[Shapes] = ()
     periodic: bool = True
-    overlap: bool = True
 
     def __post_init__(self) -> None:
         check_box(self.size)
@@ -61,12 +56,6 @@ class Cavities:
                         f"cylinder {int(np.argmax(tilted))} is infinite and not along an edge of "
                         f"the periodic box; give it a length or set periodic=False"
                     )
-        if not self.overlap and (found := first_overlap(self)) is not None:
-            a, b = found
-            raise CaseError(
-                f"bodies {a} and {b} overlap although overlap=False; move them apart, make them "
-                f"smaller or set overlap=True"
-            )
 
     @property
     def volume(self) -> float:
@@ -76,10 +65,6 @@ class Cavities:
     @cached_property
     def images(self) -> list[Shapes]:
         """All bodies that reach into the box, with their periodic images."""
-        return [kind for kind, _ in self.sources()]
-
-    def sources(self) -> list[tuple[Shapes, np.ndarray]]:
-        """Bodies that reach into the box, and the number of the body whose image each is."""
         found = []
         size = np.array(self.size)
         for kind in self.bodies:
@@ -95,8 +80,16 @@ class Cavities:
             # a body infinite along an edge is its own image there
             inside &= ~np.any(np.isinf(reach)[None] & (copies[:, None] != 0.0), axis=2)
             which = np.nonzero(inside)[1]
-            found.append((kind.take(which, place[inside] - kind.centre[which]), which))
+            found.append(kind.take(which, place[inside] - kind.centre[which]))
         return found
+
+    def void_at(self, place: np.ndarray, thickness: float = 0.0) -> np.ndarray:
+        """Whether points (3, ...), m, lie in a cavity, or in a crack of a thickness, m."""
+        void = np.zeros(place.shape[1:], dtype=bool)
+        for kind in self.images:
+            for k in range(len(kind.centre)):
+                void |= kind.contains(k, place, thickness)
+        return void
 
 
 def check_box(size: tuple[float, float, float]) -> None:
@@ -152,68 +145,3 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
             )
             void[window] |= kind.contains(k, points, thickness)
     return VoxelImage(void, rve.size)
-
-
-def first_overlap(rve: Cavities) -> tuple[int, int] | None:
-    """Find two bodies that overlap and return their numbers, counted through all kinds, or None."""
-    images = rve.sources()
-    start = np.cumsum([0, *(len(kind.centre) for kind in rve.bodies)])
-    for a, b in combinations_with_replacement(range(len(images)), 2):
-        (first, own), (second, other) = images[a], images[b]
-        for i in range(len(first.centre)):
-            later = np.arange(len(second.centre)) > (i if a == b else -1)
-            away = np.abs(second.centre - first.centre[i])
-            boxes_meet = np.all(away < first.reach[i] + second.reach, axis=1)
-            for j in np.flatnonzero(later & boxes_meet):
-                if _overlap(first, i, second, int(j)):
-                    return int(start[a] + own[i]), int(start[b] + other[j])
-    return None
-
-
-def _overlap(first: Shapes, i: int, second: Shapes, j: int) -> bool:
-    """Whether two bodies overlap: exact for ellipsoids, by enclosing rods for other bodies."""
-    if isinstance(first, Ellipsoids) and isinstance(second, Ellipsoids):
-        away = second.centre[j] - first.centre[i]
-        return contact_function(away, first.root[i], second.root[j]) < 1.0
-    p, u, r = _rod(first, i)
-    q, v, s = _rod(second, j)
-    a = b = 0.0  # the nearest points are p + a u and q + b v
-    for _ in range(100):  # alternating projections on a convex square
-        a = float(np.clip(u @ (q + b * v - p) / max(u @ u, 1e-300), -1.0, 1.0))
-        b = float(np.clip(v @ (p + a * u - q) / max(v @ v, 1e-300), -1.0, 1.0))
-    return float(np.linalg.norm(p + a * u - q - b * v)) < r + s
-
-
-def contact_function(away: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
-    r"""Perram and Wertheim's contact function of two ellipsoids: below 1 they overlap.
-
-    .. math:: F = \max_{0 \le s \le 1} s(1-s)\, r^t [(1-s) A + s B]^{-1} r,    \tag{1}
-
-    with :math:`A = R_1 R_1^t`, :math:`B = R_2 R_2^t`, the distance :math:`r` of the centres, shape
-    (3,), and the semi-axes :math:`R_1`, :math:`R_2` as columns, shape (3, 3), m.
-
-    References
-    ----------
-    .. [1] J. W. Perram and M. S. Wertheim, J. Comput. Phys. 58 (1985) 409-416,
-       doi:10.1016/0021-9991(85)90171-8.
-    """
-    from scipy.optimize import minimize_scalar
-
-    A, B = first @ first.T, second @ second.T
-    spheres = np.allclose(A, A[0, 0] * np.eye(3)) and np.allclose(B, B[0, 0] * np.eye(3))
-    if spheres:
-        return float(away @ away / (np.sqrt(A[0, 0]) + np.sqrt(B[0, 0])) ** 2)
-
-    def negative(s: float) -> float:
-        return float(-s * (1.0 - s) * away @ np.linalg.solve((1.0 - s) * A + s * B, away))
-
-    return -float(minimize_scalar(negative, bounds=(0.0, 1.0), method="bounded").fun)
-
-
-def _rod(kind: Shapes, k: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Centre, half axis and radius, m, of a round rod (or ball) that encloses a body."""
-    if isinstance(kind, Cylinders):
-        half = min(kind.half_length[k], 1e6 * kind.radius[k])
-        return kind.centre[k], half * kind.axis[k], float(kind.radius[k])
-    assert isinstance(kind, Mapped)
-    return kind.centre[k], np.zeros(3), float(np.linalg.norm(kind.root[k], 2))

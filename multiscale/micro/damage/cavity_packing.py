@@ -1,7 +1,7 @@
-"""Arrangements of spherical cavities: lattices, random packings, Boolean models.
+"""Random arrangements of spherical cavities: packings and Boolean models.
 
-The box is periodic; its lengths ``size``, the ``edge`` of a cubic cell and the ``radius`` of the
-spheres are in m. A parameter outside its range is refused.
+The box is periodic; its lengths ``size`` and the ``radius`` of the spheres are in m. A parameter
+outside its range is refused.
 """
 
 from math import ceil, exp, log, pi
@@ -12,38 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.micro.damage.cavities import Cavities, check_box
 from multiscale.micro.damage.shapes import spheres
 
-__all__ = ["boolean_spheres", "lattice", "random_spheres"]
-
-LATTICES = {
-    "simple cubic": [[0.5, 0.5, 0.5]],
-    "body-centred cubic": [[0.25, 0.25, 0.25], [0.75, 0.75, 0.75]],
-    "face-centred cubic": [
-        [0.25, 0.25, 0.25],
-        [0.25, 0.75, 0.75],
-        [0.75, 0.25, 0.75],
-        [0.75, 0.75, 0.25],
-    ],
-}
-"""Places of the spheres in the cubic cell, relative to its edge."""
-
-
-def lattice(name: str, radius: float, *, edge: float, cells: int = 1) -> Cavities:
-    """Spherical cavities on a cubic lattice.
-
-    Parameters
-    ----------
-    name : {"simple cubic", "body-centred cubic", "face-centred cubic"}
-    radius, edge : float
-    cells : int, along each edge of the box
-    """
-    if name not in LATTICES:
-        raise CaseError(f"there is no lattice {name!r}; choose from {sorted(LATTICES)}")
-    if cells < 1:
-        raise CaseError(f"a lattice needs at least one cell along an edge, got {cells}")
-    check_box((edge, edge, edge))
-    corner = np.indices((cells, cells, cells)).reshape(3, -1).T
-    places = edge * (corner[:, None] + np.array(LATTICES[name])).reshape(-1, 3)
-    return Cavities((cells * edge, cells * edge, cells * edge), [spheres(places, radius)])
+__all__ = ["boolean_spheres", "random_spheres"]
 
 
 def random_spheres(

@@ -196,7 +196,7 @@ def grow_microcracks(
     T = np.asarray(stress, dtype=float)
     first, radius, size = cracks.radius, np.array(cracks.radius, dtype=float), np.linalg.norm(T)
     if not np.any(cracks.opening_traction(T) > 0.0):
-        raise CaseError("the stress closes all cracks, and closed cracks do not grow in mode I")
+        raise CaseError("the stress opens no crack, and closed cracks do not grow in mode I")
     S0 = cracks.compliance(first, T)
     solid, release = cracks.solid_compliance(), 1.0 - cracks.poissons_ratio**2
     largest, spent, touched = np.sqrt(CUT / np.pi) * cracks.edge, 0.0, False

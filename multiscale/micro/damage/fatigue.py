@@ -4,17 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
-from multiscale.schema import FATIGUE, WOEHLER
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import FATIGUE, WOEHLER, Dataset
 
 __all__ = ["two_scale_fatigue", "woehler_curve"]
 
@@ -26,7 +22,7 @@ def two_scale_fatigue(
     jump_tolerance: float | None = 0.02,
     max_cycles: float = 1e9,
     substeps: int = 16,
-) -> "xr.Dataset":
+) -> Dataset:
     """Compute damage under a stress history until a crack starts or the inclusion stays elastic.
 
     Parameters
@@ -115,7 +111,7 @@ def woehler_curve(
     stress_ratio: float = -1.0,
     direction: np.ndarray | None = None,
     jump_tolerance: float | None = 0.02,
-) -> "xr.Dataset":
+) -> Dataset:
     """Compute the lives at constant amplitudes.
 
     Parameters

@@ -11,7 +11,6 @@ element. Damage of an inclusion is not measurable from outside; an inclusion tha
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +18,7 @@ from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
 from multiscale.micro.damage.inclusion import LIMIT, STATE_SIZE, run_points
-from multiscale.schema import FATIGUE_LIFE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import FATIGUE_LIFE, Dataset
 
 __all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
 
@@ -123,7 +119,7 @@ def local_fatigue(
     jump_tolerance: float | None = 0.02,
     max_cycles: float = 1e9,
     substeps: int = 16,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Follow the inclusions of all elements until an element has cracked through.
 
     Parameters

@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.elasticity import assemble_elasticity
-from multiscale.laws.bulk.moduli import COMPONENTS, check_moduli, lame_parameters
+from multiscale.laws.bulk.moduli import VOIGT, check_moduli, lame_parameters
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.cavity_mesh import mesh_cavities
 from multiscale.micro.damage.crack_faces import FACE_MARGIN, CrackedMesh
@@ -155,7 +155,7 @@ def solve_sides(
     free = np.setdiff1d(np.arange(3 * count), pinned)  # no piece moves as a rigid body
 
     unit = np.zeros((6, 3, 3))  # strain number k as a tensor; shear strains are angles
-    for k, (i, j) in enumerate(COMPONENTS):
+    for k, (i, j) in enumerate(VOIGT):
         unit[k, i, j] += 0.5
         unit[k, j, i] += 0.5
     linear = np.stack([(strain @ basis.doflocs).T.ravel() for strain in unit], axis=1)
@@ -192,7 +192,7 @@ def _solve_tractions(
             for nodes, shape in zip(face.element_dofs, face.basis, strict=True):
                 np.add.at(share, nodes, np.sum(face.dx * np.asarray(shape[0]), axis=1))
             loaded |= share != 0.0
-            for k, (i, j) in enumerate(COMPONENTS):
+            for k, (i, j) in enumerate(VOIGT):
                 if axis in (i, j):
                     force[k, :, j if axis == i else i] += sign * share / (share.sum() * size[axis])
     largest = np.argmax(np.bincount(piece))

@@ -7,7 +7,6 @@ the planes of a random medium falls towards its porosity as the volume grows.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,10 +20,7 @@ from multiscale.micro.damage.directions import (
     sphere_directions,
 )
 from multiscale.micro.damage.plane_damage import SectionPlane
-from multiscale.schema import DAMAGE_SECTIONS
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import DAMAGE_SECTIONS, Dataset
 
 __all__ = ["box_polygon", "max_damage", "plane_damage", "section_normals"]
 
@@ -97,7 +93,7 @@ def max_damage(
     closed: bool = False,
     smallest_section: float = 0.5,
     refine: bool = True,
-) -> "xr.Dataset":
+) -> Dataset:
     """Search the worst plane, and describe the distribution of damage over all planes.
 
     Parameters

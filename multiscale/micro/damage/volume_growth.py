@@ -14,10 +14,13 @@ from multiscale.schema import VOLUME_GROWTH, with_cautions
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["grow_volumes", "sample_intervals", "softening_of", "softening_samples"]
+__all__ = ["grow_volumes", "half_widths", "softening_of", "softening_samples"]
 
 RECORDS = 25
 """Events of a volume that are kept, evenly spread over all."""
+
+PLANES = 8
+"""Planes of a volume among which the worst one is searched, across the pull."""
 
 LEVELS = np.linspace(1.0, 0.0, 41)
 """Stresses over the strength at which openings are averaged over volumes."""
@@ -45,10 +48,10 @@ def grow_volumes(
     Returns
     -------
     Dataset
-        Follows ``VOLUME_GROWTH``. ``damage`` is eq (1) on the plane across the pull through the
-        crack with the largest projection. The mean softening law has the mean strength, and the
-        openings :math:`w(s)`, averaged at equal shares s of the strengths, are scaled to the mean
-        fracture energy. A volume that no crack has cut has NaN for its law.
+        Follows ``VOLUME_GROWTH``. ``damage`` is the largest of eq (1) on planes across the pull
+        through the cracks with the largest projections. The mean softening law has the mean
+        strength, and the openings :math:`w(s)`, averaged at equal shares s of the strengths, are
+        scaled to the mean fracture energy. A volume that no crack has cut has NaN for its law.
 
     Raises
     ------
@@ -100,7 +103,8 @@ def grow_volumes(
     }
     for name, found in (("strength", strength[whole]), ("fracture_energy", energy[whole])):
         values[name] = found.mean()
-        values[f"{name}_mean_law"], values[f"{name}_one_part"] = sample_intervals(found)
+        for kind, half in zip(("mean_law", "one_part"), half_widths(found), strict=True):
+            values[f"{name}_{kind}"] = found.mean() * np.exp([-half, half])
     dataset = VOLUME_GROWTH.build(values, edge=max(one.edge for one in volumes), axis=axis)
     if not touching:
         return dataset
@@ -160,19 +164,22 @@ def softening_samples(growth: "xr.Dataset") -> list[Softening]:
     return [mean, *(Softening(*one) for one in zip(w, s, strict=True))]
 
 
-def sample_intervals(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """95 % intervals of the mean of normal values, and of one further value; NaN of one value."""
+def half_widths(values: np.ndarray) -> tuple[float, float]:
+    """Half-widths of 95 % intervals of a mean and of one further value; NaN of one value.
+
+    They are those of the logarithm, which is normal: strengths and energies are positive.
+    """
     from scipy.special import stdtrit
 
     n = values.size
     if n < 2:
-        return np.full(2, np.nan), np.full(2, np.nan)
-    half = stdtrit(n - 1, 1.0 - TAIL) * values.std(ddof=1) * np.array([-1.0, 1.0])
-    return values.mean() + half / np.sqrt(n), values.mean() + half * np.sqrt(1.0 + 1.0 / n)
+        return np.nan, np.nan
+    half = float(stdtrit(n - 1, 1.0 - TAIL) * np.log(values).std(ddof=1))
+    return half / np.sqrt(n), half * np.sqrt(1.0 + 1.0 / n)
 
 
 def _section(cracks: Microcracks, radius: np.ndarray, axis: int) -> float:
-    """Damage (1) on the plane across an axis through the crack of the largest projection."""
-    widest = int(np.argmax(radius**2 * np.abs(cracks.normal[:, axis])))
+    """Largest damage on planes across an axis through the cracks of the largest projections."""
+    widest = np.argsort(radius**2 * np.abs(cracks.normal[:, axis]))[-PLANES:]
     offset = cracks.centre[widest, axis] % cracks.edge - 0.5 * cracks.edge
-    return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset))
+    return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset).max())

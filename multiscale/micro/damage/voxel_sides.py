@@ -32,7 +32,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from multiscale.convergence import Solution
-from multiscale.laws.bulk.moduli import COMPONENTS
+from multiscale.laws.bulk.moduli import VOIGT
 from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
 from multiscale.numerics.compiled import thread_count
 
@@ -127,7 +127,7 @@ def traction_stiffness(
         both = np.pad(_loaded(np.moveaxis(modulus > 0.0, axis, 0)).astype(float), 1)
         at_nodes = both[1:, 1:] + both[:-1, 1:] + both[1:, :-1] + both[:-1, :-1]
         total = at_nodes.sum()
-        for k, (i, j) in enumerate(COMPONENTS):
+        for k, (i, j) in enumerate(VOIGT):
             if axis not in (i, j):
                 continue
             if total == 0.0:  # nothing crosses the box along the axis

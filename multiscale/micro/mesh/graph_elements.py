@@ -14,7 +14,12 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
+    from multiscale.micro.damage import Cavities
+
 __all__ = ["ElementKind", "graph_mesh_cell", "scalar_element"]
+
+VOID = 1e-4
+"""Modulus of an element in a pore over that of the solid."""
 
 
 class ElementKind(StrEnum):
@@ -59,6 +64,7 @@ def graph_mesh_cell(
     sides: CellSides = CellSides.PERIODIC,
     obstacle: Surface | None = None,
     friction_coefficient: float = 0.0,
+    pores: "Cavities | None" = None,
 ) -> MeshCell:
     r"""Mesh the layer below a surface with any element, its top nodes at the points of the surface.
 
@@ -75,11 +81,15 @@ def graph_mesh_cell(
     element : ElementKind
     sides, obstacle, friction_coefficient
         As of :class:`MeshCell`.
+    pores : Cavities, optional
+        Cavities of an elastic layer, in a box from its base to its mean plane that is lifted with
+        the surface. Elements whose centres they hold are all but void.
 
     Raises
     ------
     CaseError
-        If the grid does not fit the element, or moduli vary within a layer.
+        If the grid does not fit the element, moduli vary within a layer, or pores hold no element,
+        or elements of the top or of a metal that flows.
     """
     layer = PeriodicLayer(surface, depth, layers, law)
     if layer.heterogeneous:
@@ -108,6 +118,8 @@ def graph_mesh_cell(
                 for value in (law.youngs_modulus, law.poissons_ratio)
             )
         )
+    if pores is not None:
+        own = _porous(flat, own, pores)
     return MeshCell(
         mesh,
         scalar_element(element),
@@ -117,6 +129,19 @@ def graph_mesh_cell(
         layer,
         friction_coefficient=friction_coefficient,
     )
+
+
+def _porous(flat: "Mesh", law: Linear | J2, pores: "Cavities") -> GradedElastic:
+    """Moduli of every element below a flat surface, where pores are all but void."""
+    if isinstance(law, J2):
+        raise CaseError("a layer with pores is elastic, and its law flows; leave out one of them")
+    void = pores.void_at(flat.p[:, flat.t].mean(axis=1))
+    if void[flat.f2t[0, flat.boundaries["top"]]].any():
+        raise CaseError("a pore cuts the surface of the layer; put it deeper")
+    if not void.any():
+        raise CaseError("the pores hold no centre of an element; give more points, or larger pores")
+    E, nu = (np.broadcast_to(one, void.size) for one in (law.youngs_modulus, law.poissons_ratio))
+    return GradedElastic(np.where(void, VOID * E, E), nu)
 
 
 def _flat_mesh(

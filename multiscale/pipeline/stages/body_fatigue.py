@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -50,14 +50,11 @@ from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
-from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, with_cautions
+from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions
 from multiscale.upscaling import Dependence, changed_laws, shear_errors, structure_budget
 from multiscale.upscaling.budget import mean_law_error
 from multiscale.upscaling.budget_terms import NORMAL
 from multiscale.upscaling.structure_errors import STRETCH
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["BODY_FATIGUE"]
 
@@ -110,7 +107,7 @@ class _Cycled:
 
     bodies: Bodies
     case: Case
-    laws: "Sequence[xr.Dataset | None]"
+    laws: Sequence[Dataset | None]
     method: Method
     number: int
 
@@ -129,7 +126,7 @@ class _Cycled:
         follow = partial(follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate)
         return self.stress(whole.restore(follow(whole.small, parts.path)), parts.path, bodies)
 
-    def stress(self, result: "xr.Dataset", path: LoadPath, bodies: Sequence[Body]) -> np.ndarray:
+    def stress(self, result: Dataset, path: LoadPath, bodies: Sequence[Body]) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
 
         Where the body has a damage of its own, it is the stress of what is left of its sections.
@@ -150,7 +147,7 @@ class _Cycled:
         return element_stress(bodies[self.number], moved) / sound
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     """Follow the inclusions of a body from the cycles that the stage before has solved."""
     structure = cast(Bodies | RoughBodies, case.structure)  # as the case has checked
     bodies = structure.with_volumes(case, found, job.read_rve)
@@ -200,14 +197,14 @@ def _refuse_static(stress: np.ndarray, table: FatigueSettings, name: str) -> Non
 
 
 def _with_intervals(
-    life: "xr.Dataset",
+    life: Dataset,
     stress: np.ndarray,
     material: FatigueMaterial,
     cycled: _Cycled,
-    result: "xr.Dataset",
+    result: Dataset,
     coarse: float | None,
     job: Job,
-) -> "xr.Dataset":
+) -> Dataset:
     """Add the intervals of the life of the mean part and of the next part.
 
     They are changes of the logarithm of the life of the weakest inclusion at the stress of the
@@ -251,7 +248,7 @@ def _with_intervals(
 
 def _law_errors(
     cycled: _Cycled,
-    result: "xr.Dataset",
+    result: Dataset,
     material: FatigueMaterial,
     middle: float,
     first: Callable[..., np.ndarray],
@@ -335,7 +332,7 @@ def _say(cycles: float) -> str:
     return "no number of cycles" if np.isinf(cycles) else f"{cycles:.3g} cycles"
 
 
-def _answer(life: "xr.Dataset") -> str:
+def _answer(life: Dataset) -> str:
     """Say life and place in a sentence."""
     body = life.attrs["body"]
     if int(life["run_out"]):
@@ -367,7 +364,7 @@ def _answer(life: "xr.Dataset") -> str:
     return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
 
 
-def _tabulate(life: "xr.Dataset") -> Table:
+def _tabulate(life: Dataset) -> Table:
     """Head and rows of the life at some of its jumps."""
     last = life.sizes["record"] - 1
     rows = np.unique(np.linspace(0, last, min(12, last + 1)).astype(int))
@@ -388,13 +385,9 @@ def _lines(found: Datasets) -> Iterator[str]:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     life = found[FATIGUE_LIFE.name]
-
-    def draw(name: str, near: bool) -> Callable[[Path], Path]:
-        return on_axes(lambda ax: plot_element_field(life, name, near=near, ax=ax))
-
     pictures = {
-        "fatigue_amplitude": draw("equivalent_amplitude", False),
-        "fatigue_damage": draw("damage", True),
+        "fatigue_amplitude": on_axes(plot_element_field, life, "equivalent_amplitude", near=False),
+        "fatigue_damage": on_axes(plot_element_field, life, "damage", near=True),
     }
     yield Section("Fatigue", [_answer(life)], *_tabulate(life), figures=pictures)
 

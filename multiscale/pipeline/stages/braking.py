@@ -219,7 +219,7 @@ def _hardest(result: Dataset) -> Dataset:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
-    force = on_axes(lambda ax: plot_braking_force(result, ax=ax), *WIDE)
+    force = on_axes(plot_braking_force, result, size=WIDE)
     yield Section("Tread block", list_facts(result), *_tabulate(result), {"braking_force": force})
     best = int(np.nanargmax(result["braking_force"].values))
     yield Section(
@@ -228,8 +228,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         *tabulate_budget(result.isel(step=[best])),
         notes=True,
     )
-    pressed = on_axes(lambda ax: plot_footprint(result, best, ax=ax))
-    rubbed = on_axes(lambda ax: plot_footprint(result, best, quantity="friction", ax=ax))
+    pressed = on_axes(plot_footprint, result, best)
+    rubbed = on_axes(plot_footprint, result, best, quantity="friction")
     yield Section(
         "Footprint", figures={"footprint_pressure": pressed, "footprint_friction": rubbed}
     )

@@ -67,8 +67,8 @@ MESH_CAUTION = (
 
 STEEP = 0.3  # root mean square slope
 
-MAP = 4.7
-"""Width of a figure of a square map with its colour bar, inches."""
+MAP = (4.7, 4.0)
+"""Width and height of a figure of a square map with its colour bar, inches."""
 
 SLOPE_OF_PAIR = 8.0
 """Error of the second order in the slope over change by it and slope: 6 to 11 of alike bodies."""
@@ -366,8 +366,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     if not np.isclose(pressure[step], asked):
         told += f", the pressure of the cells that is nearest to {1e-6 * asked:.4g} MPa"
     figures = {
-        "surface": on_axes(lambda ax: plot_surface(fields, ax=ax), width=MAP),
-        "contact_map": on_axes(lambda ax: plot_contact_map(fields, step=step, ax=ax), width=MAP),
+        "surface": on_axes(plot_surface, fields, size=MAP),
+        "contact_map": on_axes(plot_contact_map, fields, step=step, size=MAP),
     }
     yield Section("Contact", [f"{told}."], figures=figures)
     yield from _roughness(fields)
@@ -388,10 +388,8 @@ def _roughness(fields: Dataset) -> Iterator[Section]:
         ["Statistics of the heights of both bodies together, in the first realisation."],
         rows=tabulate_statistics(told, measured=False),
         figures={
-            "spectral_density": on_axes(
-                lambda ax: plot_spectral_density(told, measured=False, ax=ax)
-            ),
-            "bearing_curve": on_axes(lambda ax: plot_bearing_curve(told, ax=ax)),
+            "spectral_density": on_axes(plot_spectral_density, told, measured=False),
+            "bearing_curve": on_axes(plot_bearing_curve, told),
         },
     )
 

@@ -1,7 +1,5 @@
 """Stage: the substructures of a structure, condensed onto the resultants of their interfaces."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from multiscale.macro import homogenise
@@ -10,15 +8,12 @@ from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.plate import PLATE
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
-from multiscale.schema import HOMOGENISED, MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, Dataset
 
 __all__ = ["CONDENSED_PARTS"]
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     """Condense at the last step that converged."""
     result = found[MACRO_RESULT.name]
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))

@@ -12,7 +12,7 @@ from multiscale.macro.continuum import follow_crack_band
 from multiscale.macro.continuum.body import load_vector
 from multiscale.macro.continuum.crack_band import SHAPES
 from multiscale.macro.substructures import element_corners
-from multiscale.micro.damage.volume_growth import sample_intervals, softening_samples
+from multiscale.micro.damage.volume_growth import half_widths, softening_samples
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.settings import Case
@@ -67,9 +67,9 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
         error = 0.0
         if coarse_value:
             values[f"{name}_mesh"] = error = abs(coarse_value[0] / value - 1.0)
-        for kind, ends in zip(("mean_law", "one_part"), sample_intervals(samples), strict=True):
-            half = np.hypot(0.5 * (ends[1] - ends[0]), error * value)
-            values[f"{name}_{kind}"] = value + half * np.array([-1.0, 1.0])
+        for kind, half in zip(("mean_law", "one_part"), half_widths(samples), strict=True):
+            both = np.hypot(half, error)
+            values[f"{name}_{kind}"] = value * np.exp([-both, both])
     values |= {"position": body.basis.doflocs.T, "corners": element_corners(body)}
     result = CRACKED_BODY.build(values, title=case.title, body=body.name)
     whole = all(int(one["converged"]) for one in cracked)
@@ -111,8 +111,8 @@ def _answer(cracked: "xr.Dataset") -> str:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     cracked = found[CRACKED_BODY.name]
     figures = {
-        "cracked_load": on_axes(lambda ax: plot_cracked_load(cracked, ax=ax)),
-        "crack_field": on_axes(lambda ax: plot_element_field(cracked, "stiffness_share", ax=ax)),
+        "cracked_load": on_axes(plot_cracked_load, cracked),
+        "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
     }
     yield Section("Crack of the body", [_answer(cracked)], figures=figures)
 

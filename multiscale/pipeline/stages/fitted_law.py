@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
-from multiscale.pipeline.case_budget import OnGrids, case_budget
+from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour
 from multiscale.pipeline.rows import say_beside, say_error
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
@@ -71,27 +71,30 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         n_terms=case.law.terms,
         n_samples=case.law.samples,
     )
-    grids = _on_grids(case, found)
-    law = with_loss_grid(law, grids.sheared)
+    pressed, sheared = _on_grids(case, found)
+    law = with_loss_grid(law, sheared)
     law = with_conductance(
         law, case.conductivities, response.attrs["contact_modulus"], flows=case.hardness is not None
     )
     if case.micro.leakage:
         law = with_leakage(law, response, found.get(COARSER_CELLS.name))
-    budget = case_budget(case, loading_branch(response), law, grids, control)
+    budget = case_budget(case, loading_branch(response), law, pressed, sheared, control)
     return with_budget(law, budget)
 
 
-def _on_grids(case: Case, found: Datasets) -> OnGrids:
-    """Compare the first cells with the same ones on half of their points, if there are."""
+def _on_grids(case: Case, found: Datasets) -> tuple[dict[float, Dataset], dict[float, Dataset]]:
+    """Responses of the first cells on their grid and on half of their points, and sheared laws.
+
+    Both are by the ratio of the spacings, and empty if no cells have the coarser grid.
+    """
     if not case.micro.coarser:
-        return OnGrids()
+        return {}, {}
     pressed = {1.0: loading_branch(found[MICRO_RESPONSE.name]), 2.0: found[COARSER_CELLS.name]}
     pressed = {
         ratio: one.isel(realisation=range(case.micro.coarser)) for ratio, one in pressed.items()
     }
     if case.micro.shear is None:
-        return OnGrids(pressed)
+        return pressed, {}
     sheared = {1.0: found[SHEARED_CELLS.name], 2.0: found[COARSER_SHEAR.name]}
     n = sheared[2.0].sizes["realisation"]
     laws = {
@@ -100,7 +103,7 @@ def _on_grids(case: Case, found: Datasets) -> OnGrids:
         )
         for ratio, one in sheared.items()
     }
-    return OnGrids(pressed, laws)
+    return pressed, laws
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -137,11 +140,11 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         f"What every law must satisfy: {told['admissibility']}.",
     ]
     figures = {
-        "gap_law": on_axes(lambda ax: plot_gap_law(response, law, ax=ax)),
-        "area_law": on_axes(lambda ax: plot_area_law(response, law, ax=ax)),
+        "gap_law": on_axes(plot_gap_law, response, law),
+        "area_law": on_axes(plot_area_law, response, law),
     }
     if "unloading_stiffness_ratio" in law:
-        figures["unloading"] = on_axes(lambda ax: plot_unloading(response, law, ax=ax))
+        figures["unloading"] = on_axes(plot_unloading, response, law)
         error = float(np.sqrt(np.mean(law["unloading_fit_error"].values ** 2)))
         lines.append(
             f"Unloaded, it is {float(law['unloading_stiffness_ratio']):.3g} times as stiff at "
@@ -150,7 +153,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"spring back errs by {100.0 * error:.2g} % of its length."
         )
     if conducts := conductances(law, law["fit_pressure"].to_numpy()):
-        figures["conductance"] = on_axes(lambda ax: plot_conductance(law, ax=ax))
+        figures["conductance"] = on_axes(plot_conductance, law)
         lines.append(
             f"The conductance follows from the stiffness at the start of "
             f"{told['conductance_branch']}, since spots of contact hinder a current as they hinder "
@@ -158,9 +161,9 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"gap itself conducts comes on top, and films on the spots are not counted."
         )
     if "hydraulic_aperture" in law:
-        figures["leakage"] = on_axes(lambda ax: plot_leakage(law, ax=ax))
+        figures["leakage"] = on_axes(plot_leakage, law)
         fields = out / "fields" / "fields.nc"
-        figures |= {f"flow_along_{axis}": on_axes(partial(_flow, fields, axis)) for axis in "xy"}
+        figures |= {f"flow_along_{axis}": on_axes(_flow, fields, axis) for axis in "xy"}
         lines.append(
             f"The hydraulic aperture is the distance of parallel walls that let as much of a "
             f"liquid through, by Reynolds' equation on the open part of the gap, and the interface "
@@ -168,7 +171,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             f"The pressure of the liquid itself lifts nothing."
         )
     if sheared := SHEARED_CELLS.name in found:
-        figures["shear_law"] = on_axes(lambda ax: plot_shear_law(law, ax=ax))
+        figures["shear_law"] = on_axes(plot_shear_law, law)
         lines += _shear(law, found[SHEARED_CELLS.name].attrs[POINT_FRICTION])
     files: dict[str, Callable[[Path], object]] = {"law.csv": partial(write_law_table, law)}
     for code in ("abaqus", "calculix"):

@@ -101,7 +101,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     require_law(law, *LAW)
     values = law.attrs
     pressure = float(found[MACRO_RESULT.name]["preload"][0])
-    bell = on_axes(lambda ax: plot_friction_bell(response, law, pressure, ax=ax))
+    bell = on_axes(plot_friction_bell, response, law, pressure)
     yield Section(
         "Friction law",
         [

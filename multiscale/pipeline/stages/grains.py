@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from math import ceil
-from typing import TYPE_CHECKING
 
 from multiscale.io import write_grain_fields
 from multiscale.macro.granulate import biaxial_curve, simulate_grains
@@ -13,17 +12,14 @@ from multiscale.pipeline.rows import tabulate_grains
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage
-from multiscale.schema import GRANULATE
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import GRANULATE, Dataset
 
 __all__ = ["GRAINS"]
 
 GRAIN_TIME, RIGID = 1e-5, 5.0  # s of a grain in a step, times more sweeps of rigid contacts, about
 
 
-def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
     steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
@@ -52,7 +48,7 @@ def _needs(given: Granulate, case: Case) -> Needs:
     return replace(needs, seconds=each * grains.number * motion.duration / motion.step)
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
+def _compared(result: Dataset) -> Dataset:
     """Return the state of the grains, with the stress ratio of a cell that is strained."""
     return result.merge(biaxial_curve(result)) if "stress" in result else result
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,11 +25,8 @@ from multiscale.pipeline.stages.representative_volume import (
 )
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_crack_damage, plot_softening
-from multiscale.schema import VOLUME_GROWTH
+from multiscale.schema import VOLUME_GROWTH, Dataset
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["GROWING_CRACKS"]
 
@@ -38,7 +34,7 @@ EVENT_SECONDS = 1e-6
 """CPU seconds of a crack in an event; there are about 150 events of a crack that cuts a volume."""
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     volumes = case.growth.volumes(case.rve)
     share = np.array([one for one, _ in volumes])
     cracks = [one for _, one in volumes]
@@ -47,7 +43,7 @@ def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
     return result.assign_attrs(title=case.title)
 
 
-def _answer(growth: "xr.Dataset") -> str:
+def _answer(growth: Dataset) -> str:
     edge = readable(f"{float(growth.attrs['edge']):.4g} m")
     told = [
         f"{scale * float(growth[name]):.4g} {unit} "
@@ -64,7 +60,7 @@ def _answer(growth: "xr.Dataset") -> str:
     )
 
 
-def _tabulate(growth: "xr.Dataset") -> Table:
+def _tabulate(growth: Dataset) -> Table:
     """Head and rows of the size effect: means and standard deviations over volumes."""
     head = ("edge", "volumes", "cut", "strength (MPa)", "energy (J/m2)", "damage at the strength")
     share, rows = growth["share"].to_numpy(), []
@@ -91,8 +87,8 @@ def _lines(found: Datasets) -> Iterator[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     growth = found[VOLUME_GROWTH.name]
     figures = {
-        "crack_damage": on_axes(lambda ax: plot_crack_damage(growth, ax=ax)),
-        "softening": on_axes(lambda ax: plot_softening(growth, ax=ax)),
+        "crack_damage": on_axes(plot_crack_damage, growth),
+        "softening": on_axes(plot_softening, growth),
     }
     told = [_answer(growth), "Means over volumes, ± one standard deviation."]
     yield Section("Growth of cracks", told, *_tabulate(growth), figures=figures)

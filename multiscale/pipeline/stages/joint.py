@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from multiscale.pipeline.rows import (
     say_value,
     tabulate,
     tabulate_budget,
+    tabulate_sensitivity,
 )
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -37,7 +38,7 @@ from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
-from multiscale.schema import MACRO_RESULT, with_cautions
+from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
@@ -60,10 +61,7 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.fit import told_branches
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_section", "of_stiffness", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_sections", "of_stiffness", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
@@ -89,7 +87,7 @@ ANSWERS = (
 """What joints are compared by."""
 
 
-def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
+def solve_joint(case: Case, law: Dataset) -> Dataset:
     """Press two blocks together through the law and its samples.
 
     Parameters
@@ -189,7 +187,7 @@ def solve_joint(case: Case, law: "xr.Dataset") -> "xr.Dataset":
     return with_intervals(with_budget(result, over_steps(budget, steps, preload.size)))
 
 
-def _tangential_facts(law: "xr.Dataset", ratio: float | None) -> list[str]:
+def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
     """Say what the tangential stiffness rests on; nothing if the law has none."""
     if ratio is None:
         return []
@@ -201,9 +199,7 @@ def _tangential_facts(law: "xr.Dataset", ratio: float | None) -> list[str]:
     ]
 
 
-def _compare(
-    case: Case, width: float, law: "xr.Dataset"
-) -> "tuple[xr.Dataset, Sequence[str], str]":
+def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[str], str]:
     """Compare the cells of a law with the width of the joint, m: law, cautions, and a fact.
 
     The budget of a law from a file, which is the budget of another joint, is changed to this one.
@@ -220,7 +216,7 @@ def _compare(
     return known, [*of_file, *scales.cautions], cell_share(cell, width)
 
 
-def _unloading_stiffness(law: "xr.Dataset", result: "xr.Dataset") -> dict[str, np.ndarray]:
+def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]:
     r"""Stiffness of the joint whose preload begins to fall, and its samples; if cells unloaded.
 
     With the factor :math:`\beta` of the unloading branch, (1) of
@@ -252,7 +248,7 @@ def _needs(case: Case) -> Needs:
     )
 
 
-def _check(result: "xr.Dataset") -> None:
+def _check(result: Dataset) -> None:
     if not result["converged"].values.any():
         raise ConvergenceError(
             f"the joint did not converge at any of {result.sizes['step']} preloads: "
@@ -269,7 +265,7 @@ def _lines(found: Datasets) -> Iterator[str]:
     yield from list_facts(result)
 
 
-def _decisions(result: "xr.Dataset") -> list[str]:
+def _decisions(result: Dataset) -> list[str]:
     return str(result.attrs.get("plan", "")).splitlines()
 
 
@@ -283,7 +279,7 @@ def _summary(found: Datasets) -> Summary:
     return Summary(result.attrs["title"], question, _answer(result))
 
 
-def _answer(result: "xr.Dataset") -> list[str]:
+def _answer(result: Dataset) -> list[str]:
     """Say the middle one of the preloads with an answer, with its error, and what flows."""
     done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
     if done.size == 0:
@@ -317,23 +313,34 @@ def _answer(result: "xr.Dataset") -> list[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[JOINT.name]
     told = [*_decisions(result), *list_facts(result)[1:]]  # the first one is in the answer
-    stiffness = on_axes(lambda ax: plot_joint_stiffness(result, ax=ax), *WIDE)
+    stiffness = on_axes(plot_joint_stiffness, result, size=WIDE)
     yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
-def budget_section(result: "xr.Dataset") -> Section:
-    """Say of each term of the error budget how large it is and how it was estimated."""
+def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
+    """Say of each term of the error budget how large it is and how it was estimated.
+
+    It is the budget of the first quantity, then of further ones; at the end stands how answers
+    depend on parameters that have a half-width of their own.
+    """
     if "error_total" not in result:
-        return Section("Error budget", ["Nothing was estimated."])
-    quantity = str(result["quantity"].values[0]).replace("_", " ")
-    return Section(
-        "Error budget",
-        [f"Half-widths of 95 % intervals of the {quantity}, in per cent of it."],
-        *tabulate_budget(result),
-        figures={"error_budget": on_axes(lambda ax: plot_error_budget(result, ax=ax), *WIDE)},
-        notes=True,
-    )
+        yield Section("Error budget", ["Nothing was estimated."])
+        return
+    drawn = on_axes(plot_error_budget, result, size=WIDE)
+    for quantity in (str(result["quantity"].values[0]), *further):
+        name = quantity.replace("_", " ")
+        yield Section(
+            f"Error budget of the {name}" if further else "Error budget",
+            [f"Half-widths of 95 % intervals of the {name}, in per cent of it."],
+            *tabulate_budget(result, quantity),
+            figures={} if quantity in further else {"error_budget": drawn},
+            notes=True,
+        )
+    if "sensitivity" in result:
+        told = "Relative changes of the answers, to first order, if a parameter is larger by the "
+        told += "half-width of its 95 % interval, and all others stay as they are."
+        yield Section("Sensitivity", [told], *tabulate_sensitivity(result))
 
 
 JOINT = Stage(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,7 @@ from multiscale.pipeline.rows import tabulate_links
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
-from multiscale.schema import MACRO_RESULT
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["LINKS"]
 
@@ -33,7 +30,7 @@ STRAINED = 0.1
 """Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
 
 
-def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> Dataset:
     """Solve a structure of links; the result follows ``MACRO_RESULT``."""
     system, statics = links.build(), case.statics
     if statics is None:
@@ -50,7 +47,7 @@ def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> "xr.D
     return with_too_far(result, *_strained(result, statics))
 
 
-def _strained(result: "xr.Dataset", statics: Statics) -> Iterator[str]:
+def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
     first, second = result["ends"].values.T
     apart = np.diff(result["position"].values[result["ends"].values], axis=1)[:, 0]
     u = np.nan_to_num(result["displacement"].values)[:, :, :3]
@@ -75,7 +72,7 @@ def _strained(result: "xr.Dataset", statics: Statics) -> Iterator[str]:
 
 def _move(
     links: LinkStructure, case: Case, settings: Dynamics, found: Datasets, job: Job
-) -> "xr.Dataset":
+) -> Dataset:
     """Find the equilibrium at the start, and follow the motion from it."""
     steps = int(np.ceil(settings.duration / settings.step * (1.0 - 1e-12)))
     times, factor = np.linspace(0.0, settings.duration, steps + 1), settings.start_load_factor
@@ -98,7 +95,7 @@ def _move(
     return _with_links(result, system)
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
+def _compared(result: Dataset) -> Dataset:
     """Return how many links are slack, and the largest tension."""
     tension, slack = result["tension"], (result["slack"] > 0.0).where(result["converged"] == 1)
     counted = slack.sum("link", min_count=1).assign_attrs(units="1", long_name="slack links")
@@ -106,14 +103,14 @@ def _compared(result: "xr.Dataset") -> "xr.Dataset":
     return result.assign(slack_links=counted, largest_tension=largest)
 
 
-def _at_rest(begin: "xr.Dataset") -> tuple[np.ndarray, np.ndarray]:
+def _at_rest(begin: Dataset) -> tuple[np.ndarray, np.ndarray]:
     if not int(begin["converged"]):
         raise ConvergenceError(f"no equilibrium to start from: {begin.attrs['failure']}")
     displacement = begin["displacement"].values
     return displacement, np.zeros_like(displacement)
 
 
-def _with_links(result: "xr.Dataset", system: LinkSystem) -> "xr.Dataset":
+def _with_links(result: Dataset, system: LinkSystem) -> Dataset:
     return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
 
 

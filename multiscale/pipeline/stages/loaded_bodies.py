@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
@@ -42,11 +41,7 @@ from multiscale.pipeline.structure_stage import (
 from multiscale.plotting import MOST_DRAWN, load_pictures
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
-from multiscale.schema import MACRO_RESULT, with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
-
+from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 
 __all__ = ["LOADED_BODIES", "budgeted_laws"]
 
@@ -67,7 +62,7 @@ COARSER_ALONE = (
 
 NO_BUDGET = (
     "intervals do not count the error of the law of interface {number}, which is not known: take "
-    "the law of a run"
+    'the law of a run, or state half-widths of its values, as in friction = "0.2 +- 10 %"'
 )
 
 ANSWERS = (
@@ -89,7 +84,7 @@ PICTURES = (
 """Names of all figures of loaded bodies."""
 
 
-def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
     """Follow the path over the named loads."""
     ready = ReadyBodies.of(bodies, case, found, job)
     laws, path, structure = ready.laws, ready.parts.path, ready.structure
@@ -108,14 +103,12 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset
     return ready.finish(result, [*counted, *ready.parts.facts, *measured, *bolts])
 
 
-def _with_budget(
-    result: "xr.Dataset", ready: ReadyBodies, path: LoadPath, job: Job
-) -> "xr.Dataset":
+def _with_budget(result: Dataset, ready: ReadyBodies, path: LoadPath, job: Job) -> Dataset:
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
-    volumes = bodies.volume_errors()
+    uncertain = bodies.uncertainties()
     of_laws = any(law is not None and "error_half_width" in law for law in laws)
-    if not of_laws and not volumes:
+    if not of_laws and not uncertain:
         return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
@@ -133,7 +126,7 @@ def _with_budget(
     if not coarser:
         result = with_cautions(result, NO_COARSER)
     solve = ready.again(follow, near)
-    return with_joint_budget(result, found, solve, asked, coarser, job, volumes)
+    return with_joint_budget(result, found, solve, asked, coarser, job, uncertain)
 
 
 def _follow(
@@ -141,18 +134,20 @@ def _follow(
     problem: CutProblem,
     areas: Sequence[float],
     method: Method,
-    near: "xr.Dataset | None" = None,
-) -> "xr.Dataset":
+    near: Dataset | None = None,
+) -> Dataset:
     """Follow a path, maybe near another one, whatever the data of the laws."""
     return follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
 
 
 def budgeted_laws(
-    result: "xr.Dataset", bodies: Bodies, case: Case, laws: "Sequence[xr.Dataset | None]"
-) -> "tuple[xr.Dataset, list[JointsOfLaw]]":
+    result: Dataset, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]
+) -> tuple[Dataset, list[JointsOfLaw]]:
     """Find the laws with a budget and their joints; a result tells of those without one."""
     shared, found = case.interface or JointLaw(), []
     for number, law in enumerate(laws):
+        if law is None and any(bodies.interfaces[number].uncertain(1.0)):
+            continue  # what is not known of it is stated
         if law is None or "error_half_width" not in law:
             result = with_cautions(result, NO_BUDGET.format(number=number))
         elif not any(law is other for other in laws[:number]):  # the first interface of its law
@@ -163,7 +158,7 @@ def budgeted_laws(
     return result, found
 
 
-def _secants(result: "xr.Dataset") -> Iterator[str]:
+def _secants(result: Dataset) -> Iterator[str]:
     """Say how stiff the structure is under each load, for small changes, at the end of the path."""
     for load in result["load"].values:
         one = result.sel(load=load)
@@ -178,7 +173,7 @@ def _secants(result: "xr.Dataset") -> Iterator[str]:
             )
 
 
-def _real_pressures(result: "xr.Dataset") -> Iterator[str]:
+def _real_pressures(result: Dataset) -> Iterator[str]:
     """Say the mean real pressure of each interface at the end of the path."""
     for number in range(result.sizes.get("interface", 0)):
         one = result.isel(interface=number)
@@ -191,7 +186,7 @@ def _real_pressures(result: "xr.Dataset") -> Iterator[str]:
             )
 
 
-def _energies(result: "xr.Dataset") -> Iterator[str]:
+def _energies(result: Dataset) -> Iterator[str]:
     """Say what each interface loses in the last cycle, if it was closed."""
     if "interface_energy" in result:
         for number, lost in enumerate(result["interface_energy"].values[-1]):
@@ -214,21 +209,20 @@ def _needs(bodies: Bodies, case: Case) -> Needs:
     return replace(needs, libraries=libraries, choices=(*needs.choices, *([solves] * bool(points))))
 
 
-def _sections(result: "xr.Dataset") -> Iterator[Section]:
+def _sections(result: Dataset) -> Iterator[Section]:
     """Show loads, bolts and interfaces."""
     told = [
         "Zones, pressure and outlines of the parts are seen along the normal of each interface, at "
         "the last step that has an answer."
     ]
     solved = np.flatnonzero(result["converged"].to_numpy() == 1)
-    stressed = partial(plot_body_stress, result, step=int(solved[-1]))
-    figures = {"body_stress": in_space(stressed)}
+    figures = {"body_stress": in_space(plot_body_stress, result, step=int(solved[-1]))}
     figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
     yield Section("Loads and interfaces", told, figures=figures)
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
+def _compared(result: Dataset) -> Dataset:
     """Return the answers at the last step that has stiffnesses, slip and bolts at the last one."""
     known = np.isfinite(result["load_stiffness"].to_numpy()).all(axis=1)
     rest = int(np.flatnonzero(known)[-1]) if known.any() else 0
@@ -243,7 +237,7 @@ def _compared(result: "xr.Dataset") -> "xr.Dataset":
     return result.drop_dims("step").assign(values)
 
 
-def _tabulate(result: "xr.Dataset") -> Table:
+def _tabulate(result: Dataset) -> Table:
     """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
 
     Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of

@@ -1,7 +1,5 @@
 """Stage: an elastic plate, whole or cut."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from multiscale.io import write_body_fields
@@ -13,27 +11,25 @@ from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["PLATE"]
 
 
-def _solve(plate: Plate, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(plate: Plate, case: Case, found: Datasets, job: Job) -> Dataset:
     assembly, factors = plate.build(), np.array(case.statics.load_factors)
     result = solve_assembly(assembly, factors, method=case.cut.method(job.team))
     return with_too_far(add_body_fields(result, assembly.bodies))
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
+def _compared(result: Dataset) -> Dataset:
     """Return the largest component of the displacements."""
     moved = abs(result["displacement"]).max(("node", "component"))
     named = moved.assign_attrs(units="m", long_name="largest displacement")
     return result.assign(largest_displacement=named)
 
 
-def _tabulate(result: "xr.Dataset") -> Table:
+def _tabulate(result: Dataset) -> Table:
     """Head and rows of a body under its loads."""
     largest = 1e6 * np.abs(result["displacement"].values).max(axis=(1, 2))
     return ("load", "largest displacement (µm)", "iterations", "residual"), [

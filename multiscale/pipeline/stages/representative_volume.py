@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,11 +33,8 @@ from multiscale.plotting.rve_figures import (
     plot_rve_damage,
     plot_size_study,
 )
-from multiscale.schema import RVE, RVE_VOLUMES
+from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 from multiscale.units import readable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = [
     "REPRESENTATIVE_VOLUME",
@@ -70,11 +66,11 @@ ANSWERS = (
 )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     return measure_case(case.rve, job).assign_attrs(title=case.title)
 
 
-def measure_case(rve: RveSettings, job: Job) -> "xr.Dataset":
+def measure_case(rve: RveSettings, job: Job) -> Dataset:
     """Measure all volumes of the settings, of which finished ones are kept, and average them."""
     volumes = [*rve.jobs()]
     measure = partial(
@@ -107,16 +103,16 @@ def measure_case(rve: RveSettings, job: Job) -> "xr.Dataset":
 
 
 def _measure(
-    measure: "Callable[..., xr.Dataset]",
+    measure: Callable[..., Dataset],
     volume: Cavities | VoxelImage,
     voxels: int,
     share: float,
-) -> "xr.Dataset":
+) -> Dataset:
     return measure(volume, voxels=voxels, share=share)
 
 
 def _cautions(
-    rve: RveSettings, image: VoxelImage, result: "xr.Dataset", measured: "xr.Dataset"
+    rve: RveSettings, image: VoxelImage, result: Dataset, measured: Dataset
 ) -> Iterator[str]:
     """Say what is lost, coarse or not known."""
     if ended := measured.attrs.get("ended"):
@@ -138,7 +134,7 @@ def _cautions(
         )
 
 
-def is_representative(rve: "xr.Dataset") -> str:
+def is_representative(rve: Dataset) -> str:
     """Say how far the bounds lie apart and volumes differ, and whether the volume is one."""
     accept = float(rve.attrs["accept"])
     gap = float(rve["modulus_error"].sel(rve_error="sides").max())
@@ -163,13 +159,13 @@ def is_representative(rve: "xr.Dataset") -> str:
     )
 
 
-def _axes(rve: "xr.Dataset") -> dict[str, int]:
+def _axes(rve: Dataset) -> dict[str, int]:
     """Numbers of the normals along the edges."""
     normals = np.abs(rve["normal"].to_numpy())
     return {name: int(np.argmax(normals[:, k])) for k, name in enumerate("xyz")}
 
 
-def _tabulate(rve: "xr.Dataset") -> Table:
+def _tabulate(rve: Dataset) -> Table:
     """Head and rows of damage and modulus along the edges and extreme directions."""
     head = (
         "direction",
@@ -207,7 +203,7 @@ def say_interval(ends: np.ndarray, scale: float, digits: str = ".4g") -> str:
     return f"{low:{digits}} ... {high:{digits}}" if np.isfinite(ends).all() else "unknown"
 
 
-def _sizes(rve: "xr.Dataset") -> Table:
+def _sizes(rve: Dataset) -> Table:
     """Head and rows of the size study: means and standard deviations of the volumes."""
     head = (
         "edge",
@@ -242,7 +238,7 @@ def say_mean(values: np.ndarray) -> str:
     return f"{known.mean():.4g}" + (f" ± {known.std(ddof=1):.2g}" if known.size > 1 else "")
 
 
-def _causes(rve: "xr.Dataset") -> str:
+def _causes(rve: Dataset) -> str:
     """Say which causes the intervals count."""
     half = 100.0 * rve["modulus_error"].max("direction").to_numpy()
     said = [
@@ -252,7 +248,7 @@ def _causes(rve: "xr.Dataset") -> str:
     return f"Half-widths of the 95 % interval of the material, at most: {', '.join(said)}."
 
 
-def _facts(rve: "xr.Dataset") -> list[str]:
+def _facts(rve: Dataset) -> list[str]:
     own = rve["share"].to_numpy() == 1.0
     porosity = say_mean(100.0 * rve["porosity"].to_numpy()[own])
     size = " x ".join(readable(f"{edge:.4g} m") for edge in rve["box_size"].to_numpy())
@@ -291,9 +287,9 @@ def _summary(found: Datasets) -> Summary:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     rve = found[RVE.name]
     figures: dict[str, Callable[[Path], Path]] = {
-        "rve": in_space(partial(plot_rve, rve)),
-        "stiffness_surface": in_space(partial(plot_modulus_surface, rve)),
-        "damage_sphere": in_space(partial(plot_rve_damage, rve)),
+        "rve": in_space(plot_rve, rve),
+        "stiffness_surface": in_space(plot_modulus_surface, rve),
+        "damage_sphere": in_space(plot_rve_damage, rve),
         "size_study": partial(_draw_study, rve),
     }
     yield Section("Representative volume", _facts(rve), *_tabulate(rve), figures=figures)
@@ -301,13 +297,13 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Size study", told, *_sizes(rve))
 
 
-def _draw_study(rve: "xr.Dataset", file: Path) -> Path:
+def _draw_study(rve: Dataset, file: Path) -> Path:
     figure = new_figure(5.2, 5.6)
     plot_size_study(rve, figure)
     return save_figure(figure, file)
 
 
-def _compared(rve: "xr.Dataset") -> "xr.Dataset":
+def _compared(rve: Dataset) -> Dataset:
     """Return moduli along the edges with their intervals, the largest damage and the porosity."""
     own = rve["share"].to_numpy() == 1.0
     values = {

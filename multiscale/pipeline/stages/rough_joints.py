@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from multiscale.pipeline.rows import (
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section, of_stiffness
+from multiscale.pipeline.stages.joint import budget_sections, of_stiffness
 from multiscale.pipeline.stages.loaded_bodies import budgeted_laws
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
@@ -45,10 +45,8 @@ from multiscale.pipeline.structure_stage import (
 )
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
+from multiscale.schema import Dataset
 from multiscale.units import Unit
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 __all__ = ["ROUGH_JOINTS"]
 
@@ -78,12 +76,12 @@ ANSWERS = (
 """What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
 
 
-def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dataset:
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     ready = ReadyBodies.of(structure, case, found, job)
     assembly, small = ready.parts.assembly, ready.structure.small
     loading = cast(JointLoading, ready.parts.loading)  # joints have one
-    law = cast("xr.Dataset", ready.laws[0])  # all joints have this one
+    law = cast(Dataset, ready.laws[0])  # all joints have this one
     watched = counting(ready.method, job, structure.joint_size(case).steps)
     followed = follow_joint(small, loading, method=watched)
     result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
@@ -91,8 +89,8 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
-    volumes = ready.bodies.volume_errors()
-    if "error_half_width" in law or volumes:
+    uncertain = ready.bodies.uncertainties()
+    if "error_half_width" in law or uncertain:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = JointLoading(preloads[:solved])
@@ -102,7 +100,7 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> "xr
         near = follow_joint(small, short, method=ready.method)
         solve = ready.again(partial(_follow, short), near)
         asked, coarser = joint_answers(result), ready.bodies.coarser()
-        result = with_joint_budget(result, laws, solve, asked, coarser, job, volumes)
+        result = with_joint_budget(result, laws, solve, asked, coarser, job, uncertain)
     return ready.finish(result, facts)
 
 
@@ -112,7 +110,7 @@ def _follow(
     areas: Sequence[float],
     method: Method,
     near: FollowedJoint | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Load the joints, maybe near others, whatever the data of the laws."""
     found = follow_joint(problem, loading, method=method, near=near)
     return measure_joint(found, areas, extrapolate=True)
@@ -140,7 +138,7 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
 
 
-def _answer(result: "xr.Dataset") -> list[str]:
+def _answer(result: Dataset) -> list[str]:
     """Say stiffness, slip and loss at the last of the preloads with an answer."""
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
@@ -156,7 +154,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
     ]
 
 
-def _losses(result: "xr.Dataset") -> Iterator[str]:
+def _losses(result: Dataset) -> Iterator[str]:
     """Say what the last cycle at the last preload loses, and what slips."""
     if "cycle_energy" in result and np.isfinite(result["cycle_energy"].values[-1]):
         end = result.isel(step=-1, cycle=-1)
@@ -171,7 +169,7 @@ def _losses(result: "xr.Dataset") -> Iterator[str]:
         )
 
 
-def _sections(result: "xr.Dataset") -> Iterator[Section]:
+def _sections(result: Dataset) -> Iterator[Section]:
     """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
     told = [
         "Zones and pressure are seen along the normal of the first joint, at the step at which "
@@ -187,10 +185,10 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
             "part.",
         ]
         yield Section("Cycles of shear", cycles, *tabulate_cycles(result))
-    yield budget_section(result)
+    yield from budget_sections(result)
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
+def _compared(result: Dataset) -> Dataset:
     """Return the answers at the preloads and of cycles, with the slip at the end of the path."""
     slip = [name for name in result if str(name).startswith("slipping_load")]
     sheared = np.flatnonzero(result["shear"].to_numpy())

@@ -13,7 +13,7 @@ from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import Body
 from multiscale.macro.substructures import choose_method, list_elements
 from multiscale.macro.substructures.condensed_problem import CondensedProblem
-from multiscale.macro.substructures.substructure_needs import CutPart, cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.macro.vibration import (
     Preloaded,
     TangentModes,
@@ -33,7 +33,7 @@ from multiscale.pipeline.rows import Table, padded, say_answer
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_section
+from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.loaded_bodies import (
     KEPT,
     NO_COARSER,
@@ -43,7 +43,7 @@ from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLU
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
-from multiscale.plotting.figure import WIDE, on_axes
+from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, with_cautions
 from multiscale.units import length_unit
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
@@ -70,12 +70,7 @@ PICTURES = (
 )
 """Names of all figures of vibrating bodies."""
 
-BUDGETED = ("frequency", "damping")
-
-NO_VOLUME_ERRORS = (
-    "frequency and damping have no intervals: no law has an error budget, and the errors of "
-    "representative volumes are counted only beside one"
-)
+BUDGETED = ("frequency", "fall", "damping")
 
 STATED_BED = 2
 """Ratio of the slabs of two beds that tell the error of the finer one."""
@@ -92,9 +87,12 @@ class _Vibrating:
 
 
 def _press(
-    bodies: Bodies, case: Case, laws: Sequence[InterfaceLaw]
+    bodies: Bodies, case: Case, laws: Sequence[InterfaceLaw], near: Preloaded | None = None
 ) -> tuple[_Vibrating, list[str]]:
-    """Bring bodies with some laws to rest and find their modes; also what is said of the parts."""
+    """Bring bodies with some laws to rest and find their modes; also what is said of the parts.
+
+    ``near`` are the same bodies at rest under other laws or preloads.
+    """
     asked = case.vibration
     parts = bodies.build(case, laws)
     smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]  # all have a friction
@@ -103,6 +101,7 @@ def _press(
         parts.path.factors(),
         preload_laws=None if asked.preload_friction else smooth,
         extrapolate=case.extrapolate,
+        near=near,
     )
     densities = [float(body.density or 0.0) for body in bodies.bodies]
     mass = structure_mass(rest.free, parts.assembly.bodies, densities)
@@ -150,10 +149,9 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
     result = with_cautions_of(result, bodies, case, found, laws)
-    if any(law is not None and "error_half_width" in law for law in laws):
+    of_laws = any(law is not None and "error_half_width" in law for law in laws)
+    if of_laws or bodies.uncertainties():
         result = _with_budget(result, bodies, case, laws, still, job)
-    elif any(body.porous for body in bodies.bodies):
-        result = with_cautions(result, NO_VOLUME_ERRORS)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
     pinned = "without friction" if not asked.preload_friction else "with friction"
     facts += [
@@ -213,10 +211,11 @@ def _with_budget(
     rest = still.rest.path.isel(step=[-1])
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
-    free = CondensedProblem(still.rest.free, still.rest.free)  # workers take no factors
-    near = replace(still, rest=replace(still.rest, condensed=free))
-    solve = partial(_solve_changed, bodies, case, laws, near)
-    return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.volume_errors())
+    if job.executor is not None:  # workers take no factors
+        free = CondensedProblem(still.rest.free, still.rest.free)
+        still = replace(still, rest=replace(still.rest, condensed=free))
+    solve = partial(_solve_changed, bodies, case, laws, still)
+    return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.uncertainties())
 
 
 def _at(name: str, steps: np.ndarray, result: "xr.Dataset") -> np.ndarray:
@@ -235,9 +234,11 @@ def _solve_changed(
     asked = case.vibration
     other = bodies if change.structure is None else change.structure
     assert isinstance(other, Bodies)  # of the same kind
-    still, _ = _press(other, case, _laws(bodies, case, laws, change))
+    alike = other.bodies is bodies.bodies
+    rest = near.rest if alike else None
+    still, _ = _press(other, case, _laws(other, case, laws, change), rest)
     reached = asked.reach(_largest(near), coarse=True)
-    if change.structure is None:
+    if alike:
         still = _in_order_of(still, near)
     return vibrate(
         still.rest,
@@ -278,7 +279,7 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     )
     memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
     memory += 8 * 3 * asked.slabs * size.joint_points * 4
-    others = [one for one in needs.choices if one.part != CutPart.MASS]
+    others = [one for one in needs.choices if one.part != "mass"]
     seconds = choose_method(size).taken.seconds
     return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
@@ -300,10 +301,9 @@ def _tabulate(result: "xr.Dataset") -> Table:
             rows.append(padded((*row, "slides away"), head))
             continue
         slips = step.get("slipping_load")
-        rest = float(result["mode_frequency"].sel(mode=int(step["step_mode"])))
         row += (
             _hertz(step),
-            f"{rest - float(step['frequency']):.4g}",
+            say_answer(step, "fall", 1.0, ""),
             say_answer(step, "damping", 100.0, ""),
             "-" if slips is None else f"{100.0 * float(slips):.3g}",
             "yes" if int(step["opens"]) else "no",
@@ -326,10 +326,12 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
         "has an answer, in one direction."
     ]
     drawn = vibration_pictures(result, MOST_DRAWN)
-    wide = {name: plot for name, plot in drawn.items() if name.startswith("mode_shape")}
-    figures = {name: on_axes(plot, *(WIDE if name in wide else ())) for name, plot in drawn.items()}
+    figures = {
+        name: on_axes(plot, size=WIDE if name.startswith("mode_shape") else SIZE)
+        for name, plot in drawn.items()
+    }
     yield Section("Modes, frequency and damping", told, figures=figures)
-    yield budget_section(result)
+    yield from budget_sections(result, "fall", "damping")
 
 
 def _answer(result: "xr.Dataset") -> list[str]:

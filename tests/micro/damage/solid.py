@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.micro.damage import youngs_modulus_along
+from multiscale.micro.damage import Cavities, spheres, youngs_modulus_along
 
 E, NU = 200e9, 0.3
 CUBE = (1.0, 1.0, 1.0)
@@ -13,3 +13,21 @@ AXES = np.eye(3)
 def ratio(solution, normals=AXES):
     """Young's modulus along directions over that of the solid."""
     return youngs_modulus_along(solution.unwrap(), normals) / E
+
+
+LATTICES = {
+    "simple cubic": [[0.5, 0.5, 0.5]],
+    "body-centred cubic": [[0.25, 0.25, 0.25], [0.75, 0.75, 0.75]],
+    "face-centred cubic": [
+        [0.25, 0.25, 0.25],
+        [0.25, 0.75, 0.75],
+        [0.75, 0.25, 0.75],
+        [0.75, 0.75, 0.25],
+    ],
+}
+"""Places of the spheres in the cubic cell, relative to its edge."""
+
+
+def lattice(name, radius, *, edge):
+    """Spheres on a cubic lattice, in one cell of it."""
+    return Cavities((edge,) * 3, [spheres(edge * np.array(LATTICES[name]), radius)])

@@ -11,7 +11,7 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.bulk.moduli import COMPONENTS
+from multiscale.laws.bulk.moduli import VOIGT
 from multiscale.micro.damage import (
     Cavities,
     VoxelImage,
@@ -19,7 +19,6 @@ from multiscale.micro.damage import (
     cylinders,
     effective_stiffness,
     ellipsoids,
-    lattice,
     mesh_stiffness,
     penny_cracks,
     plane_damage,
@@ -34,7 +33,7 @@ from tests.closed_forms.elastic_solids import (
     isotropic_stiffness,
     voigt_bound,
 )
-from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, ratio
+from tests.micro.damage.solid import CUBE, MIDDLE, NU, E, lattice, ratio
 from tests.support import observed_rate
 
 SPHERE = 3.0 * (1.0 - NU) * (9.0 + 5.0 * NU) / (2.0 * (7.0 - 5.0 * NU))
@@ -48,7 +47,7 @@ def rotate_stiffness(stiffness, Q):
     place = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
     full = stiffness[place[:, :, None, None], place]
     turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", Q, Q, Q, Q, full, optimize=True)
-    i, j = np.array(COMPONENTS).T
+    i, j = np.array(VOIGT).T
     return turned[i[:, None], j[:, None], i, j]
 
 
