@@ -403,7 +403,9 @@ def inspect_command(
 def damage_command(
     volume: Annotated[
         str,
-        typer.Argument(help="A case with a table rve, or a TIFF stack or folder with a binary image."),
+        typer.Argument(
+            help="A case with a table rve, or a TIFF stack or folder with a binary image."
+        ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("damage"),
     youngs_modulus: Annotated[

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array, diags_array
 
 __all__ = [
     "GRAVITY",
-    "STEP",
+    "TIME_STEP",
     "RigidBodies",
     "block_tower",
     "box_stack",
@@ -22,7 +22,7 @@ GRAVITY = 9.81  # m/s²
 UP = (0.0, 0.0, 1.0)
 
 
-STEP = 1e-2
+TIME_STEP = 1e-2
 """Time step, s."""
 
 Touch = tuple[ArrayLike, ArrayLike, int, int]
@@ -69,7 +69,7 @@ def rigid_bodies(
     inertias, centres : ndarray, shape (bodies, 3)
         Principal moments about the axes of space, kg m², and centres of mass, m.
     contacts : sequence of Touch
-    forces : ndarray, shape (bodies, 6), forces and moments, N and N m, for one :data:`STEP`
+    forces : ndarray, shape (bodies, 6), forces and moments, N and N m, for one :data:`TIME_STEP`
     friction : float or ndarray, shape (contacts,), friction coefficient, 1
     """
     n = len(masses)
@@ -88,7 +88,7 @@ def rigid_bodies(
     diagonal = np.column_stack([np.repeat(masses[:, None], 3, axis=1), inertias])
     M = csr_array(diags_array(diagonal.ravel()))
     mu = np.broadcast_to(np.asarray(friction, dtype=float), (len(contacts),)).copy()
-    return RigidBodies(M, H, STEP * forces.ravel(), mu)
+    return RigidBodies(M, H, TIME_STEP * forces.ravel(), mu)
 
 
 def _frame(normal: ArrayLike) -> np.ndarray:

@@ -170,7 +170,7 @@ def _(cell: FlatCell, kept: dict[str, Any]) -> Needs:
             },
         ),
         libraries=("numba",),
-        memory=8 * nx * ny * (22 if cell.slope_order == 1 else 33),
+        memory=8 * nx * ny * (20 if cell.slope_order == 1 else 32),
         seconds=nx * ny * (_FLAT if cell.slope_order == 1 else _EXPANDED),
         **kept,
     )

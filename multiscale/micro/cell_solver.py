@@ -17,10 +17,9 @@ from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import CellProblem, ContactState, average_contact
 from multiscale.micro.gap_flow import gap_flow, open_gap
 from multiscale.micro.path import Path
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, Dataset
 
 if TYPE_CHECKING:
-    import xarray as xr
     from threadpoolctl import ThreadpoolController
 
 __all__ = ["solve_cell"]
@@ -44,7 +43,7 @@ def solve_cell(
     recover_stress: bool = False,
     tolerance: float = 1e-8,
     checkpoint: Checkpoint | None = None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Press a cell along a path and average what its surface carries.
 
     Parameters
@@ -258,7 +257,7 @@ def _pad_spots(steps: Steps) -> None:
             step[name] = padded
 
 
-def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> "xr.Dataset":
+def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> Dataset:
     """Join the steps with the fields asked for beside; values that a failed step lacks are NaN."""
     shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
     shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked

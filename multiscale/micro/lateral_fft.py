@@ -247,6 +247,7 @@ class LateralInverse:
         """
         nx, layers, ny = self.shape
         transform, values = self._workspace, self._workspace.view(self.inverse.dtype)
+        dtype = np.float64 if force is None else force.dtype
         size = 1.0  # of the forces, which then cannot underflow in single precision
         if force is None:
             transform[:] = 0.0
@@ -262,7 +263,7 @@ class LateralInverse:
             transform[:, -1] += _multiply_symbol(self.surface_compliance, added)
         _backward(self.inverse, self.upper, values)
         scipy.fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
-        found = np.empty((nx, layers, 3, ny)) if out is None else out
+        found = np.empty((nx, layers, 3, ny), dtype) if out is None else out
         self._over_slabs(partial(self._transform_back, size / self.scale, found))
         return found
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.upscaling.budget import ERROR_TERMS, add_up, total_error
+from multiscale.upscaling.budget import ERROR_TERMS, add_terms, total_error
 
 __all__ = ["CostModel", "Estimate", "Setting", "cheapest"]
 
@@ -72,7 +72,7 @@ class Estimate:
     def total(self) -> float:
         """Largest total over the steps, relative; NaN where a term of a step is not known."""
         given = np.isfinite(self.half_width).any(axis=1).tolist()
-        return float(np.max(add_up(self.half_width[None], self.bias[None], given)))
+        return float(np.max(add_terms(self.half_width[None], self.bias[None], given)))
 
     def at(self, setting: Setting) -> "Estimate":
         r"""Return what is expected at another setting.

@@ -147,7 +147,7 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
         if rise > 1 and share.min() > 0.0:
             slope[:] = np.log(share[1] / share[0]) / np.log(rise / (rise - 1))
         density = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0, keepdims=True)
-        read = {name: _at(name, last) for name in AT_END.values()}
+        read = {name: _at(name, slice(-1, None)) for name in AT_END.values()}
         cycles = CycleAnswers(
             read, "slipping_load", "cycle_energy", last, slope, density, rise / few
         )

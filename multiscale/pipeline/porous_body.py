@@ -9,11 +9,11 @@ import numpy as np
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.pipeline.assembly_parts import MeshedBody
+from multiscale.schema import Dataset
 from multiscale.units import readable
 from multiscale.upscaling.budget_terms import FEW_CELLS
 
 if TYPE_CHECKING:
-    import xarray as xr
     from skfem import Mesh
 
 __all__ = ["PorousBody", "SurfaceDamage", "Uncertainty"]
@@ -61,7 +61,7 @@ class PorousBody(MeshedBody):
     factor: float = 1.0
 
     @classmethod
-    def of(cls, body: MeshedBody, rve: "xr.Dataset") -> "PorousBody":
+    def of(cls, body: MeshedBody, rve: Dataset) -> "PorousBody":
         """Give a body its representative volume, and the Poisson's ratio of the solid."""
         ratio = float(rve.attrs["poissons_ratio"])
         volume = {"poissons_ratio": ratio, "volume_data": rve, "plain": body}

@@ -9,12 +9,11 @@ import numpy as np
 
 from multiscale.io.images import VoxelImage
 from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
+from multiscale.schema import Dataset
 from multiscale.units import length_unit
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.axes import Axes
     from mpl_toolkits.mplot3d import Axes3D
 
     from multiscale.micro.damage.cavities import Cavities
@@ -37,7 +36,7 @@ ELEMENT_FIELDS = {
 """Factor and label of the fields of elements that are drawn, by their names."""
 
 
-def plot_damage_sphere(sections: "xr.Dataset", *, ax: "Axes3D") -> "Axes3D":
+def plot_damage_sphere(sections: Dataset, *, ax: "Axes3D") -> "Axes3D":
     """Colour the sphere of normals by the damage of their worst sections.
 
     Parameters
@@ -81,8 +80,8 @@ def colour_sphere(
 
 
 def plot_element_field(
-    life: "xr.Dataset", name: str = "damage", *, near: bool = False, ax: "Axes | None" = None
-) -> "Axes":
+    life: Dataset, name: str = "damage", *, near: bool = False, ax: Axes | None = None
+) -> Axes:
     """Colour the elements of a body, seen along the axis in which it is thinnest.
 
     Parameters
@@ -133,8 +132,8 @@ def plot_element_field(
 
 
 def plot_worst_section(
-    rve: "Cavities | VoxelImage", sections: "xr.Dataset", *, ax: "Axes | None" = None
-) -> "Axes":
+    rve: "Cavities | VoxelImage", sections: Dataset, *, ax: Axes | None = None
+) -> Axes:
     """Draw the void in the worst section.
 
     Parameters
@@ -169,7 +168,7 @@ def plot_worst_section(
     return ax
 
 
-def plot_woehler(curve: "xr.Dataset", *, ax: "Axes | None" = None) -> "Axes":
+def plot_woehler(curve: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot stress amplitude against cycles to initiation and to rupture; run-outs are arrows."""
     ax = axes_or_current(ax)
     amplitude = 1e-6 * curve["amplitude"].values

@@ -202,7 +202,9 @@ def plot_crack_damage(growth: Dataset, *, ax: Axes | None = None) -> Axes:
     ax = axes_or_current(ax)
     whole = growth["share"].to_numpy() == 1.0
     strain = 1e6 * growth["strain"].to_numpy()[whole]
-    ax.plot(strain.T, 1e-6 * growth["stress"].to_numpy()[whole].T, color="C0", linewidth=0.8)
+    stress = 1e-6 * growth["stress"].to_numpy()[whole]
+    ways = (np.pad(one, ((0, 0), (1, 0))).T for one in (strain, stress))  # elastic from rest
+    ax.plot(*ways, color="C0", linewidth=0.8)
     ax.set_xlabel("mean strain (µm/m)")
     ax.set_ylabel("mean stress (MPa)", color="C0")
     ax.set(xlim=(0.0, None), ylim=(0.0, None))

@@ -28,7 +28,7 @@ __all__ = [
     "ERROR_TERMS",
     "NO_PART",
     "NO_STATED",
-    "add_up",
+    "add_terms",
     "assemble_budget",
     "error_budget",
     "how_attribute",
@@ -213,7 +213,7 @@ def mean_law_error(budget: Dataset) -> np.ndarray:
     half, bias = (budget[name].to_numpy().copy() for name in ("error_half_width", "error_bias"))
     few = budget["error_term"].to_numpy() == FEW_CELLS
     half[:, few] = bias[:, few] = 0.0
-    error = add_up(half, bias, np.isfinite(half).any(axis=(0, 2)))
+    error = add_terms(half, bias, np.isfinite(half).any(axis=(0, 2)))
     return np.where(np.isfinite(budget["error_total"]), error, np.nan)
 
 
@@ -242,7 +242,7 @@ def how_attribute(term: str) -> str:
     return "how_" + term.replace(" ", "_")
 
 
-def add_up(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
+def add_terms(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Totals of half-widths and biases (quantity, term, step), with the terms that were given.
 
     NaN where one of these, or of :data:`ALWAYS`, is not known.
@@ -273,7 +273,7 @@ def assemble_budget(
         if np.all(np.isnan(half[:, k])) and not terms[term].how.startswith("not in a law")
     ]
     given = np.array([terms[term].half_width is not None for term in ERROR_TERMS])
-    total = add_up(half, bias, given)
+    total = add_terms(half, bias, given)
     values = {"error_half_width": half, "error_bias": bias, "error_total": total}
     if pressure is not None:
         values["nominal_pressure"] = pressure

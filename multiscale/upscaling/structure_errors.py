@@ -12,7 +12,7 @@ from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
-    add_up,
+    add_terms,
     assemble_budget,
     how_attribute,
     mean_law_error,
@@ -345,7 +345,7 @@ def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
         follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
         half.loc[{"error_term": term}] = np.vstack([rows, follow])
     given = half.notnull().any(("quantity", "step")).to_numpy()
-    total = law["error_total"].copy(data=add_up(half.to_numpy(), bias.to_numpy(), given))
+    total = law["error_total"].copy(data=add_terms(half.to_numpy(), bias.to_numpy(), given))
     unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
     return law.assign(error_half_width=half, error_total=total).assign_attrs(
         {

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.bench.friction_scenes import GRAVITY, STEP, RigidBodies, box_stack
+from multiscale.bench.friction_scenes import GRAVITY, TIME_STEP, RigidBodies, box_stack
 
 PUSHES = ("each", "top", "sideways", "one", "squeeze")
 """Ways to push a stack: each box by its own weight, the top box alone, all in one direction, one
@@ -62,7 +62,7 @@ def plane_stack(boxes, rng, *, mass_ratio=1.0, friction=0.5, push=0.3):
     forces[:, 1] = -GRAVITY * masses
     forces[:, 0] = push * rng.uniform(-1.0, 1.0, n) * GRAVITY * masses
     M = csr_array(diags_array(diagonal))
-    return RigidBodies(M, csr_array(H), STEP * forces.ravel(), np.full(2 * n, friction))
+    return RigidBodies(M, csr_array(H), TIME_STEP * forces.ravel(), np.full(2 * n, friction))
 
 
 def random_problem(contacts, rng, *, rank=None, friction=0.5, dim=3):

@@ -76,6 +76,7 @@ def test_volumes_have_strengths_and_energies_between_their_intervals(cracked):
     damage = growth["damage"].to_numpy()
     # a circle of .999 of the section overlaps its periodic images
     np.testing.assert_allclose(damage[:, -1], 0.909, atol=1e-3)
+    assert np.all(np.diff(damage, axis=1) > -1e-9)
     assert np.all(damage[:, 0] < growth["peak_damage"].to_numpy() + 1e-9)
     mean = np.trapezoid(growth["mean_stress"], growth["mean_opening"])
     assert mean == pytest.approx(float(growth["fracture_energy"]))

@@ -45,8 +45,8 @@ def step_grains(
     -------
     state : GrainState, state at the end of the step
     step : dict
-        Variables of the step by their names in ``GRANULATE``, but that work and dissipation are
-        those of the step alone; ``stress`` of a cell under a pressure.
+        Variables of the step by their names in ``GRANULATE``, but work and dissipation of
+        the step alone, and ``stress`` only of a cell under a pressure.
 
     Notes
     -----
@@ -191,8 +191,8 @@ def _solve_contacts(
 ) -> _SolvedContacts:
     """Solve (1), and again if other pairs overlap.
 
-    Without impulses, velocities are those before and after the forces act, m/s, and ``cell`` is
-    that of :func:`build_contacts`.
+    ``velocities`` hold the velocities before and after the forces act, without impulses, m/s, and
+    ``cell`` goes to :func:`build_contacts`.
     """
     h, acted, changing = times
     law = model.law

@@ -74,9 +74,9 @@ def _solve_assembled(
 ) -> np.ndarray:
     """Solve the assembled problem by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP.
 
-    It serves problems on which Gauss-Seidel stalls: heavy grains on light grains, wedges. Arguments
-    are those of :func:`solve_velocities`, velocities before the impulses act. Returns impulses,
-    N s, of the shape of ``contacts.impulse``, that may miss the tolerance.
+    It serves problems on which Gauss-Seidel stalls: heavy grains on light grains, wedges. It takes
+    the arguments of :func:`solve_velocities`, with velocities before the impulses act. It returns
+    impulses, N s, of the shape of ``contacts.impulse``, that may miss the tolerance.
     """
     ends, data, coulomb, impulse, anchor = contacts.arrays
     if coulomb is None:

@@ -42,7 +42,7 @@ class Method:
     solver: ClassVar[Callable[..., Dataset]]
     condenses: ClassVar[bool] = False
     """Whether bodies are condensed onto their joints before it follows a path, whose steps may
-    begin as those of another path."""
+    begin as the steps of another path do."""
 
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10

@@ -124,7 +124,8 @@ def condense_problem(
     largest : int, optional
         Limit of the kept unknowns; ``DENSE`` if not given.
     insides : sequence of CondensedStiffness, optional
-        Of a problem that differs by its loads, the laws of its joints and its preloads alone.
+        Condensed stiffness of a problem that differs from this one by its loads, the laws of its
+        joints and its preloads alone.
 
     Raises
     ------

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
@@ -22,9 +21,7 @@ from multiscale.macro.substructures.load_path import refuse_free
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.whole_structure import Assembled, assemble
 from multiscale.macro.vibration.tangent_modes import find_free_motions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import Dataset
 
 __all__ = ["Preloaded", "press_structure", "require_joined"]
 
@@ -54,7 +51,7 @@ class Preloaded:
 
     free: CutProblem
     condensed: CondensedProblem
-    path: "xr.Dataset"
+    path: Dataset
     law: SideBySide
     jump: np.ndarray
     state: np.ndarray
@@ -136,7 +133,7 @@ def press_structure(
         if not (extrapolate or path["known"].values[-1]):
             raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
     jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
-    law, state = pressed.law.shaken_down(), state_after(pressed, path)
+    law, state = condensed.small.law.shaken_down(), state_after(pressed, path)
     return Preloaded(free, condensed, path, law, jump, state)
 
 

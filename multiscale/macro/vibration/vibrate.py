@@ -1,17 +1,14 @@
 """Frequency and damping of several modes of a structure at rest, as one dataset."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.macro.vibration.backbone import Amplitudes, Backbone, follow_backbone
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.macro.vibration.tangent_modes import TangentModes
-from multiscale.schema import COMPONENTS, VIBRATION, with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions
 
 __all__ = ["vibrate"]
 
@@ -24,7 +21,7 @@ def vibrate(
     *,
     material_damping: float = 0.0,
     progress: Callable[[int, int], None] = lambda finished, total: None,
-) -> "xr.Dataset":
+) -> Dataset:
     """Follow modes over their amplitudes.
 
     Parameters

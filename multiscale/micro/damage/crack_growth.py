@@ -20,17 +20,14 @@ toughness, and this crack grows a little. Nothing is iterated.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, penny_cracks
-from multiscale.schema import CRACK_GROWTH, with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import CRACK_GROWTH, Dataset, with_cautions
 
 __all__ = ["Microcracks", "grow_microcracks"]
 
@@ -166,9 +163,7 @@ class Microcracks:
         return np.asarray(2.0 * pull * np.sqrt(radius / np.pi) * np.sqrt(1.0 - d / 3.0) / (1.0 - d))
 
 
-def grow_microcracks(
-    cracks: Microcracks, stress: np.ndarray, *, through: bool = False
-) -> "xr.Dataset":
+def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool = False) -> Dataset:
     """Grow cracks under a stress of one direction until one of them has cut the volume.
 
     The dissipation is the energy of mode I, of a crack across the tension all that it takes.

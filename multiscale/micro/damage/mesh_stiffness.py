@@ -135,7 +135,7 @@ def solve_sides(
     ----------
     basis : CellBasis, element of one displacement component
     number : ndarray of int, shape (basis.N,)
-        Number of the unknown of every node; -1 where the displacement is that of the mean strain.
+        Number of the unknown of every node; -1 where the mean strain gives the displacement.
     lame, shear : float or ndarray, shape (elements,)
         Lamé's parameters, Pa.
     """

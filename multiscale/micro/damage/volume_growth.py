@@ -1,7 +1,6 @@
 """Cracks that grow in several volumes: strength, fracture energy, softening law, size effect."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,15 +8,15 @@ from multiscale.errors import CaseError
 from multiscale.laws.softening import Softening
 from multiscale.micro.damage.crack_growth import Microcracks, grow_microcracks
 from multiscale.micro.damage.sections import plane_damage
-from multiscale.schema import VOLUME_GROWTH, with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import VOLUME_GROWTH, Dataset, with_cautions
 
 __all__ = ["grow_volumes", "half_widths", "softening_of", "softening_samples"]
 
 RECORDS = 25
 """Events of a volume that are kept, evenly spread over all."""
+
+PLANES = 8
+"""Planes of a volume among which the worst one is searched, across the pull."""
 
 LEVELS = np.linspace(1.0, 0.0, 41)
 """Stresses over the strength at which openings are averaged over volumes."""
@@ -31,7 +30,7 @@ def grow_volumes(
     *,
     axis: int = 2,
     through: bool = False,
-) -> "xr.Dataset":
+) -> Dataset:
     r"""Pull volumes along an axis until one crack of each has cut it.
 
     Parameters
@@ -45,10 +44,10 @@ def grow_volumes(
     Returns
     -------
     Dataset
-        Follows ``VOLUME_GROWTH``. ``damage`` is eq (1) on the plane across the pull through the
-        crack with the largest projection. The mean softening law has the mean strength, and the
-        openings :math:`w(s)`, averaged at equal shares s of the strengths, are scaled to the mean
-        fracture energy. A volume that no crack has cut has NaN for its law.
+        Follows ``VOLUME_GROWTH``. ``damage`` is the largest of eq (1) on planes across the pull
+        through the cracks with the largest projections. The mean softening law has the mean
+        strength, and the openings :math:`w(s)`, averaged at equal shares s of the strengths, are
+        scaled to the mean fracture energy. A volume that no crack has cut has NaN for its law.
 
     Raises
     ------
@@ -117,7 +116,7 @@ def grow_volumes(
     )
 
 
-def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
+def softening_of(growth: Dataset, strength: float = 1.0) -> Softening:
     """Return the softening law of a volume from the growth of its cracks.
 
     Parameters
@@ -153,7 +152,7 @@ def softening_of(growth: "xr.Dataset", strength: float = 1.0) -> Softening:
     return Softening(np.append(w, last), np.append(s, 0.0))
 
 
-def softening_samples(growth: "xr.Dataset") -> list[Softening]:
+def softening_samples(growth: Dataset) -> list[Softening]:
     """Return the mean softening law of ``VOLUME_GROWTH``, then the laws of all whole volumes."""
     whole = (growth["share"].to_numpy() == 1.0) & (growth["converged"].to_numpy() == 1)
     w, s = (growth[f"softening_{name}"].to_numpy()[whole] for name in ("opening", "stress"))
@@ -176,7 +175,7 @@ def half_widths(values: np.ndarray) -> tuple[float, float]:
 
 
 def _section(cracks: Microcracks, radius: np.ndarray, axis: int) -> float:
-    """Damage (1) on the plane across an axis through the crack of the largest projection."""
-    widest = int(np.argmax(radius**2 * np.abs(cracks.normal[:, axis])))
+    """Largest damage on planes across an axis through the cracks of the largest projections."""
+    widest = np.argsort(radius**2 * np.abs(cracks.normal[:, axis]))[-PLANES:]
     offset = cracks.centre[widest, axis] % cracks.edge - 0.5 * cracks.edge
-    return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset))
+    return float(plane_damage(cracks.at(radius), np.eye(3)[axis], offset).max())

@@ -31,7 +31,7 @@ __all__ = [
     "POINT_ROWS",
     "SECOND",
     "STEP",
-    "add_up",
+    "add_matrix",
     "multiply",
     "walsh",
 ]
@@ -41,7 +41,7 @@ ENTRIES = 3 * 28 + 3 * 49
 POINT_ROWS = 6 * 9  # of the tangent of a Gauss point: all of each block
 FIRST, SECOND = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # components of the blocks
 HALF = np.float32(0.5)
-STEP = 3 * BATCH  # an entry is stored for three blocks
+STEP = 3 * BATCH  # the rows of three blocks alternate
 
 
 def _terms() -> tuple[np.ndarray, np.ndarray]:
@@ -82,27 +82,36 @@ def walsh(rows, stride, scale):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_up(points, dx, dy, matrix):  # type: ignore[no-untyped-def]
-    """Write (1) from the tangents of the eight Gauss points, 54 rows each, which are replaced."""
+def add_matrix(points, sums, dx, dy, matrix):  # type: ignore[no-untyped-def]
+    """Write (1) from the tangents of the eight Gauss points, 54 rows each, which are replaced.
+
+    ``sums`` is scratch of the size of ``matrix``.
+    """
     scales = (np.float32(1.0 / dx), np.float32(1.0 / dy), np.float32(1.0))
     for row in range(POINT_ROWS):
         walsh(points[row * BATCH :], POINT_ROWS * BATCH, HALF)
-    matrix[: ENTRIES * BATCH] = 0.0
+    sums[:] = 0.0
     for k in range(len(FACTORS)):
-        out, one = matrix[PLACES[k, 0] :], points[PLACES[k, 1] :]
+        out, one = sums[PLACES[k, 0] :], points[PLACES[k, 1] :]
         factor = FACTORS[k] * scales[PLACES[k, 2]] * scales[PLACES[k, 3]]
         for v in range(STEP):
             out[v] += factor * one[v]
+    for first, entries in ((0, 28), (84, 49)):  # block by block, as they are multiplied
+        for row in range(3 * entries):
+            to = (first + row % 3 * entries + row // 3) * BATCH
+            out, one = matrix[to:], sums[(first + row) * BATCH :]
+            for v in range(BATCH):
+                out[v] = one[v]
 
 
 @kernel
 def multiply(t, x, y):  # type: ignore[no-untyped-def]
     """Multiply motions ``x``, 21 rows, by the stiffness ``t`` and write the forces ``y``."""
     for k in range(3):
-        _multiply_triangle(t[k * BATCH :], x[7 * k * BATCH :], y[7 * k * BATCH :])
+        _multiply_triangle(t[28 * k * BATCH :], x[7 * k * BATCH :], y[7 * k * BATCH :])
     for block in range(3, 6):
         k, m = 7 * FIRST[block] * BATCH, 7 * SECOND[block] * BATCH
-        entries = t[(81 + block) * BATCH :]
+        entries = t[(84 + 49 * (block - 3)) * BATCH :]
         _multiply_block(entries, x[m:], y[k:])
         _multiply_transposed(entries, x[k:], y[m:])
 
@@ -111,16 +120,16 @@ def multiply(t, x, y):  # type: ignore[no-untyped-def]
 def _multiply_block(t, x, y):  # type: ignore[no-untyped-def]
     """Add a 7 x 7 block times seven rows."""
     for r in range(7):
-        a, out = 7 * r * STEP, r * BATCH
+        a, out = 7 * r * BATCH, r * BATCH
         for v in range(BATCH):
             y[out + v] += (
                 t[a + v] * x[v]
-                + t[a + STEP + v] * x[BATCH + v]
-                + t[a + 2 * STEP + v] * x[2 * BATCH + v]
-                + t[a + 3 * STEP + v] * x[3 * BATCH + v]
-                + t[a + 4 * STEP + v] * x[4 * BATCH + v]
-                + t[a + 5 * STEP + v] * x[5 * BATCH + v]
-                + t[a + 6 * STEP + v] * x[6 * BATCH + v]
+                + t[a + BATCH + v] * x[BATCH + v]
+                + t[a + 2 * BATCH + v] * x[2 * BATCH + v]
+                + t[a + 3 * BATCH + v] * x[3 * BATCH + v]
+                + t[a + 4 * BATCH + v] * x[4 * BATCH + v]
+                + t[a + 5 * BATCH + v] * x[5 * BATCH + v]
+                + t[a + 6 * BATCH + v] * x[6 * BATCH + v]
             )
 
 
@@ -131,16 +140,16 @@ def _multiply_transposed(t, x, y):  # type: ignore[no-untyped-def]
     The sum is written out so that the strides of all reads are constants for the compiler.
     """
     for r in range(7):
-        a, out = r * STEP, r * BATCH
+        a, out = r * BATCH, r * BATCH
         for v in range(BATCH):
             y[out + v] += (
                 t[a + v] * x[v]
-                + t[a + 7 * STEP + v] * x[BATCH + v]
-                + t[a + 14 * STEP + v] * x[2 * BATCH + v]
-                + t[a + 21 * STEP + v] * x[3 * BATCH + v]
-                + t[a + 28 * STEP + v] * x[4 * BATCH + v]
-                + t[a + 35 * STEP + v] * x[5 * BATCH + v]
-                + t[a + 42 * STEP + v] * x[6 * BATCH + v]
+                + t[a + 7 * BATCH + v] * x[BATCH + v]
+                + t[a + 14 * BATCH + v] * x[2 * BATCH + v]
+                + t[a + 21 * BATCH + v] * x[3 * BATCH + v]
+                + t[a + 28 * BATCH + v] * x[4 * BATCH + v]
+                + t[a + 35 * BATCH + v] * x[5 * BATCH + v]
+                + t[a + 42 * BATCH + v] * x[6 * BATCH + v]
             )
 
 
@@ -151,35 +160,35 @@ def _multiply_triangle(t, x, y):  # type: ignore[no-untyped-def]
         a, b, c, d = x[v], x[BATCH + v], x[2 * BATCH + v], x[3 * BATCH + v]
         e, g, h = x[4 * BATCH + v], x[5 * BATCH + v], x[6 * BATCH + v]
         y[v] = (
-            t[v] * a + t[STEP + v] * b + t[2 * STEP + v] * c + t[3 * STEP + v] * d
-            + t[4 * STEP + v] * e + t[5 * STEP + v] * g + t[6 * STEP + v] * h
+            t[v] * a + t[BATCH + v] * b + t[2 * BATCH + v] * c + t[3 * BATCH + v] * d
+            + t[4 * BATCH + v] * e + t[5 * BATCH + v] * g + t[6 * BATCH + v] * h
         )  # fmt: skip
         y[BATCH + v] = (
-            t[STEP + v] * a + t[7 * STEP + v] * b + t[8 * STEP + v] * c + t[9 * STEP + v] * d
-            + t[10 * STEP + v] * e + t[11 * STEP + v] * g + t[12 * STEP + v] * h
+            t[BATCH + v] * a + t[7 * BATCH + v] * b + t[8 * BATCH + v] * c + t[9 * BATCH + v] * d
+            + t[10 * BATCH + v] * e + t[11 * BATCH + v] * g + t[12 * BATCH + v] * h
         )  # fmt: skip
         y[2 * BATCH + v] = (
-            t[2 * STEP + v] * a + t[8 * STEP + v] * b + t[13 * STEP + v] * c
-            + t[14 * STEP + v] * d + t[15 * STEP + v] * e + t[16 * STEP + v] * g
-            + t[17 * STEP + v] * h
+            t[2 * BATCH + v] * a + t[8 * BATCH + v] * b + t[13 * BATCH + v] * c
+            + t[14 * BATCH + v] * d + t[15 * BATCH + v] * e + t[16 * BATCH + v] * g
+            + t[17 * BATCH + v] * h
         )  # fmt: skip
         y[3 * BATCH + v] = (
-            t[3 * STEP + v] * a + t[9 * STEP + v] * b + t[14 * STEP + v] * c
-            + t[18 * STEP + v] * d + t[19 * STEP + v] * e + t[20 * STEP + v] * g
-            + t[21 * STEP + v] * h
+            t[3 * BATCH + v] * a + t[9 * BATCH + v] * b + t[14 * BATCH + v] * c
+            + t[18 * BATCH + v] * d + t[19 * BATCH + v] * e + t[20 * BATCH + v] * g
+            + t[21 * BATCH + v] * h
         )  # fmt: skip
         y[4 * BATCH + v] = (
-            t[4 * STEP + v] * a + t[10 * STEP + v] * b + t[15 * STEP + v] * c
-            + t[19 * STEP + v] * d + t[22 * STEP + v] * e + t[23 * STEP + v] * g
-            + t[24 * STEP + v] * h
+            t[4 * BATCH + v] * a + t[10 * BATCH + v] * b + t[15 * BATCH + v] * c
+            + t[19 * BATCH + v] * d + t[22 * BATCH + v] * e + t[23 * BATCH + v] * g
+            + t[24 * BATCH + v] * h
         )  # fmt: skip
         y[5 * BATCH + v] = (
-            t[5 * STEP + v] * a + t[11 * STEP + v] * b + t[16 * STEP + v] * c
-            + t[20 * STEP + v] * d + t[23 * STEP + v] * e + t[25 * STEP + v] * g
-            + t[26 * STEP + v] * h
+            t[5 * BATCH + v] * a + t[11 * BATCH + v] * b + t[16 * BATCH + v] * c
+            + t[20 * BATCH + v] * d + t[23 * BATCH + v] * e + t[25 * BATCH + v] * g
+            + t[26 * BATCH + v] * h
         )  # fmt: skip
         y[6 * BATCH + v] = (
-            t[6 * STEP + v] * a + t[12 * STEP + v] * b + t[17 * STEP + v] * c
-            + t[21 * STEP + v] * d + t[24 * STEP + v] * e + t[26 * STEP + v] * g
-            + t[27 * STEP + v] * h
+            t[6 * BATCH + v] * a + t[12 * BATCH + v] * b + t[17 * BATCH + v] * c
+            + t[21 * BATCH + v] * d + t[24 * BATCH + v] * e + t[26 * BATCH + v] * g
+            + t[27 * BATCH + v] * h
         )  # fmt: skip

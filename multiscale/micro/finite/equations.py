@@ -303,7 +303,7 @@ class Iterate:
         carries = constraint.carries_load
 
         def join(vector: np.ndarray, number: float) -> np.ndarray:
-            return np.append(vector.reshape(-1), number)
+            return np.append(vector.reshape(-1), np.asarray(number, vector.dtype))
 
         def apply(x: np.ndarray) -> np.ndarray:
             change, vertical = self._apply(x[:size].reshape(shape), x[size])
@@ -321,6 +321,8 @@ class Iterate:
         goal = max(forcing * size_now, floor * self.scale)
         room = int(KRYLOV_MEMORY / (2 * x.nbytes))
         limit = min(max(room, KRYLOV_ITERATIONS[0]), KRYLOV_ITERATIONS[1])
-        y, iterations = minimal_residual(apply, rest, precondition, goal=goal, room=limit)
-        x += y
+        norm = float(np.linalg.norm(rest)) or 1.0
+        unit = (rest / norm).astype(np.float32)  # enough for the tolerance, in half the memory
+        y, iterations = minimal_residual(apply, unit, precondition, goal=goal / norm, room=limit)
+        x += norm * y.astype(float)
         return x[:size].reshape(shape), float(x[size]), iterations + 1

@@ -33,7 +33,7 @@ from multiscale.micro.finite.element_stiffness import (
     ENTRIES,
     MOTIONS,
     POINT_ROWS,
-    add_up,
+    add_matrix,
     multiply,
     walsh,
 )
@@ -160,6 +160,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
             sides = (i, (i + 1) % nx)
             s = np.zeros(SCRATCH)
             points = np.empty(8 * POINT_ROWS * BATCH, np.float32)
+            sums = np.empty(ENTRIES * BATCH, np.float32)
             single = np.empty(SINGLE_ROWS * BATCH, np.float32)
             smallest, flowing = 1e300, 0
             for batch in range(batches):
@@ -193,7 +194,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
                             flowing += plastic(
                                 s, q, shear, moduli[2:], kept[q], single, point, lanes
                             )
-                    add_up(points, dx, dy, rows)
+                    add_matrix(points, sums, dx, dy, rows)
                     edge_forces(s, dx, dy)
                     scatter(s[NODES:], sides, layer, start, lanes, out)
                     if mixed:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +23,7 @@ from multiscale.pipeline.stages.representative_volume import say_interval
 from multiscale.plotting.damage_figures import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
-from multiscale.schema import CRACK_BAND, CRACKED_BODY, VOLUME_GROWTH, with_cautions
-
-if TYPE_CHECKING:
-    import xarray as xr
+from multiscale.schema import CRACK_BAND, CRACKED_BODY, VOLUME_GROWTH, Dataset, with_cautions
 
 __all__ = ["CRACKED_BODY_STAGE"]
 
@@ -46,7 +43,7 @@ def _loaded(bodies: Bodies, case: Case) -> tuple[Body, np.ndarray]:
     return body, np.sum([f * load_vector(body, float(k)) for k, f in enumerate(factors)], axis=0)
 
 
-def _run(case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     """Crack the body by the mean law, by the law of every volume, and on a coarser mesh."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
     bodies = case.structure.with_volumes(case, found, job.read_rve)
@@ -88,7 +85,7 @@ def _prepare(case: Case) -> None:
         )
 
 
-def _answer(cracked: "xr.Dataset") -> str:
+def _answer(cracked: Dataset) -> str:
     told = [
         f"{float(cracked[name]):.4g} {unit}"
         f" ({say_interval(cracked[f'{name}_mean_law'].to_numpy(), 1.0)}, 95 %; one part "

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -44,14 +44,10 @@ from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
-from multiscale.schema import VIBRATION, with_cautions
+from multiscale.schema import VIBRATION, Dataset, with_cautions
 from multiscale.units import length_unit
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
 from multiscale.upscaling.fit import told_branches
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 __all__ = ["VIBRATING_BODIES"]
 
@@ -112,7 +108,7 @@ def _press(
 def _laws(
     bodies: Bodies,
     case: Case,
-    laws: "Sequence[xr.Dataset | None]",
+    laws: Sequence[Dataset | None],
     change: Change,
 ) -> list[InterfaceLaw]:
     """Make beds of many slabs, on the curve of unloading where cells have measured one."""
@@ -129,7 +125,7 @@ def _laws(
     return change_friction(made, few)
 
 
-def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job) -> "xr.Dataset":
+def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job) -> Dataset:
     """Press the bodies, find their modes and follow some of them over their amplitudes."""
     asked = case.vibration
     bodies = structure.with_volumes(case, found, job.read_rve)
@@ -168,13 +164,13 @@ def _largest(still: _Vibrating) -> np.ndarray:
 
 
 def _with_budget(
-    result: "xr.Dataset",
+    result: Dataset,
     bodies: Bodies,
     case: Case,
-    laws: "Sequence[xr.Dataset | None]",
+    laws: Sequence[Dataset | None],
     still: _Vibrating,
     job: Job,
-) -> "xr.Dataset":
+) -> Dataset:
     """Carry the budgets of all laws to frequency and damping of every amplitude."""
     result, found = budgeted_laws(result, bodies, case, laws)
     solved = np.flatnonzero(result["converged"].values)
@@ -184,7 +180,7 @@ def _with_budget(
     if not coarser:
         result = with_cautions(result, NO_COARSER)
 
-    def place(told: "xr.Dataset", budget: "xr.Dataset") -> "xr.Dataset":
+    def place(told: Dataset, budget: Dataset) -> Dataset:
         """Give every amplitude its column, which follow the preload."""
         count = result.sizes["step"]
         whole = over_steps(budget.isel(step=slice(1, None)), solved, count)
@@ -218,7 +214,7 @@ def _with_budget(
     return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.uncertainties())
 
 
-def _at(name: str, steps: np.ndarray, result: "xr.Dataset") -> np.ndarray:
+def _at(name: str, steps: np.ndarray, result: Dataset) -> np.ndarray:
     """Values of an answer at some amplitudes."""
     return np.asarray(result[name].to_numpy()[steps])
 
@@ -226,10 +222,10 @@ def _at(name: str, steps: np.ndarray, result: "xr.Dataset") -> np.ndarray:
 def _solve_changed(
     bodies: Bodies,
     case: Case,
-    laws: "Sequence[xr.Dataset | None]",
+    laws: Sequence[Dataset | None],
     near: _Vibrating,
     change: Change,
-) -> "xr.Dataset":
+) -> Dataset:
     """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
     asked = case.vibration
     other = bodies if change.structure is None else change.structure
@@ -284,7 +280,7 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
 
-def _tabulate(result: "xr.Dataset") -> Table:
+def _tabulate(result: Dataset) -> Table:
     """Head and rows of the amplitudes of all modes."""
     along = length_unit(result["largest_displacement"].values[-1:])
     head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)", "Hz")
@@ -312,14 +308,14 @@ def _tabulate(result: "xr.Dataset") -> Table:
     return head, rows
 
 
-def _hertz(step: "xr.Dataset") -> str:
+def _hertz(step: Dataset) -> str:
     """Say a frequency with its intervals, or in digits that show its fall."""
     if "frequency_mean_law" in step:
         return say_answer(step, "frequency", 1.0, "")
     return f"{float(step['frequency']):.6g}"
 
 
-def _sections(result: "xr.Dataset") -> Iterator[Section]:
+def _sections(result: Dataset) -> Iterator[Section]:
     """Show modes, backbones and joints."""
     told = [
         "Pressure and slip of interfaces are those at the largest amplitude of the first mode that "
@@ -334,7 +330,7 @@ def _sections(result: "xr.Dataset") -> Iterator[Section]:
     yield from budget_sections(result, "fall", "damping")
 
 
-def _answer(result: "xr.Dataset") -> list[str]:
+def _answer(result: Dataset) -> list[str]:
     """Say frequency and damping of the first mode at its least and largest amplitude."""
     known = np.flatnonzero(
         (result["converged"].values == 1)
@@ -354,7 +350,7 @@ def _answer(result: "xr.Dataset") -> list[str]:
     return said
 
 
-def _compared(result: "xr.Dataset") -> "xr.Dataset":
+def _compared(result: Dataset) -> Dataset:
     """Return the answers at the largest amplitude of the first mode."""
     first = np.flatnonzero(result["step_mode"].values == result["step_mode"].values[0])
     return result.isel(step=first)
