@@ -3,12 +3,10 @@
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 from textwrap import dedent
 
 import meshio
-import numba
 import numpy as np
 import pytest
 
@@ -20,17 +18,6 @@ from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import fit_law
 from tests.upscaling.responses import response_of
-
-
-@contextmanager
-def threads(count):
-    """Give the kernels a number of threads, at most those of the machine."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
 
 
 def slow(*values):

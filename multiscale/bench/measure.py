@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import dataclass
 from math import nan
 from multiprocessing import get_context
@@ -11,6 +12,9 @@ from pathlib import Path
 from statistics import median, median_low
 from time import perf_counter
 from typing import Generic, TypeVar
+
+from multiscale.numerics.compiled import thread_count
+from multiscale.numerics.compiled import threads as kernel_threads
 
 __all__ = ["THREADS", "Measurement", "measure", "peak_memory"]
 
@@ -75,18 +79,12 @@ def _run(
     from threadpoolctl import threadpool_limits
 
     warm_up()
-    numba = sys.modules.get("numba")
-    before = numba.get_num_threads() if numba else threads
-    if numba:
-        numba.set_num_threads(min(threads, before))
-    try:
-        with threadpool_limits(threads):
-            begin = perf_counter()
-            value = task()
-            elapsed = perf_counter() - begin
-    finally:
-        if numba:
-            numba.set_num_threads(before)
+    with threadpool_limits(threads), ExitStack() as stack:
+        if "numba" in sys.modules:  # not imported for codes without it, whose memory is measured
+            stack.enter_context(kernel_threads(min(threads, thread_count())))
+        begin = perf_counter()
+        value = task()
+        elapsed = perf_counter() - begin
     return value, elapsed, peak_memory()
 
 

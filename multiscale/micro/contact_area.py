@@ -136,23 +136,20 @@ def contact_areas(
     active = force > 0.0
     area = np.where(active, weight, 0.0)
     if force.ndim == 2 and active.any() and not active.all():
-        may_flow, largest = np.broadcast_to(flowing, force.shape), np.max(force)
-
-        def square(nodes: tuple[np.ndarray, ...]) -> np.ndarray:
-            return np.asarray((np.maximum(force[nodes], 0.0) / largest) ** 2)
-
+        may_flow, flows = np.broadcast_to(flowing, force.shape), np.any(flowing)
+        square = np.square(np.maximum(force, 0.0) / np.max(force))
         for axis, edge in enumerate(edges):
             for side in (1, -1):
                 outer = np.nonzero(active & ~np.roll(active, -side, axis))
                 inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
-                inwards = [square(nodes) for nodes in inner]
+                inwards = [square[nodes] for nodes in inner]
                 fall = [
-                    _fall(*(square(_shifted(outer, k, step, force.shape)) for step in (-1, 0, 1)))
+                    _fall(*(square[_shifted(outer, k, step, force.shape)] for step in (-1, 0, 1)))
                     for k in (0, 1)
                 ]
                 share = weight[outer] * fall[axis] / np.maximum(fall[0] + fall[1], TINY)
                 place = _smooth_edge(inwards, edge)
-                for k in (2, 1, 0):
+                for k in (2, 1, 0) if flows else ():
                     before = inwards[k - 1] if k else 0.0
                     full = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
                     full &= (inwards[k] > 0.0) & may_flow[inner[k]]

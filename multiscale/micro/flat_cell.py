@@ -9,9 +9,10 @@ from multiscale.micro.cell import FlatCell, PeriodicLayer
 from multiscale.micro.coating import coating_faces
 from multiscale.micro.contact_state import CellProblem, ContactState, untouched
 from multiscale.micro.flat import coarse_start, solve_flat
-from multiscale.micro.lateral_fft import SurfaceFilter
+from multiscale.micro.lateral_fft import MANY, SurfaceFilter
 from multiscale.micro.layered import layered_compliance
 from multiscale.micro.slope_expansion import expanded_compliance
+from multiscale.numerics.compiled import thread_count, threads
 
 __all__ = ["assemble_flat_cell", "flat_gap"]
 
@@ -65,19 +66,20 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
         guess = None if start is None else start.force
-        if guess is None and load is not None:
-            guess = coarse_start(flat, gap, closing, load=load, cap=cap)
-        found = solve_flat(
-            respond,
-            gap,
-            closing,
-            load=load,
-            approach=approach,
-            cap=cap,
-            start=guess,
-            max_iterations=5000,
-            tolerance=max(tolerance, TOLERANCE),
-        )
+        with threads(thread_count() if gap.size >= MANY else 1):
+            if guess is None and load is not None:
+                guess = coarse_start(flat, gap, closing, load=load, cap=cap)
+            found = solve_flat(
+                respond,
+                gap,
+                closing,
+                load=load,
+                approach=approach,
+                cap=cap,
+                start=guess,
+                max_iterations=5000,
+                tolerance=max(tolerance, TOLERANCE),
+            )
         displacement = np.zeros((nx, 3, ny))
         displacement[:, 2] = -lift(found.value)
         return ContactState(

@@ -18,7 +18,7 @@ from multiscale.numerics.compiled import compiled, prange, thread_count
 __all__ = ["LateralInverse", "SurfaceFilter", "brick_stiffness", "factorise_flat_cell"]
 
 SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
-MANY = 2**16  # points of a surface from which its transforms take several threads
+MANY = 2**16  # points of a surface from which contact on it takes several threads
 WAVES = 64  # along x whose factors are computed at once in double precision
 
 

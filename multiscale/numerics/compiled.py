@@ -1,8 +1,8 @@
 """Kernels that are compiled once for all processes that share a cache."""
 
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cached_property, update_wrapper
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numba.core.caching import FunctionCache
 
-__all__ = ["compiled", "prange", "thread_count"]
+__all__ = ["compiled", "prange", "thread_count", "threads"]
 
 prange = range
 """``numba.prange`` in kernels, once they are compiled."""
@@ -45,6 +45,19 @@ def thread_count() -> int:
     import numba
 
     return int(numba.get_num_threads())
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Run parallel kernels on so many threads, or on as many as the process may have."""
+    import numba
+
+    before, most = numba.get_num_threads(), numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    numba.set_num_threads(min(count, most))
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 class _Kernel:

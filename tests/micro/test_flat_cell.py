@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, flat, solve_cell
+from multiscale.micro import Cell, Path, Surface, flat, flat_cell, solve_cell
 from multiscale.micro.flat_cell import flat_gap
 from multiscale.micro.lateral_fft import SurfaceFilter
 from tests.closed_forms import westergaard
@@ -119,13 +120,53 @@ def test_every_other_point_answers_long_waves_as_all_points_do():
         np.testing.assert_allclose(found, every(force)[::2, ::2], rtol=1e-10)
 
 
+def _start_elsewhere(*problem, **options):
+    """A good guess for the surface shifted by half its length."""
+    return np.roll(flat.coarse_start(*problem, **options), 32, axis=0)
+
+
+def _start_at_random(_compliance, gap, _closing, *, load, cap):
+    return np.random.default_rng(seed=1).uniform(0.0, 1e3 * load, gap.shape)
+
+
 @pytest.mark.parametrize("hardness", [None, 0.06], ids=["elastic", "hard"])
-def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(monkeypatch, hardness):
-    cell = Cell(rough(64, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=hardness)
-    path = Path(pressure=(0.01,))
-    alone = solve_cell(cell, path)
+@pytest.mark.parametrize("start", [lambda *_, **__: None, _start_elsewhere, _start_at_random])
+def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(
+    monkeypatch, hardness, start
+):
     monkeypatch.setattr(flat, "_FINE", 16)
-    guessed = solve_cell(cell, path)
-    assert guessed["linear_iterations"].item() < 0.95 * alone["linear_iterations"].item()
-    for name in ("mean_gap", "contact_fraction"):
-        assert guessed[name].item() == pytest.approx(alone[name].item(), rel=1e-5)
+    cell = Cell(rough(64, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=hardness)
+    problem, scale = flat_cell.assemble_flat_cell(cell), float(np.ptp(cell.surface.heights))
+    pressed = {"load": 0.01, "approach": None, "start": None, "tolerance": 1e-6}
+    guessed = problem.solve(**pressed)
+    monkeypatch.setattr(flat_cell, "coarse_start", start)
+    other = problem.solve(**pressed)
+    assert guessed.linear_iterations < 0.95 * other.linear_iterations
+    for state in (guessed, other):
+        assert state.status is Status.CONVERGED
+        assert np.sum(state.force) == pytest.approx(0.01, rel=1e-3)
+        gap = problem.obstacle_height - problem.surface_height - state.displacement[:, 2]
+        overlap = np.where(state.force < problem.cap, state.approach - gap, 0.0)
+        assert np.max(overlap) <= 1e-6 * scale
+        assert np.all(state.force <= problem.cap)
+    assert other.approach == pytest.approx(guessed.approach, abs=1e-5 * scale)
+    np.testing.assert_allclose(other.force, guessed.force, atol=1e-3 * np.max(guessed.force))
+
+
+def test_the_guess_carries_the_load_below_the_cap_nearly_where_the_solution_does():
+    cell = Cell(rough(256, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=0.06)
+    problem = flat_cell.assemble_flat_cell(cell)
+    gap, symbol = problem.obstacle_height - problem.surface_height, flat_gap(cell)[2]
+    options = {"load": 0.01, "cap": problem.cap}
+    guess = flat.coarse_start(SurfaceFilter(symbol), gap, np.ones_like(gap), **options)
+    solved = problem.solve(load=0.01, approach=None, start=None, tolerance=1e-6)
+    assert np.sum(guess) == pytest.approx(0.01, rel=1e-2)
+    assert 0.0 <= np.min(guess) <= np.max(guess) <= problem.cap
+    assert np.linalg.norm(guess - solved.force) < 0.2 * np.linalg.norm(solved.force)
+
+
+@pytest.mark.parametrize("shape", [(257, 256), (256, 257), (128, 512)])
+def test_odd_and_coarse_grids_have_no_guess(shape):
+    symbol = SurfaceFilter(np.ones((shape[0], shape[1] // 2 + 1)))
+    given = {"load": 1.0, "cap": np.inf}
+    assert flat.coarse_start(symbol, np.zeros(shape), np.ones(shape), **given) is None

@@ -5,7 +5,8 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, solve_cell
-from tests.support import egg_box, threads
+from multiscale.numerics.compiled import threads
+from tests.support import egg_box
 
 PRESS = Path(approach=(0.005, 0.01))
 SHEAR = Path(approach=(0.005, 0.01), slide=((0.0, 0.0), (0.005, 0.0)))

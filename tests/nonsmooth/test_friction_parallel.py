@@ -6,8 +6,8 @@ from multiscale.bench.friction_scenes import sphere_pile
 from multiscale.nonsmooth.friction import solve_friction
 from multiscale.nonsmooth.friction_problem import scale_friction
 from multiscale.nonsmooth.gauss_seidel import colour_contacts, sweep, sweep_coloured
+from multiscale.numerics.compiled import threads
 from tests.nonsmooth.friction_problems import random_stack
-from tests.support import threads
 
 
 def test_contacts_of_one_colour_share_no_block():

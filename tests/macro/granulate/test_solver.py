@@ -18,7 +18,7 @@ from multiscale.macro.granulate import (
 from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_state import initial_state
 from multiscale.nonsmooth import solve_friction
-from tests.support import threads
+from multiscale.numerics.compiled import threads
 
 FLOOR = PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 TIGHT = Solver(tolerance=1e-9, max_iterations=50000)

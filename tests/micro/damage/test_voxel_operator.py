@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.micro.damage.voxel_operator import VoxelOperator
 from multiscale.micro.lateral_fft import brick_stiffness
-from tests.support import threads
+from multiscale.numerics.compiled import threads
 
 EDGES = (0.3, 0.5, 0.2)
 SHAPES = [(4, 3, 5), (5, 4, 2), (1, 4, 3), (3, 1, 1), (2, 2, 1)]
