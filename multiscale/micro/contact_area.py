@@ -137,10 +137,13 @@ def contact_areas(
     area = np.where(active, weight, 0.0)
     if force.ndim == 2 and active.any() and not active.all():
         may_flow, flows = np.broadcast_to(flowing, force.shape), np.any(flowing)
-        square = np.square(np.maximum(force, 0.0) / np.max(force))
+        square = np.maximum(force, 0.0)
+        square /= np.max(force)
+        square *= square
         for axis, edge in enumerate(edges):
             for side in (1, -1):
-                outer = np.nonzero(active & ~np.roll(active, -side, axis))
+                edge_nodes = np.flatnonzero(active & ~np.roll(active, -side, axis))
+                outer = np.unravel_index(edge_nodes, force.shape)
                 inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
                 inwards = [square[nodes] for nodes in inner]
                 fall = [
