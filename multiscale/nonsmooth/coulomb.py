@@ -150,8 +150,7 @@ def verify_friction(
         :math:`q`, the relative velocity without contact impulses, m/s.
     friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
     reaction : ndarray, shape (d * contacts,), the answer :math:`r`, N s
-    tolerance : float
-        Bound on every number of the verdict; dimensionless.
+    tolerance : float, bound on every number of the verdict; dimensionless
     motion : tuple (mass, transfer, momentum, body_velocity), optional
         :math:`M`, :math:`H`, :math:`f` and :math:`v` of the bodies, in kg, 1, N s and m/s; then
         :math:`M v = f + H r` is checked too.

@@ -179,8 +179,7 @@ def flat_pair(
     case : Case
     surface, opposite : Surface
         Of both bodies, heights out of each; a composite surface has no opposite one.
-    depth : float, optional
-        Of both bodies, m; the depth of the case's cells if not given.
+    depth : float, optional, of both bodies, m; the depth of the case's cells if not given
     """
     depth, layers = depth or case.cell.given_depth, case.cell.layers
     lower, upper = (

@@ -30,8 +30,7 @@ def critical_factor(
     system : LinkSystem
     load_factors : sequence of float
         Increasing load factors; the interval before the first unstable state is bisected.
-    tolerance : float
-        Width of the last bracket relative to its upper end; dimensionless.
+    tolerance : float, width of the last bracket relative to its upper end; dimensionless
 
     Returns
     -------

@@ -56,8 +56,7 @@ def silo(
     diameter : float, diameter of the pipe about the z axis, m
     wall_friction : float
         Friction coefficient of the pipe, dimensionless; the bottom has the coefficient of ``law``.
-    sinking : float
-        Downward speed of the bottom, m/s; it mobilises the full friction of the pipe.
+    sinking : float, downward speed of the bottom, m/s; it mobilises the full friction of the pipe
 
     Returns
     -------

@@ -89,12 +89,10 @@ def run_micro(
     Parameters
     ----------
     case : Case
-    file : Path
-        Gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``.
+    file : Path, gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``
     executor, progress
         As of :func:`~multiscale.pipeline.run`.
-    fields : bool
-        Whether to write the fields of the first realisation beside the file, too.
+    fields : bool, whether to write the fields of the first realisation beside the file, too
 
     Returns
     -------
