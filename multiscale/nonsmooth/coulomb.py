@@ -9,13 +9,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array
 
-__all__ = [
-    "Verdict",
-    "natural_map",
-    "project_friction_cone",
-    "shifted_velocity",
-    "verify_friction",
-]
+__all__ = ["Verdict", "natural_map", "project_friction_cone", "shifted_velocity", "verify_friction"]
 
 ORDINARY = 1e50
 """Numbers between this and its inverse have powers that neither underflow nor overflow."""

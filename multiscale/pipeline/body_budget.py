@@ -287,12 +287,7 @@ class _OfLaw:
 
     @classmethod
     def measure(
-        cls,
-        of: JointsOfLaw,
-        result: Dataset,
-        steps: np.ndarray,
-        n_rests: int,
-        asked: JointAnswers,
+        cls, of: JointsOfLaw, result: Dataset, steps: np.ndarray, n_rests: int, asked: JointAnswers
     ) -> "_OfLaw":
         """Measure the joints at some steps, of which the first ones are at rest."""
         law, cycles, said = of.law, asked.cycles, list[str]()
@@ -399,11 +394,7 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 
 
 def _uneven_slip(
-    law: Dataset,
-    cycles: CycleAnswers,
-    pressure: np.ndarray,
-    rows: np.ndarray,
-    load: np.ndarray,
+    law: Dataset, cycles: CycleAnswers, pressure: np.ndarray, rows: np.ndarray, load: np.ndarray
 ) -> Dependence:
     """Return how the slip depends on the scatter of stiffness between cells of one joint.
 

@@ -166,11 +166,7 @@ def _metal(case: Case) -> J2 | None:
 
 
 def flat_pair(
-    case: Case,
-    surface: Surface,
-    opposite: Surface | None = None,
-    *,
-    depth: float | None = None,
+    case: Case, surface: Surface, opposite: Surface | None = None, *, depth: float | None = None
 ) -> FlatCell:
     """Build the flat cell of both bodies, whose compliances add up exactly.
 

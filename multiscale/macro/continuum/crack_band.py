@@ -138,11 +138,7 @@ class _Weakened:
     """The stiffness of a body whose elements weaken one after the other, by (1)."""
 
     def __init__(
-        self,
-        body: Body,
-        law: Elastic | AnisotropicElastic,
-        free: np.ndarray,
-        force: np.ndarray,
+        self, body: Body, law: Elastic | AnisotropicElastic, free: np.ndarray, force: np.ndarray
     ) -> None:
         self.body, self.law, self.free, self.force = body, law, free, force
         self.share = np.ones(body.mesh.t.shape[1])

@@ -50,13 +50,7 @@ from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
 
-__all__ = [
-    "CELLS",
-    "caution_steep",
-    "count_cells",
-    "run_micro",
-    "write_fields",
-]
+__all__ = ["CELLS", "caution_steep", "count_cells", "run_micro", "write_fields"]
 
 COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
 MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
