@@ -45,7 +45,6 @@ from multiscale.macro.continuum import (
 from multiscale.macro.discrete import (
     LinkSystem,
     cable_net,
-    critical_factor,
     prestress_by_itself,
     quadruplex_module,
     self_stress,
@@ -98,7 +97,6 @@ __all__ = [
     "RigidSphere",
     "RoughJoint",
     "cable_net",
-    "critical_factor",
     "cut_bodies",
     "cut_links",
     "granulate",
