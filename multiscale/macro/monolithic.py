@@ -98,8 +98,7 @@ def solve_interface(
 
     Returns
     -------
-    InterfaceSolution
-        ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law.
+    InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law
 
     Raises
     ------

@@ -79,8 +79,7 @@ def cut_windows(
 
     Returns
     -------
-    list of Surface
-        Periodic and band-limited, on the grid of the cells.
+    list of Surface, periodic and band-limited, on the grid of the cells
     Measured
 
     Raises

@@ -64,8 +64,7 @@ def follow_crack_band(
 
     Returns
     -------
-    Dataset
-        Follows ``CRACK_BAND``; ``converged`` is 0 if ``max_events`` came first.
+    Dataset, follows ``CRACK_BAND``; ``converged`` is 0 if ``max_events`` came first
 
     Raises
     ------

@@ -104,8 +104,7 @@ def column(
 
     Returns
     -------
-    Model
-        The gate is the last wall; :func:`release` removes it.
+    Model, the gate is the last wall; :func:`release` removes it
     """
     low, high = np.array([0.0, 0.0, 0.0]), np.array([width, 1.0, np.inf])
     grains = place_loosely(radii, low, high, density=density, thickness=1.0, seed=seed)
