@@ -16,7 +16,6 @@ from multiscale.macro.continuum import load_mesh as load_mesh
 from multiscale.macro.continuum import solve_contact as solve_contact
 from multiscale.macro.discrete import LinkSystem as LinkSystem
 from multiscale.macro.discrete import cable_net as cable_net
-from multiscale.macro.discrete import critical_factor as critical_factor
 from multiscale.macro.discrete import prestress_by_itself as prestress_by_itself
 from multiscale.macro.discrete import quadruplex_module as quadruplex_module
 from multiscale.macro.discrete import self_stress as self_stress
