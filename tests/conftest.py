@@ -1,12 +1,17 @@
 """What several test folders share."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 
 def pytest_configure(config):
-    """One process of many takes one thread for its kernels; tests of threads ask for more."""
+    """Let commands in processes of their own share the package and its compiled kernels.
+
+    One process of many takes one thread for its kernels; tests of threads ask for more.
+    """
+    os.environ["PYTHONPATH"] = str(config.rootpath)
     if hasattr(config, "workerinput"):
         import numba
 

@@ -1,7 +1,8 @@
 """What the command line tells while it works."""
 
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from time import perf_counter, sleep
+from time import sleep
 
 import pytest
 import typer
@@ -34,20 +35,20 @@ def test_long_times_are_told_in_minutes_hours_and_days():
     assert times == ["89 s", "10 min", "2.5 h", "20.8 d"]
 
 
-def interrupt():
+def interrupt(begun):
     with cli._resumable(Path("results")), workers(2, None) as executor:
-        future = executor.submit(sleep, 600.0)
-        while not future.running():
+        begun.append(executor.submit(sleep, 600.0))
+        while not begun[0].running():
             sleep(0.01)
         raise KeyboardInterrupt
 
 
 def test_interrupted_workers_end_and_the_command_says_how_to_go_on(capsys):
-    begin = perf_counter()
+    begun = []
     with pytest.raises(typer.Exit) as ended:
-        interrupt()
+        interrupt(begun)
     assert ended.value.exit_code == 130
-    assert perf_counter() - begin < 60.0  # not the job's
+    assert isinstance(begun[0].exception(), BrokenProcessPool)  # nobody waits for the job
     assert "interrupted; finished parts are kept in results" in capsys.readouterr().err
 
 

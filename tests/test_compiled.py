@@ -1,34 +1,47 @@
 """Kernels are compiled once, whatever the number of processes."""
 
+import importlib
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import multiscale
+from multiscale.errors import MultiscaleError
+from multiscale.numerics.compiled import compiled
 
 PROGRAM = """
 import sys, time
 from pathlib import Path
-import numpy as np
-from multiscale.macro.mean_tension import mean_tension as kernel
+from kernel import kernel
 
 folder, name = Path(sys.argv[1]), sys.argv[2]
 (folder / name).touch()
 while len(list(folder.glob("ready*"))) < 2:
     time.sleep(0.001)
-kernel(*np.ones((4, 3)), 0.5)
+kernel(1.0)
 print(sum(kernel.stats.cache_misses.values()), sum(kernel.stats.cache_hits.values()))
 """
 
 
 def test_of_two_processes_one_compiles_a_kernel_and_the_other_loads_it(tmp_path):
     root = Path(multiscale.__file__).parents[1]
-    own = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(root)}
+    (tmp_path / "kernel.py").write_text(
+        "from multiscale.numerics.compiled import compiled\n"
+        "@compiled(fastmath={'contract', 'reassoc', 'nnan', 'nsz'})\n"
+        "def kernel(x):\n"
+        "    return x * x + 1.0\n"
+    )
+    own = os.environ | {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join([str(root), str(tmp_path)]),
+    }
     both = [
         subprocess.Popen(
             [sys.executable, "-c", PROGRAM, str(tmp_path), f"ready{k}"],
-            env=own,
+            env=own | {"PYTHONHASHSEED": str(k)},  # sets in another order
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -38,3 +51,48 @@ def test_of_two_processes_one_compiles_a_kernel_and_the_other_loads_it(tmp_path)
         ["0", "1"],
         ["1", "0"],
     ]
+
+
+def test_a_kernel_is_compiled_anew_when_a_callee_or_a_constant_in_another_file_changes(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "caller.py").write_text(
+        "from multiscale.numerics.compiled import compiled\n"
+        "from callee import FACTOR, square\n"
+        "@compiled\n"
+        "def caller(x):\n"
+        "    return FACTOR * square(x)\n"
+    )
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def answer(factor: str, body: str) -> tuple[float, int]:
+        (tmp_path / "callee.py").write_text(
+            "from multiscale.numerics.compiled import compiled\n"
+            f"FACTOR = {factor}\n"
+            "@compiled\n"
+            "def square(x):\n"
+            f"    return {body}\n"
+        )
+        for name in ("caller", "callee"):
+            sys.modules.pop(name, None)
+        caller = importlib.import_module("caller").caller
+        return caller(3.0), sum(caller.stats.cache_hits.values())
+
+    assert answer("2.0", "x * x") == (18.0, 0)
+    assert answer("2.0", "x * x  # a remark changes nothing") == (18.0, 1)
+    assert answer("2.0", "x + x") == (12.0, 0)
+    assert answer("5.0", "x + x") == (30.0, 0)
+
+
+def test_a_cache_that_cannot_be_written_to_is_refused_with_the_setting_that_helps(monkeypatch):
+    from numba.core.caching import CacheImpl
+
+    @compiled
+    def kernel(x):
+        return x
+
+    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    with pytest.raises(MultiscaleError, match=r"cannot be kept.*set NUMBA_CACHE_DIR"):
+        kernel(1.0)

@@ -10,6 +10,7 @@ import pytest
 import multiscale
 from tests.support import run_python
 
+PACKAGE = Path(multiscale.__file__).parent
 HEAVY = ("numba", "matplotlib", "gmsh", "skfem", "SurfaceTopography", "pint")
 
 
@@ -78,6 +79,19 @@ def test_the_package_offers_what_scripts_use_without_importing_it_first():
 def test_public_modules_list_what_they_offer_and_nothing_else(name):
     module = import_module(f"multiscale.{name}")
     assert dir(module) == sorted(module.__all__)
+
+
+@pytest.mark.parametrize("stub", sorted(PACKAGE.rglob("*.pyi")), ids=lambda stub: stub.parent.name)
+def test_names_of_a_lazy_package_are_imported_when_used_and_hidden_by_no_module(stub):
+    package = ".".join(stub.parent.relative_to(PACKAGE.parent).parts)
+    module = import_module(package)
+    assert set(dir(module)).isdisjoint(file.stem for file in stub.parent.iterdir())
+    assert [name for name in dir(module) if not hasattr(module, name)] == []
+    inside = {name for name in modules_after(f"import {package}") if name.startswith("multiscale.")}
+    parents = {package[:k] for k, letter in enumerate(package) if letter == "."}
+    assert inside <= {package, "multiscale.lazy_names", *parents}
+    with pytest.raises(AttributeError, match=f"module '{package}' has no attribute 'no_such_name'"):
+        _ = module.no_such_name
 
 
 def test_the_distribution_has_the_version_of_the_package_and_its_types():

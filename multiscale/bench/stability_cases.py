@@ -391,7 +391,7 @@ def voids(modulus: float, porosity: float) -> float:
 
     from multiscale.laws.bulk.moduli import lame_parameters
     from multiscale.micro.damage import effective_stiffness, random_spheres, voxelise
-    from multiscale.micro.damage.mesh_stiffness import solve_sides
+    from multiscale.micro.damage.meshed_volume import solve_sides
 
     n = 12
     image = voxelise(random_spheres((1.0, 1.0, 1.0), 0.13, porosity=porosity, seed=1), n)

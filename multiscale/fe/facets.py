@@ -8,13 +8,7 @@ import numpy as np
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = [
-    "ContactFace",
-    "facet_normals",
-    "nodal_normals",
-    "plane_axes",
-    "surface_of",
-]
+__all__ = ["ContactFace", "facet_normals", "nodal_normals", "plane_axes", "surface_of"]
 
 STRAIGHT = 1e-6
 """Cosine below one up to which a plane is normal to an axis of the coordinates."""

@@ -1,14 +1,15 @@
 """Laws of several interfaces as one law over the points of all."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.laws.interface_law import InterfaceLaw, Response, Sliding
 
-__all__ = ["SideBySide", "advance_state"]
+__all__ = ["SideBySide", "advance_state", "lay_side_by_side"]
 
 GAIN = 1e-12
 """Energy that rounding may win in a step, relative to the largest that a point has stored."""
@@ -116,6 +117,20 @@ class SideBySide(InterfaceLaw):
             own = np.atleast_2d(answer(law, at))
             found[: len(own), at] = own
         return found
+
+
+def lay_side_by_side(
+    laws: Iterable[InterfaceLaw], counts: Iterable[int], spacing: np.ndarray
+) -> SideBySide:
+    """Join interfaces with numbers of points; neighbours of one law are evaluated together."""
+    joined, points, start = [], [], 0
+    pairs = zip(laws, counts, strict=True)
+    for _, group in groupby(pairs, key=lambda pair: id(pair[0])):
+        own = list(group)
+        joined.append(own[0][0])
+        points.append(slice(start, start + sum(count for _, count in own)))
+        start = points[-1].stop
+    return SideBySide(joined, points, spacing)
 
 
 def advance_state(

@@ -48,8 +48,7 @@ def simulate(
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure; links of infinite rigidity are inextensible cables or struts.
+    system : LinkSystem, the structure; links of infinite rigidity are inextensible cables or struts
     times : ndarray, shape (steps + 1,)
         Increasing times, s. The first belongs to the initial state.
     mass : ndarray, shape (nodes,), or float

@@ -82,8 +82,7 @@ def solve_interface(
         :math:`B`, dimensionless: all normal jumps first, then each tangent. Opening positive.
     weight : ndarray, shape (points,), quadrature weights :math:`w`, m²
     law : InterfaceLaw, gives :math:`t` and its tangent, Pa and Pa/m
-    start : ndarray, shape (n,), optional
-        First :math:`u`, m; zero if not given.
+    start : ndarray, shape (n,), optional, first :math:`u`, m; zero if not given
     jump : ndarray, shape (d, points), optional
         Jump of an earlier solution at the start, m; :math:`B u` if not given.
     state : ndarray, shape (law.n_state, points), optional
@@ -99,8 +98,7 @@ def solve_interface(
 
     Returns
     -------
-    InterfaceSolution
-        ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law.
+    InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law
 
     Raises
     ------

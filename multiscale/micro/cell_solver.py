@@ -2,8 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import lru_cache, partial, singledispatch
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import CellProblem, ContactState, average_contact
@@ -124,8 +123,8 @@ def _follower(cell: AnyCell, path: Path, recover_stress: bool) -> Callable[..., 
 
 @_follower.register
 def _(cell: FlatCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
-    with _compiled():
-        from multiscale.micro.flat_cell import assemble_flat_cell
+    from multiscale.micro.flat_cell import assemble_flat_cell
+
     _check_still(path)
     return partial(_press, assemble_flat_cell(cell))
 
@@ -136,16 +135,16 @@ def _(cell: GraphCell, path: Path, recover_stress: bool) -> Callable[..., Steps]
         fields = cell.surface, cell.depth, cell.layers, cell.law, cell.obstacle
         moving = FiniteCell(*fields, coating=cell.coating)
         return _follower(moving, path, recover_stress)
-    with _compiled():
-        from multiscale.micro.graph_cell import assemble_graph_cell
+    from multiscale.micro.graph_cell import assemble_graph_cell
+
     _check_still(path)
     return partial(_press, assemble_graph_cell(cell, recover_stress=recover_stress))
 
 
 @_follower.register
 def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
-    with _compiled():
-        from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell
+    from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell
+
     if cell.remembers:
         from multiscale.micro.mesh.mesh_history import follow_mesh_path
 
@@ -156,8 +155,8 @@ def _(cell: MeshCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
 
 @_follower.register
 def _(cell: FiniteCell, path: Path, recover_stress: bool) -> Callable[..., Steps]:
-    with _compiled():
-        from multiscale.micro.finite.finite_path import follow_path
+    from multiscale.micro.finite.finite_path import follow_path
+
     return partial(follow_path, cell)
 
 
@@ -220,18 +219,6 @@ def _press(
             found.linear_iterations,
         )
     return steps
-
-
-@contextmanager
-def _compiled() -> Iterator[None]:
-    """Name the missing setting if numba finds no folder for its cache."""
-    try:
-        yield
-    except RuntimeError as error:
-        raise MultiscaleError(
-            f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder that "
-            f"can be written to"
-        ) from error
 
 
 def _let_through(step: dict[str, Any], spacing: tuple[float, float] | None) -> dict[str, Any]:

@@ -9,13 +9,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array
 
-__all__ = [
-    "Verdict",
-    "natural_map",
-    "project_friction_cone",
-    "shifted_velocity",
-    "verify_friction",
-]
+__all__ = ["Verdict", "natural_map", "project_friction_cone", "shifted_velocity", "verify_friction"]
 
 ORDINARY = 1e50
 """Numbers between this and its inverse have powers that neither underflow nor overflow."""
@@ -150,8 +144,7 @@ def verify_friction(
         :math:`q`, the relative velocity without contact impulses, m/s.
     friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
     reaction : ndarray, shape (d * contacts,), the answer :math:`r`, N s
-    tolerance : float
-        Bound on every number of the verdict; dimensionless.
+    tolerance : float, bound on every number of the verdict; dimensionless
     motion : tuple (mass, transfer, momentum, body_velocity), optional
         :math:`M`, :math:`H`, :math:`f` and :math:`v` of the bodies, in kg, 1, N s and m/s; then
         :math:`M v = f + H r` is checked too.

@@ -95,8 +95,7 @@ def solve_friction(
         data as :func:`multiscale.nonsmooth.coulomb.verify_friction` defines it; dimensionless.
     start : ndarray, shape (d * contacts,), optional
         First :math:`r`, N s; zero if not given. Interior points start from their centre.
-    max_iterations : int, optional
-        Iteration limit of each method; each has its own if not given.
+    max_iterations : int, optional, iteration limit of each method; each has its own if not given
     callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns

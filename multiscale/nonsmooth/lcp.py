@@ -97,8 +97,7 @@ def solve_lcp(
         interior point, pivoting and the conic solver in this order, each for as long as the
         residual falls. ``"projected_gradient"``, ``"gauss_seidel"``, ``"newton_min"``,
         ``"interior_point"``, ``"pivoting"`` and ``"conic"`` take one alone.
-    start : ndarray, shape (n,), optional
-        First z, in the unit of z; zero if not given.
+    start : ndarray, shape (n,), optional, first z, in the unit of z; zero if not given
     max_iterations : int
         Limit on the number of residuals: one per ten sweeps or gradient steps, per
         factorisation, or per n / 20 pivots.

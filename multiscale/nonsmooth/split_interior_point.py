@@ -28,10 +28,7 @@ REGULARISATION = 1e-12
 
 
 def split_interior_point(
-    problem: ScaledFriction,
-    progress: Progress,
-    max_iterations: int = 60,
-    centre: float = 1.0,
+    problem: ScaledFriction, progress: Progress, max_iterations: int = 60, centre: float = 1.0
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 

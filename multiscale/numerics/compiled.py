@@ -1,11 +1,16 @@
 """Kernels that are compiled once for all processes that share a cache."""
 
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property, update_wrapper
+from hashlib import sha256
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import IO, TYPE_CHECKING, Any
+
+from multiscale.errors import MultiscaleError
 
 if TYPE_CHECKING:
     from numba.core.caching import FunctionCache
@@ -75,7 +80,7 @@ class _Kernel:
         if names.get("prange") is prange:
             names["prange"] = numba.prange
         dispatcher = numba.njit(error_model="numpy", **self._options)(self._function)
-        dispatcher._cache = _LockedCache(self._function)
+        dispatcher._cache = _LockedCache(self)
         return dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
@@ -96,15 +101,24 @@ class _Kernel:
 class _LockedCache:
     """The cache of a kernel, opened at its first call, locked from a miss to the saved result."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
+    def __init__(self, kernel: _Kernel) -> None:
+        self._kernel, self._function = kernel, kernel._function
         self._lock: IO[bytes] | None = None
 
     @cached_property
     def _files(self) -> "FunctionCache":
         from numba.core.caching import FunctionCache
 
-        return FunctionCache(self._function)
+        try:
+            files = FunctionCache(self._function)
+        except RuntimeError as error:
+            raise MultiscaleError(
+                f"the compiled kernels cannot be kept ({error}); set NUMBA_CACHE_DIR to a folder "
+                f"that can be written to"
+            ) from error
+        content = repr(_content(self._kernel, {}, []))
+        files._cache_file._source_stamp = sha256(content.encode()).digest()
+        return files
 
     @property
     def cache_path(self) -> str:
@@ -133,6 +147,37 @@ class _LockedCache:
         if self._lock is not None:
             self._lock.close()
             self._lock = None
+
+
+def _content(value: Any, names: dict[str, Any], seen: list[_Kernel]) -> Any:
+    """Return what a value contributes to compiled code, with all that it reaches.
+
+    Parameters
+    ----------
+    value : object
+        A kernel, its byte code or a constant.
+    names : dict
+        Globals of the kernel.
+    seen : list of kernels
+        Those met so far, which gets longer.
+    """
+    if isinstance(value, _Kernel):
+        if value in seen:
+            return seen.index(value)
+        seen.append(value)
+        function = value._function
+        options = [(name, _content(value._options[name], names, seen)) for name in value._options]
+        own = (function.__qualname__, options, function.__defaults__)
+        return own, _content(function.__code__, function.__globals__, seen)
+    if isinstance(value, CodeType):
+        constants = [_content(each, names, seen) for each in value.co_consts]
+        known = [(n, _content(names[n], names, seen)) for n in value.co_names if n in names]
+        return value.co_code, value.co_varnames, constants, known
+    if isinstance(value, ModuleType | type):  # such as numpy and prange
+        return None
+    if isinstance(value, set | frozenset):  # in an order that another process has too
+        return sorted(map(repr, value))
+    return pickle.dumps(value)
 
 
 def _locked(path: Path) -> IO[bytes] | None:

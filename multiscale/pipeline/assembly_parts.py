@@ -38,13 +38,7 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
 
-__all__ = [
-    "GROUNDED",
-    "BodyBolt",
-    "BodyInterface",
-    "MeshedBody",
-    "NamedLoad",
-]
+__all__ = ["GROUNDED", "BodyBolt", "BodyInterface", "MeshedBody", "NamedLoad"]
 
 GROUNDED = "ground"
 """First side of an interface with the rigid ground."""

@@ -26,11 +26,7 @@ from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
 from multiscale.pipeline.porous_body import PorousBody, Uncertainty
 from multiscale.pipeline.structure_kind import StructureKind
-from multiscale.pipeline.toml_model import (
-    Number,
-    Positive,
-    Settings,
-)
+from multiscale.pipeline.toml_model import Number, Positive, Settings
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
 from multiscale.upscaling.budget_terms import FEW_CELLS, STATED

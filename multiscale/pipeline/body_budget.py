@@ -60,16 +60,11 @@ class Change:
 
     Attributes
     ----------
-    joints : tuple of int
-        Numbers of the joints whose law changes.
-    normal : NormalLaw, optional
-        In place of their normal law.
-    factors : mapping of str to float
-        Of the parameters of their friction.
-    slabs : int, optional
-        Number of slabs of their beds of sliders.
-    structure : Bodies, optional
-        The same structure on another mesh.
+    joints : tuple of int, numbers of the joints whose law changes
+    normal : NormalLaw, optional, in place of their normal law
+    factors : mapping of str to float, factors of the parameters of their friction
+    slabs : int, optional, number of slabs of their beds of sliders
+    structure : Bodies, optional, the same structure on another mesh
     """
 
     joints: tuple[int, ...] = ()
@@ -85,10 +80,8 @@ class JointsOfLaw:
 
     Attributes
     ----------
-    law : Dataset
-        Follows ``INTERFACE_LAW`` and carries its budget.
-    joints : tuple of int
-        Numbers of the joints.
+    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
+    joints : tuple of int, numbers of the joints
     measured : collection of str
         Parameters of their sliders, of :data:`PARAMETERS`, that come from the law, and not given.
     """
@@ -144,15 +137,12 @@ def with_joint_budget(
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``; joints at their preloads, then in cycles, with their contact.
-    laws : sequence of JointsOfLaw
-        Their errors are independent.
-    solve : callable
-        Its paths have the rests and the cycles that are asked.
+    laws : sequence of JointsOfLaw, whose errors are independent
+    solve : callable, whose paths have the rests and the cycles that are asked
     asked : JointAnswers
     coarser : mapping of float to structure
         The structure on larger elements, if it has them, by the ratio of their sizes.
-    job : Job
-        Its executor solves all changes.
+    job : Job, whose executor solves all changes
     uncertain : sequence of Uncertainty and structure
         What is unknown of stated values and representative volumes, each with the structure in
         which the parameter is larger by :data:`STRETCH`; independent of each other and of the laws.
@@ -273,13 +263,11 @@ class _OfLaw:
 
     Attributes
     ----------
-    law : Dataset
-        With the scales of the joints.
+    law : Dataset, with the scales of the joints
     joints, measured
         See :class:`JointsOfLaw`.
     asked : JointAnswers
-    pressure : ndarray, shape (columns,)
-        Mean pressure of the closed points of the joints, Pa.
+    pressure : ndarray, shape (columns,), mean pressure of the closed points of the joints, Pa
     cells : ndarray, shape (2, columns)
         As ``cells`` of :func:`~multiscale.upscaling.structure_budget`: of loss, and of the others.
     load, loss : ndarray, shape (columns,)
@@ -299,12 +287,7 @@ class _OfLaw:
 
     @classmethod
     def measure(
-        cls,
-        of: JointsOfLaw,
-        result: Dataset,
-        steps: np.ndarray,
-        n_rests: int,
-        asked: JointAnswers,
+        cls, of: JointsOfLaw, result: Dataset, steps: np.ndarray, n_rests: int, asked: JointAnswers
     ) -> "_OfLaw":
         """Measure the joints at some steps, of which the first ones are at rest."""
         law, cycles, said = of.law, asked.cycles, list[str]()
@@ -411,11 +394,7 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
 
 
 def _uneven_slip(
-    law: Dataset,
-    cycles: CycleAnswers,
-    pressure: np.ndarray,
-    rows: np.ndarray,
-    load: np.ndarray,
+    law: Dataset, cycles: CycleAnswers, pressure: np.ndarray, rows: np.ndarray, load: np.ndarray
 ) -> Dependence:
     """Return how the slip depends on the scatter of stiffness between cells of one joint.
 

@@ -10,38 +10,20 @@ from pydantic import Field, model_validator
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Body
-from multiscale.macro.bodies import (
-    Assembly,
-)
+from multiscale.macro.bodies import Assembly
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.macro.substructures import CutProblem, cut_assembly
-from multiscale.pipeline.joint_settings import (
-    LawSource,
-    RisingPreloads,
-)
+from multiscale.pipeline.joint_settings import LawSource, RisingPreloads
 from multiscale.pipeline.link_settings import Statics
 from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.structure_kind import StructureKind
-from multiscale.pipeline.toml_model import (
-    Density,
-    Length,
-    Positive,
-    Pressure,
-    Ratio,
-    Settings,
-)
+from multiscale.pipeline.toml_model import Density, Length, Positive, Pressure, Ratio, Settings
 
 if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
 
-__all__ = [
-    "COARSER",
-    "Blocks",
-    "Material",
-    "Plate",
-    "fewer",
-]
+__all__ = ["COARSER", "Blocks", "Material", "Plate", "fewer"]
 
 COARSER = 1.2
 """Ratio of the sizes of elements below which two meshes tell no error."""

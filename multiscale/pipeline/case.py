@@ -58,7 +58,7 @@ MOVED = {
 """Tables of files of earlier versions, and where their keys are now."""
 
 GONE: dict[tuple[str, str], str] = {
-    ("motion", "domains"): "grains are not cut into domains; delete the key",
+    ("motion", "domains"): "grains are not cut into domains; delete the key"
 }
 """Keys of files of earlier versions that mean nothing now, and what to do."""
 

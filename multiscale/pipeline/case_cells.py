@@ -166,11 +166,7 @@ def _metal(case: Case) -> J2 | None:
 
 
 def flat_pair(
-    case: Case,
-    surface: Surface,
-    opposite: Surface | None = None,
-    *,
-    depth: float | None = None,
+    case: Case, surface: Surface, opposite: Surface | None = None, *, depth: float | None = None
 ) -> FlatCell:
     """Build the flat cell of both bodies, whose compliances add up exactly.
 
@@ -179,8 +175,7 @@ def flat_pair(
     case : Case
     surface, opposite : Surface
         Of both bodies, heights out of each; a composite surface has no opposite one.
-    depth : float, optional
-        Of both bodies, m; the depth of the case's cells if not given.
+    depth : float, optional, of both bodies, m; the depth of the case's cells if not given
     """
     depth, layers = depth or case.cell.given_depth, case.cell.layers
     lower, upper = (

@@ -295,8 +295,7 @@ class MicroSettings(Settings):
         "cells take, and 256, at most.",
     )
     spots: bool = Field(
-        False,
-        description="Whether the response keeps area and force of every contact spot.",
+        False, description="Whether the response keeps area and force of every contact spot."
     )
     leakage: bool = Field(
         False,

@@ -66,8 +66,7 @@ class FatigueSettings(Settings):
         "interval of the next part.",
     )
     limit_error: Deviation | None = Field(
-        None,
-        description="Relative standard error of the mean fatigue limit, for both intervals.",
+        None, description="Relative standard error of the mean fatigue limit, for both intervals."
     )
     tolerance: Tolerance = Field(
         0.05,

@@ -57,8 +57,7 @@ class GrainSettings(Settings):
     friction: Factor = Field(0.5, description="Friction coefficient between grains.")
     restitution: Share = Field(0.0, description="Share of the closing speed given back.")
     compliance: Factor = Field(
-        0.0,
-        description="Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`.",
+        0.0, description="Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`."
     )
     seed: Natural = Field(0, description="Seed of radii and places.")
 
@@ -92,8 +91,7 @@ class Motion(TimeSteps):
     """How the grains are followed; see :func:`multiscale.macro.granulate.simulate_grains`."""
 
     accuracy: Tolerance | None = Field(
-        None,
-        description="Approach in the step of an impact, over the smaller radius.",
+        None, description="Approach in the step of an impact, over the smaller radius."
     )
     tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
     max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")

@@ -22,12 +22,7 @@ from multiscale.pipeline.toml_model import (
     must_rise,
 )
 from multiscale.schema import Dataset, with_cautions
-from multiscale.upscaling import (
-    assume_shear,
-    state_shear,
-    take_sliding_friction,
-    tangential_values,
-)
+from multiscale.upscaling import assume_shear, state_shear, take_sliding_friction, tangential_values
 from multiscale.upscaling.fit import told_branches
 
 if TYPE_CHECKING:

@@ -23,12 +23,7 @@ from multiscale.macro.substructures import (
     cut_assembly,
 )
 from multiscale.pipeline.assembly_parts import BodyInterface, MeshedBody
-from multiscale.pipeline.assembly_settings import (
-    Bodies,
-    OpenLaw,
-    StructureParts,
-    check_bodies,
-)
+from multiscale.pipeline.assembly_settings import Bodies, OpenLaw, StructureParts, check_bodies
 from multiscale.pipeline.body_settings import COARSER, Edges, Elements, Material, fewer
 from multiscale.pipeline.joint_settings import (
     FEW_SLABS,

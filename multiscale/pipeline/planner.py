@@ -105,11 +105,7 @@ class Plan:
 
 
 def plan(
-    case: Case,
-    out: Path,
-    *,
-    executor: Executor | None = None,
-    progress: ShowProgress = unseen,
+    case: Case, out: Path, *, executor: Executor | None = None, progress: ShowProgress = unseen
 ) -> Plan:
     r"""Compute until the estimated error of a case is below its target, in the least time.
 

@@ -30,10 +30,8 @@ class Proposal:
 
     Attributes
     ----------
-    text : str
-        The case, a TOML file.
-    measured : Measured
-        What its cells hold of the surface.
+    text : str, the case, a TOML file
+    measured : Measured, what its cells hold of the surface
     """
 
     text: str
@@ -54,14 +52,10 @@ def propose_case(
 
     Parameters
     ----------
-    whole : Surface
-        Map or line scan, without trend.
-    settings : InstrumentSurface
-        Surface table as far as the user has given it.
-    waves : Spectrum
-        Spectrum of the surface, not periodic.
-    shortest_reliable : float
-        Shortest reliable wave, m.
+    whole : Surface, map or line scan, without trend
+    settings : InstrumentSurface, surface table as far as the user has given it
+    waves : Spectrum, spectrum of the surface, not periodic
+    shortest_reliable : float, shortest reliable wave, m
 
     Returns
     -------

@@ -109,11 +109,7 @@ class SolveAgain:
 
 
 def with_cautions_of(
-    result: Dataset,
-    bodies: Bodies,
-    case: Case,
-    found: Datasets,
-    laws: Sequence[Dataset | None],
+    result: Dataset, bodies: Bodies, case: Case, found: Datasets, laws: Sequence[Dataset | None]
 ) -> Dataset:
     """Add what laws, once each, and representative volumes say.
 

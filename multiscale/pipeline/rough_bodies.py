@@ -71,8 +71,7 @@ class SyntheticSurface(Settings):
         description="Shortest wave, m; it wants eight grid points or more."
     )
     roll_off: Length | None = Field(
-        None,
-        description="Wave above which the spectrum is flat, m; the longest wave if not given.",
+        None, description="Wave above which the spectrum is flat, m; the longest wave if not given."
     )
     anisotropy: AnisotropySettings | None = Field(
         None, description="Lay, across which the wavelengths above hold; none if not given."

@@ -285,8 +285,7 @@ def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
     Parameters
     ----------
     result : Dataset
-    tightening : ndarray, shape (steps,)
-        Factor of the preloads; bolts are locked where it stays.
+    tightening : ndarray, shape (steps,), factor of the preloads; bolts are locked where it stays
     """
     force = 1e-3 * result["bolt_force"].to_numpy()
     locked, told = int(np.flatnonzero(np.diff(tightening, prepend=0.0))[-1]), []

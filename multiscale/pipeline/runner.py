@@ -92,8 +92,7 @@ def run(
     out : path
         Run folder; made if needed. Finished cells of the same case found there are kept, and so
         are stages whose tables, and those of the stages that they take from, are the same.
-    executor : Executor, optional
-        See :func:`multiscale.executors.run_jobs`.
+    executor : Executor, optional, see :func:`multiscale.executors.run_jobs`
     progress : ShowProgress
         Called as ``progress(finished, total, parts)`` after every realisation, time step or solve.
     force : bool, default False
@@ -148,10 +147,8 @@ def run_macro(
     Parameters
     ----------
     case : Case
-    file : path
-        Dataset to write; its folder is made if needed.
-    law : path, optional
-        Interface law of the joints, instead of the law that the case names.
+    file : path, dataset to write; its folder is made if needed
+    law : path, optional, interface law of the joints, instead of the law that the case names
     team : ProcessGroup, optional
         Processes that share the substructures. All call this function; the first one writes.
 

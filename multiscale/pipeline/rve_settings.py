@@ -71,8 +71,7 @@ class RecipeSettings(Settings):
         0.0, description="Standard deviation of the logarithm of their radii."
     )
     overlap: bool = Field(
-        False,
-        description="Whether pores may overlap, as they must above a porosity of about .38.",
+        False, description="Whether pores may overlap, as they must above a porosity of about .38."
     )
     crack_density: Factor = Field(
         0.0, description="Number of circular cracks times mean cubed radius, over the volume."

@@ -114,15 +114,7 @@ WITH_QUICK = (
 )
 """Tables that a quick answer has coarser or with fewer parts."""
 
-WITH_STRUCTURE = (
-    "interface",
-    "statics",
-    "cycles",
-    "dynamics",
-    "vibration",
-    "grains",
-    "motion",
-)
+WITH_STRUCTURE = ("interface", "statics", "cycles", "dynamics", "vibration", "grains", "motion")
 """Tables that a kind of structure may ask for."""
 
 

@@ -170,12 +170,9 @@ def run_sweep(
     out : path
         Gets ``sweep.nc``, the results of the points in ``points.sqlite`` and the folder ``points``.
         Finished points and cells found there are kept, also those of another sweep.
-    executor : Executor, optional
-        See :func:`multiscale.executors.run_jobs`; a point is one job.
-    progress : callable
-        Gets the number of finished points.
-    force : bool, default False
-        Whether all points are computed anew, also finished ones.
+    executor : Executor, optional, see :func:`multiscale.executors.run_jobs`; a point is one job
+    progress : callable, gets the number of finished points
+    force : bool, default False, whether all points are computed anew, also finished ones
     keep : bool, default False
         Whether each point keeps its run folder, as in sweeps of up to :data:`MOST_KEPT` points.
         Other sweeps keep the answers alone, and write what took long until a point is finished.

@@ -214,9 +214,5 @@ def _column(result: Dataset, name: str) -> list[str]:
 
 
 POINTS = Shown(
-    schema=SWEEP,
-    cautions=_list_cautions,
-    lines=_lines,
-    sections=_sections,
-    summary=_summary,
+    schema=SWEEP, cautions=_list_cautions, lines=_lines, sections=_sections, summary=_summary
 )

@@ -180,8 +180,5 @@ class TyreCase(Settings):
     def identity(self) -> str:
         """Checksum of everything that a realisation depends on."""
         return self.checksum(
-            exclude={
-                **dict.fromkeys(("title", "law", "tread"), True),
-                "sliding": {"realisations"},
-            }
+            exclude={**dict.fromkeys(("title", "law", "tread"), True), "sliding": {"realisations"}}
         )

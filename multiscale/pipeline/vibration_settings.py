@@ -42,8 +42,7 @@ class VibrationSettings(Settings):
         "motions do not count.",
     )
     amplitudes: tuple[Length, ...] = Field(
-        (),
-        description="Amplitudes as the largest displacement of a node in the mode, m, rising.",
+        (), description="Amplitudes as the largest displacement of a node in the mode, m, rising."
     )
     modal_amplitudes: tuple[Annotated[Number, Field(gt=0.0)], ...] = Field(
         (),

@@ -74,15 +74,12 @@ def cut_windows(
     settings, cell : InstrumentSurface, CellSettings
         How the map is cut, and size and grid of the cells.
     which, needed : range, int, numbers of the windows to cut, and how many the map must hold
-    seed : int
-        Seed of the order of the windows, which are the same whatever their number.
-    of_map : Spectrum, optional
-        Spectrum of the map, not periodic, where it is known already.
+    seed : int, seed of the order of the windows, which are the same whatever their number
+    of_map : Spectrum, optional, spectrum of the map, not periodic, where it is known already
 
     Returns
     -------
-    list of Surface
-        Periodic and band-limited, on the grid of the cells.
+    list of Surface, periodic and band-limited, on the grid of the cells
     Measured
 
     Raises

@@ -142,7 +142,7 @@ def plot_worst_section(
     """
     from matplotlib.colors import ListedColormap
 
-    from multiscale.micro.damage.plane_damage import SectionPlane
+    from multiscale.micro.damage.section_plane import SectionPlane
 
     ax = axes_or_current(ax)
     normal = sections["worst_normal"].values

@@ -8,9 +8,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import INTERFACE_LAW, Dataset, Variable
-from multiscale.upscaling.admissibility import admissibility
 from multiscale.upscaling.bootstrap import draw_counts
 from multiscale.upscaling.family import FAMILIES, Family
+from multiscale.upscaling.law_checks import admissibility
 from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.parametric import BY_REALISATION, NONE, fit_family
 from multiscale.upscaling.reading import area_from_dataset, fitted_law

@@ -59,11 +59,12 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
 
 
 @pytest.mark.parametrize("parts", [1, 2])
-def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(parts):
+@pytest.mark.parametrize("solve", [solve_latin, solve_schur])
+def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(solve, parts):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
     problem = stacked_blocks(law, parts, times)
-    result = solve_latin(problem, np.eye(len(times)))
+    result = solve(problem, np.eye(len(times)))
     assert np.all(result.converged == 1)
 
     whole = assemble(problem)
@@ -265,6 +266,13 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
     result = solve_latin(problem, np.eye(2))
     assert np.all(result.converged == 1)
     assert np.all(result.iterations <= 55)
+    newton = solve_schur(problem, np.eye(2))
+    assert np.all(newton.converged == 1)
+    assert np.all(newton.iterations <= 8)
+    # what rounding excuses is far below the load, whatever the motion
+    assert np.all(newton.residual <= (1e-10 if ratio > 1e-6 else 1e-8))
+    u = [found.displacement.values for found in (newton, result)]
+    np.testing.assert_allclose(u[0], u[1], atol=1e-7 * np.abs(u[1]).max())
     force = np.einsum("spd,p->sd", result.traction.values, result.point_area.values)
     np.testing.assert_allclose(force[:, 0], -20e6 * 0.02**2, rtol=1e-7)
     if 1e-4 <= ratio <= 1e4:

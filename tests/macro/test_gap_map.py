@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.laws.side_by_side import SideBySide
+from multiscale.laws.side_by_side import SideBySide, lay_side_by_side
 from multiscale.macro import (
     AssembledNewton,
     Assembly,
@@ -73,6 +73,22 @@ def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
     np.testing.assert_array_equal(there.tangent, expected.tangent)
     found = law.resolvent(there.traction + 1e13 * moved, 1e13, state)
     np.testing.assert_allclose(found, moved, rtol=1e-9)
+
+
+def test_pieces_of_one_law_are_evaluated_together_as_each_alone():
+    laws, counts = [LAW, LAW, NORMAL, LAW], [2, 3, 1, 2]
+    joined = lay_side_by_side(laws, counts, 1e-7 * np.arange(8.0))
+    alone = [slice(0, 2), slice(2, 5), slice(5, 6), slice(6, 8)]
+    apart = replace(joined, laws=laws, points=alone)
+    assert joined.points == [slice(0, 5), slice(5, 6), slice(6, 8)]
+    jump = np.random.default_rng(seed=3).uniform(-3e-7, 3e-7, (3, 8))
+    state = apart.at_rest(jump)
+    np.testing.assert_array_equal(joined.at_rest(jump), state)
+    for name in ("traction", "tangent", "state"):
+        found, expected = (getattr(law.respond(-jump, state), name) for law in (joined, apart))
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+    found, expected = (law.resolvent(-1e13 * jump, 1e13, state) for law in (joined, apart))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -261,12 +261,12 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
 @pytest.mark.slow
 def test_first_order_intervals_of_the_mean_law_are_those_of_its_samples(tmp_path):
     """Bootstrap samples of the law, each through the whole structure."""
-    write_cells(tmp_path / "law.nc", n_samples=40)
+    write_cells(tmp_path / "law.nc", n_samples=24)
     case = load_case(write_scene(tmp_path, SCENE))
     result = run_macro(case, tmp_path / "out.nc")
     loading = case.cycles.loading(case.statics.preloads)
     bodies, (law,) = joints_of(case)
-    beds = [[sliders_from_dataset(law, k, **bodies.beds(case))] for k in range(40)]
+    beds = [[sliders_from_dataset(law, k, **bodies.beds(case))] for k in range(24)]
     drawn = [load_joint(bodies.build(case, bed).assembly, loading) for bed in beds]
     for name in ("joint_stiffness", "tangential_stiffness", "slipping_load", "cycle_energy"):
         column = 1 if name.endswith("stiffness") else -1

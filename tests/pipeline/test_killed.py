@@ -56,7 +56,7 @@ def begin(folder, *arguments):
 
 def finish(folder, *more):
     """Run the case of a folder to its end."""
-    said = begin(folder, "run", "case.toml", "-o", "out", "--jobs", "2", *more)
+    said = begin(folder, "run", "case.toml", "-o", "out", "--jobs", "1", *more)
     errors = said.communicate()[1]
     assert said.returncode == 0, errors
 

@@ -39,15 +39,16 @@ def press(k, points=POINTS, **options):
 
 
 def shear(k):
-    """Tangential stiffness of a cell with friction, which is sheared a little, (pressures,)."""
+    """Tangential stiffness of a cell with friction, sheared a little, (pressures - 1,)."""
     surface = rough_square(POINTS, EDGE / 2, EDGE / 4, SLOPE, seed=k, size=EDGE)
     cell = Cell(surface, EDGE, 4, MODULUS, NU, friction_coefficient=FRICTION)
-    ways = np.cumsum(0.005 * FRICTION * PRESSURE * EDGE / E_STAR)
+    pressure = PRESSURE[1:]
+    ways = np.cumsum(0.005 * FRICTION * pressure * EDGE / E_STAR)
     slide = np.ravel([np.append(0.0, ways[:-1]), ways], order="F")
     path = Path(
-        pressure=tuple(np.repeat(PRESSURE, 2)), slide=tuple((float(one), 0.0) for one in slide)
+        pressure=tuple(np.repeat(pressure, 2)), slide=tuple((float(one), 0.0) for one in slide)
     )
-    found = solve_cell(cell, path)
+    found = solve_cell(cell, path, tolerance=1e-6)
     jump, traction = (
         np.diff(found[name].values[0, :, 1])[::2] for name in ("displacement_jump", "traction")
     )
@@ -95,7 +96,7 @@ def pools():
         "gap": Pool(conforming[0], flat[0]),
         "contact fraction": Pool(conforming[1], flat[1]),
         "stiffness": Pool(stiffness(conforming[0]), near),
-        "tangential stiffness": Pool(sheared[:, 1:], near),
+        "tangential stiffness": Pool(sheared, near),
         "gap of a metal": Pool(fine[0], coarse[0]),
     }
 

@@ -7,7 +7,7 @@ from multiscale.micro.damage import Cavities, random_spheres
 from multiscale.pipeline import load_case, run
 from tests.support import write_scene
 
-EDGE, RADIUS, POROSITY = 2.4, 0.24, 0.08  # mm
+EDGE, RADIUS, POROSITY = 2.0, 0.24, 0.08  # mm
 
 BODY = """
 [structure]
@@ -32,9 +32,9 @@ VOLUME = f"""
 youngs_modulus = "70 GPa"
 poissons_ratio = 0.3
 size = "1.5 mm"
-voxels = 40
+voxels = 30
 level = 0
-sections = 5
+sections = 3
 [rve.recipe]
 porosity = {POROSITY}
 pore_radius = "{RADIUS} mm"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.macro import critical_factor, solve_static, tensegrity_grid
+from multiscale.macro import solve_static, tensegrity_grid
 from multiscale.macro.discrete import compatibility
 
 # load factor, slack cables, max tension over prestress, work of the load (J), smallest tangent
@@ -92,11 +92,8 @@ def test_primal_newton_agrees_with_the_complementarity_problem(grid, load_factor
 
 
 def test_the_geometric_stiffness_makes_the_grid_buckle_above_its_load(grid, table):
-    factor = critical_factor(grid, [1.0, 1.5, 2.0], tolerance=1e-4)
-    assert 1.0 < factor < 2.0
     assert np.all(table.stability_eigenvalue > 0.0)
-    beyond = solve_static(grid, [0.99 * factor, 1.01 * factor], stability=True)
-    assert beyond.stability_eigenvalue[0] > 0.0 > beyond.stability_eigenvalue[1]
+    assert solve_static(grid, [2.0], stability=True).stability_eigenvalue[0] < 0.0
 
 
 @pytest.mark.parametrize(

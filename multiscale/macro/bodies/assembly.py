@@ -30,8 +30,7 @@ class Interface:
     sides : tuple of int
         The bodies; the jump is the displacement of the second minus the displacement of the first.
         None as the first side is the rigid ground.
-    boundaries : tuple of str
-        Name of the boundary in each body; None of the ground.
+    boundaries : tuple of str, name of the boundary in each body; None of the ground
     law : InterfaceLaw, of any kind: frictionless, with sliders, hysteretic, damaged, rigid
     quadrature_order : int, optional
         The law acts at Gauss points that integrate this degree exactly, of boundaries that match;

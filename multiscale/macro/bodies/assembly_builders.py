@@ -81,8 +81,7 @@ def lap_joint(
     materials : sequence of Elastic or AnisotropicElastic
         Elasticity of the lower and the upper plate.
     law : InterfaceLaw, on the whole overlap
-    shank : float, optional
-        Axial stiffness of the bolt, N/m; see :func:`shank_stiffness`.
+    shank : float, optional, axial stiffness of the bolt, N/m; see :func:`shank_stiffness`
 
     Raises
     ------

@@ -33,8 +33,7 @@ class Bolt:
     sides : tuple of int, the bodies under head and nut
     boundaries : tuple of str
         Plane faces under the washers, whose normals point away from each other along x, y or z.
-    stiffness : float
-        Axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`.
+    stiffness : float, axial stiffness :math:`k` of the shank, N/m; see :func:`shank_stiffness`
     preload : float, force :math:`F` at the factor one of the tightening, N
 
     Raises
@@ -118,8 +117,7 @@ class BoltSection:
     Parameters
     ----------
     sides : tuple of int, the bodies
-    boundaries : tuple of str
-        Plane faces of the cut, across x, y or z, whose nodes match.
+    boundaries : tuple of str, plane faces of the cut, across x, y or z, whose nodes match
     preload : float, tension at the factor one of the tightening, N
 
     Raises

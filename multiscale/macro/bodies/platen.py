@@ -22,8 +22,7 @@ class Platen:
     ----------
     body : int
     boundary : str
-    force : float or callable
-        Along the axis, N; in the form of the tractions of a body.
+    force : float or callable, along the axis, N; in the form of the tractions of a body
     point : tuple of float, optional
         Where the force acts, m: the plate tilts freely. It is guided if not given.
     axis : int, default 2, along which it moves

@@ -64,8 +64,7 @@ def follow_crack_band(
 
     Returns
     -------
-    Dataset
-        Follows ``CRACK_BAND``; ``converged`` is 0 if ``max_events`` came first.
+    Dataset, follows ``CRACK_BAND``; ``converged`` is 0 if ``max_events`` came first
 
     Raises
     ------
@@ -138,11 +137,7 @@ class _Weakened:
     """The stiffness of a body whose elements weaken one after the other, by (1)."""
 
     def __init__(
-        self,
-        body: Body,
-        law: Elastic | AnisotropicElastic,
-        free: np.ndarray,
-        force: np.ndarray,
+        self, body: Body, law: Elastic | AnisotropicElastic, free: np.ndarray, force: np.ndarray
     ) -> None:
         self.body, self.law, self.free, self.force = body, law, free, force
         self.share = np.ones(body.mesh.t.shape[1])

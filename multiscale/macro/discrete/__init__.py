@@ -1,7 +1,6 @@
 """Structures of nodes and links: trusses, frames, tensegrities and cable nets."""
 
 from multiscale.macro.discrete.compatibility import compatibility
-from multiscale.macro.discrete.link_stability import critical_factor
 from multiscale.macro.discrete.link_structures import cable_net, truss
 from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tables import system_from_mesh, system_from_table
@@ -13,7 +12,6 @@ __all__ = [
     "LinkSystem",
     "cable_net",
     "compatibility",
-    "critical_factor",
     "prestress_by_itself",
     "quadruplex_module",
     "self_stress",

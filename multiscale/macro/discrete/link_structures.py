@@ -23,8 +23,7 @@ def truss(
     ----------
     panels : int
     panel, height : float, length of a panel and distance of the chords, m
-    bar : Bar, optional
-        Law of the bars; rigidity 2.1e8 N if not given.
+    bar : Bar, optional, law of the bars; rigidity 2.1e8 N if not given
     nodal_load : float
         Force on every inner node of the lower chord at load factor one, N, downwards.
 
@@ -84,15 +83,13 @@ def cable_net(
 
     Parameters
     ----------
-    n, m : int
-        Number of meshes along x and y, at least two; m = n if not given.
+    n, m : int, number of meshes along x and y, at least two; m = n if not given
     mesh : float, distance of the cables in plan, m
     rise : float
         Height of the saddle :math:`z = r (\xi^2 - \eta^2)`, m, with :math:`\xi` and
         :math:`\eta` from -1 to 1.
     prestress : float, horizontal part of every tension at load factor zero, N
-    cable : Cable, optional
-        Law of the cables; rigidity 1e7 N if not given.
+    cable : Cable, optional, law of the cables; rigidity 1e7 N if not given
     nodal_load : float, vertical force on every inner node at load factor one, N, downwards
 
     Returns

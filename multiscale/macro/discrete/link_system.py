@@ -1,6 +1,6 @@
 """Structures of nodes and links: trusses, frames, tensegrities and cable nets."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -118,25 +118,3 @@ class LinkSystem:
     def bounds(self) -> np.ndarray:
         """Lowest and highest admissible tension, shape (2, links), N."""
         return np.array([[law.lower, law.upper] for law in self.laws]).T[:, self.kind]
-
-    def without(self, links: np.ndarray) -> "LinkSystem":
-        """Remove links; the others keep their relaxed lengths, so the prestress is not balanced.
-
-        Parameters
-        ----------
-        links : ndarray of int
-
-        Raises
-        ------
-        CaseError
-            If a node is left without links.
-        """
-        kept = np.delete(np.arange(self.n_links), links)
-        return replace(
-            self,
-            ends=self.ends[kept],
-            kind=self.kind[kept],
-            prestress=self.prestress[kept],
-            group=self.group[kept],
-            balanced=False,
-        )

@@ -12,13 +12,7 @@ from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.numerics.factorisation import Solve
 
-__all__ = [
-    "factorise_taut",
-    "name_mechanism",
-    "name_motion",
-    "prestress_by_itself",
-    "self_stress",
-]
+__all__ = ["factorise_taut", "name_mechanism", "name_motion", "prestress_by_itself", "self_stress"]
 
 RANK_TOLERANCE = 1e-10
 """Singular values of the compatibility operator below this share of the largest count as zero."""

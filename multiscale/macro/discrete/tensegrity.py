@@ -37,18 +37,15 @@ def tensegrity_grid(
 
     Parameters
     ----------
-    n, m : int
-        Number of modules along x and y; m = n if not given.
+    n, m : int, number of modules along x and y; m = n if not given
     prestress : float
         Tension of the upper cables at load factor zero, N. The self-stress of a module is, as
         force over length, lower : upper : lateral : bar = 1 : 2 : 2 : -2; with the default shape
         the tensions are as 1 : sqrt 2 : sqrt 2 : -sqrt 6.
     size : float, edge :math:`a` of a module, m
     height : float, distance :math:`h` of the layers, m
-    cable : Cable, optional
-        Law of the cables; rigidity 4e6 N if not given.
-    bar : Bar, optional
-        Law of the bars; rigidity 8e7 N if not given.
+    cable : Cable, optional, law of the cables; rigidity 4e6 N if not given
+    bar : Bar, optional, law of the bars; rigidity 8e7 N if not given
     nodal_load : float, vertical force on every node at load factor one, N, positive downwards
 
     Returns

@@ -56,8 +56,7 @@ def silo(
     diameter : float, diameter of the pipe about the z axis, m
     wall_friction : float
         Friction coefficient of the pipe, dimensionless; the bottom has the coefficient of ``law``.
-    sinking : float
-        Downward speed of the bottom, m/s; it mobilises the full friction of the pipe.
+    sinking : float, downward speed of the bottom, m/s; it mobilises the full friction of the pipe
 
     Returns
     -------
@@ -105,8 +104,7 @@ def column(
 
     Returns
     -------
-    Model
-        The gate is the last wall; :func:`release` removes it.
+    Model, the gate is the last wall; :func:`release` removes it
     """
     low, high = np.array([0.0, 0.0, 0.0]), np.array([width, 1.0, np.inf])
     grains = place_loosely(radii, low, high, density=density, thickness=1.0, seed=seed)

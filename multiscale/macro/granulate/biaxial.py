@@ -88,8 +88,7 @@ def biaxial_curve(result: Dataset) -> Dataset:
 
     Parameters
     ----------
-    result : Dataset
-        Simulation of a :func:`biaxial_cell`; follows ``GRANULATE``.
+    result : Dataset, simulation of a :func:`biaxial_cell`; follows ``GRANULATE``
 
     Returns
     -------

@@ -23,8 +23,7 @@ class Grains:
     density : float or ndarray, shape (grains,), density, kg/m3
     velocity, spin : ndarray, shape (grains, 3), optional
         Velocities, m/s, and angular velocities, rad/s; zero if not given.
-    thickness : float, optional
-        Thickness of discs, m; the grains are spheres if it is not given.
+    thickness : float, optional, thickness of discs, m; the grains are spheres if it is not given
 
     Raises
     ------
@@ -120,8 +119,7 @@ class Wall:
     Parameters
     ----------
     point : array_like, shape (3,), point on the plane or the axis, m
-    direction : array_like, shape (3,)
-        Normal towards the grains, or axis; of any length.
+    direction : array_like, shape (3,), normal towards the grains, or axis; of any length
     velocity : array_like, shape (3,)
         Prescribed velocity, m/s; of a loaded plane only its part in the plane is prescribed.
     friction : float, optional
@@ -175,8 +173,7 @@ class PlaneWall(Wall):
 
     Parameters
     ----------
-    mass : float
-        Mass of a loaded plane, kg; infinite if the plane is fixed or moved.
+    mass : float, mass of a loaded plane, kg; infinite if the plane is fixed or moved
     force : float
         Force on a loaded plane along its normal, N: positive presses it against the grains.
     """
@@ -243,8 +240,7 @@ def box(
 
     Parameters
     ----------
-    low, high : array_like, shape (3,)
-        Corners, m; infinite where the box is open.
+    low, high : array_like, shape (3,), corners, m; infinite where the box is open
     friction : float, optional
         Coefficient against grains, dimensionless; the coefficient of the grains if not given.
 

@@ -174,8 +174,7 @@ def shear_response(
     pressures, speeds : ndarray, shape (steps,)
         Pressures on the upper plate, Pa, and its speeds, m/s.
     n_realisations : int
-    n_steps : int
-        Number of time steps of each simulation; the second half is averaged.
+    n_steps : int, number of time steps of each simulation; the second half is averaged
 
     Returns
     -------

@@ -12,8 +12,7 @@ def network(result: Dataset, frame: int = -1) -> tuple[np.ndarray, np.ndarray, n
 
     Parameters
     ----------
-    result : Dataset
-        Result of a simulation; follows ``GRANULATE``.
+    result : Dataset, result of a simulation; follows ``GRANULATE``
     frame : int, number of the frame, counted from the end if negative
 
     Returns
@@ -62,8 +61,7 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
 
     Parameters
     ----------
-    ends : ndarray, shape (contacts, 2)
-        Bodies in contact; walls from ``n_grains`` on.
+    ends : ndarray, shape (contacts, 2), bodies in contact; walls from ``n_grains`` on
     n_grains : int
     rattlers_below : int
         A grain with fewer contacts is a rattler: 4 for spheres and 3 for discs without friction, 2

@@ -89,8 +89,7 @@ class RoughJoint:
     eccentricity : tuple of float, optional
         Where the force acts, measured from the centre along x and y, m. The loaded platen then
         tilts freely. Without it the platen is guided and only moves along z.
-    element : Element, optional
-        Scalar scikit-fem element for hexahedra; 8 nodes if not given.
+    element : Element, optional, scalar scikit-fem element for hexahedra; 8 nodes if not given
     quadrature_order : int, default 3
         Degree that the quadrature of the interface integrates exactly. A joint that opens in
         part wants more.

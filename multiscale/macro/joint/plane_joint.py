@@ -118,8 +118,7 @@ def press_plane_joint(
     ----------
     joint : PlaneJoint
     law : NormalLaw, law of the interface
-    elements : int
-        Along x; the layers grow from there away from the interface.
+    elements : int, along x; the layers grow from there away from the interface
     tolerance : float, see :func:`~multiscale.macro.monolithic.solve_interface`
 
     Raises

@@ -29,8 +29,7 @@ class TreadBlock:
     ----------
     size : tuple of float, lengths along the motion (x), across it (y) and height (z), m
     youngs_modulus, poissons_ratio : float, Pa, and at least 0 and below 1/2
-    elements : tuple of int
-        Along x, y and z; 27 nodes each.
+    elements : tuple of int, along x, y and z; 27 nodes each
 
     Raises
     ------
@@ -89,8 +88,7 @@ class Footprint:
 
     Attributes
     ----------
-    traction, jump : ndarray, shape (3, points)
-        Normal, along and across the motion; Pa and m.
+    traction, jump : ndarray, shape (3, points), normal, along and across the motion; Pa and m
     weight : ndarray, shape (points,), m²
     solution : Solution, why the solver stopped
     """

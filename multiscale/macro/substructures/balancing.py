@@ -153,8 +153,7 @@ def prepare_balancing(
     Parameters
     ----------
     layout : Layout
-    schur : ndarray, shape (substructures, w, w)
-        N/m; not necessarily symmetric.
+    schur : ndarray, shape (substructures, w, w), N/m; not necessarily symmetric
     added : ndarray, shape (substructures, w)
         Stiffness added to its diagonal, N/m, so that no mechanism is left.
     factorise : callable, gives the solve with the coarse matrix

@@ -91,8 +91,7 @@ def lock_bolts(
 
     Parameters
     ----------
-    problem : CutProblem
-        With bolts that are not locked; returned as it is if it has none.
+    problem : CutProblem, with bolts that are not locked; returned as it is if it has none
     tension, stretch : ndarray, shape (bolts,), optional
         Force of the bolts, N, and distance by which their washers have moved apart, m; zero if not
         given, as shanks answer to changes alone.
@@ -133,8 +132,7 @@ def follow_bolts(
         With bolts, the first column is the factor of their preloads.
     method : Method
     after : Dataset, optional, the earlier path, which the first step goes on from with locked bolts
-    near : Dataset, optional
-        A path of the same steps under other laws; see :func:`solve_whole`.
+    near : Dataset, optional, a path of the same steps under other laws; see :func:`solve_whole`
 
     Returns
     -------

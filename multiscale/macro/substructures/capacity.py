@@ -135,8 +135,7 @@ def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
 
     Returns
     -------
-    str
-        Such as ``"cover is free to move along x and to turn about z"``; empty if all are held.
+    str, such as ``"cover is free to move along x and to turn about z"``; empty if all are held
     """
     modes = _free_motions(problem)
     start = np.cumsum([0, *(part.n for part in problem.substructures)])

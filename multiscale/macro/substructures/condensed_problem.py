@@ -121,8 +121,7 @@ def condense_problem(
     problem : CutProblem, without links
     kept : sequence of int
         Unknowns that are kept beside those that joints, bolts and neighbours touch.
-    largest : int, optional
-        Limit of the kept unknowns; ``DENSE`` if not given.
+    largest : int, optional, limit of the kept unknowns; ``DENSE`` if not given
     insides : sequence of CondensedStiffness, optional
         Condensed stiffness of a problem that differs from this one by its loads, the laws of its
         joints and its preloads alone.

@@ -17,8 +17,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure; links of finite stiffness.
+    system : LinkSystem, the structure; links of finite stiffness
     owner : ndarray of int, shape (links,)
         Substructure of every link: 0, 1, ...; :func:`split_grid` and :func:`bisect` make it.
 
@@ -78,8 +77,7 @@ def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
 
     Parameters
     ----------
-    system : LinkSystem
-        The structure; links of one ``group`` stay together.
+    system : LinkSystem, the structure; links of one ``group`` stay together
     parts : tuple of int, number of boxes along x and y
 
     Returns

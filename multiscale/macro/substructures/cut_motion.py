@@ -33,8 +33,7 @@ def simulate_latin(
 
     Parameters
     ----------
-    problem : CutProblem
-        The structure, cut; one load case.
+    problem : CutProblem, the structure, cut; one load case
     times : ndarray, shape (steps + 1,)
         Rising by equal steps h, s. The first is the initial state.
     mass : float or ndarray, shape (nodes,), mass of each node, kg

@@ -2,7 +2,6 @@ r"""Newton steps of a structure that has been cut."""
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise, starmap
 
 import numpy as np
 from scipy.sparse import block_array, csr_array, diags_array
@@ -11,7 +10,7 @@ from scipy.sparse.linalg import LinearOperator, cg, gmres
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import CondensedStiffness, condense, split
-from multiscale.laws.side_by_side import SideBySide
+from multiscale.laws.side_by_side import lay_side_by_side
 from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.interface_newton import (
     FLOOR,
@@ -125,15 +124,14 @@ class Newton:
         places = [place for place, joint in enumerate(joints) if joint.owner in mine]
         own = [joints[place] for place in places]
         self.points = np.r_[(slice(0), *(problem.points[place] for place in places))]
-        ends = np.cumsum([0, *(joint.weight.size for joint in own)]).tolist()
-        at = list(starmap(slice, pairwise(ends)))
-        self.law = SideBySide([joint.law for joint in own], at, problem.gap[self.points])
+        laws, counts = [joint.law for joint in own], [joint.weight.size for joint in own]
+        self.law = lay_side_by_side(laws, counts, problem.gap[self.points])
         self.weight = problem.weight[self.points]
         jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in own]
         self.operator = stack_jumps(jumps, self.stack.n)
-        normal, diagonal = self.operator[: ends[-1]], self.stack.stiffness.diagonal()
+        normal, diagonal = self.operator[: self.points.size], self.stack.stiffness.diagonal()
         self.resistance = face_stiffness(diagonal, normal, self.weight) if own else 0.0
-        self.state = np.zeros((self.law.n_state, ends[-1]))
+        self.state = np.zeros((self.law.n_state, self.points.size))
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
         self.factors, self.before = (Factors(), Factors()), np.zeros(0)

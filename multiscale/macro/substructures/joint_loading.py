@@ -39,8 +39,7 @@ class JointLoading:
     ----------
     preloads : tuple of float, pressures on the pressed face, Pa
     shear : float, amplitude of the tangential traction on the sheared face, Pa
-    cycles : int
-        Closed cycles from the positive amplitude to the negative one and back; 0 for none.
+    cycles : int, closed cycles from the positive amplitude to the negative one and back; 0 for none
     steps : int, load steps from zero to the amplitude: 4 of these make a cycle
     amplitudes : tuple of float
         Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.

@@ -2,6 +2,7 @@ r"""Micro-macro LATIN: one stage knows the links and laws, the other the structu
 
 from collections import defaultdict
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from scipy.sparse import diags_array
@@ -99,17 +100,12 @@ class Latin:
         self.own = slice(first, first + self.stack.trace.shape[0])
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
-        self.joints = [
-            (index, face, face.law)
-            for index, face in enumerate(problem.interfaces)
-            if face.law is not None
-        ]
+        first_joint = len(problem.interfaces) - len(problem.joints)
+        self.joints = list(zip(count(first_joint), problem.joints, problem.points, strict=False))
         self.law, self.weight = problem.law, problem.weight
         self.state = state_after(problem, None)
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
-        self.joint_k = self.directions(
-            {index: np.full((3, face.weight.size), np.inf) for index, face, _ in self.joints}
-        )
+        self.joint_k = self.directions(np.full((3, self.weight.size), np.inf))
         self.perfect_k: dict[int, np.ndarray] = {}
         self.look_behind(np.ones(links.stiffness.size))
         self.direct(np.where(self.stack.one_sided, FIRST, 1.0))
@@ -155,6 +151,7 @@ class Latin:
         links = self.stack.links
         self.across = relative * links.stiffness  # l
         self.k0 = side_stiffness(self.problem, self.sides, self.perfect_k, self.joint_k)
+        self.compliance = 1.0 / self.k0.matrix.diagonal()[self.sides.joints]  # of sides of joints
         k, across = links.stiffness, self.across
         effective = np.where(self.stack.one_sided, k * across / (k + across), k)
         own = self.k0.matrix[self.own][:, self.own]
@@ -216,9 +213,8 @@ class Latin:
     def joint_fields(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Jump, m, and traction, Pa, on the search directions of all joints, (3, points)."""
         first, second = self.sides.joints
-        k = self.k0.matrix.diagonal()
-        series = 1.0 / (1.0 / k[first] + 1.0 / k[second]) / self.weight
-        source = series * (r[second] / k[second] - r[first] / k[first])
+        series = 1.0 / self.compliance.sum(axis=0) / self.weight
+        source = series * (r[second] * self.compliance[1] - r[first] * self.compliance[0])
         jump = self.law.resolvent(source, series, self.state)
         return jump, source - series * jump
 
@@ -262,29 +258,27 @@ class Latin:
     def update_joints(self) -> bool:
         """Adapt the search directions of joints to the laws where they are; say if any did."""
         jump = self.law.opened(self.joint_fields(self.r)[0])
-        tangents = {
-            index: law_stiffness(law, jump[:, at], self.state[: law.n_state, at])
-            for (index, _, law), at in zip(self.joints, self.problem.points, strict=True)
-        }
-        changed = False
-        for index, found in self.directions(tangents).items():
+        tangent, changed = np.zeros_like(jump), False
+        for law, at in zip(self.law.laws, self.law.points, strict=True):
+            tangent[:, at] = law_stiffness(law, jump[:, at], self.state[: law.n_state, at])
+        for index, found in self.directions(tangent).items():
             ratio = np.concatenate(found) / np.concatenate(self.joint_k[index])
             if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
                 self.joint_k[index], changed = found, True
         return changed
 
-    def directions(self, tangents: dict[int, np.ndarray]) -> dict[int, tuple[np.ndarray, ...]]:
-        """Search directions of both sides of all joints, given the stiffness of their laws."""
+    def directions(self, tangent: np.ndarray) -> dict[int, tuple[np.ndarray, ...]]:
+        """Search directions of both sides of all joints, given :func:`law_stiffness` of all."""
         total: dict[int, np.ndarray] = defaultdict(lambda: np.zeros((3, 1)))
         area: dict[int, float] = defaultdict(float)
-        for index, face, _ in self.joints:
-            total[face.joint] += (tangents[index] @ face.weight)[:, None]
+        for _, face, at in self.joints:
+            total[face.joint] += (tangent[:, at] @ face.weight)[:, None]
             area[face.joint] += face.weight.sum()
         return {
             index: joint_directions(
-                face, self.bodies[index], tangents[index], total[face.joint] / area[face.joint]
+                face, self.bodies[index], tangent[:, at], total[face.joint] / area[face.joint]
             )
-            for index, face, _ in self.joints
+            for index, face, at in self.joints
         }
 
     def commit(self, found: LatinIterate) -> None:

@@ -33,8 +33,7 @@ class LoadPath:
     steps : tuple of tuple of float, shape (steps, loads)
         Factors of all loads at the end of each step.
     substeps : int, equal parts of every step
-    cycled : str
-        Load whose factor then goes to and fro about its last; none if empty.
+    cycled : str, load whose factor then goes to and fro about its last; none if empty
     amplitude : float, by how much that factor rises, then falls
     cycles : int, closed cycles after the first rise
     cycle_steps : int, load steps of that rise: 4 of these make a cycle

@@ -44,8 +44,7 @@ class JointSize:
     Attributes
     ----------
     unknowns, joint_points, bodies, steps : int, of all bodies, all joints, and the whole path
-    compliant : bool
-        Whether the laws tell the traction of a jump; rigid contact does not.
+    compliant : bool, whether the laws tell the traction of a jump; rigid contact does not
     """
 
     unknowns: int
@@ -98,8 +97,7 @@ def choose_method(
     ----------
     size : JointSize
     asked : LatinMethod, optional, what the user asks for, which is taken
-    memory : float, optional
-        Byte that the solve may take; four fifths of this machine if not given.
+    memory : float, optional, byte that the solve may take; four fifths of this machine if not given
 
     Returns
     -------

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.laws.side_by_side import SideBySide
+from multiscale.laws.side_by_side import SideBySide, lay_side_by_side
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["CutBolt", "CutInterface", "CutProblem", "Links", "Substructure", "expand_numbers"]
@@ -177,7 +177,7 @@ class CutProblem:
     def law(self) -> SideBySide:
         """Laws of all joints side by side."""
         laws = [joint.law for joint in self.joints if joint.law]
-        return SideBySide(laws, self.points, self.gap)
+        return lay_side_by_side(laws, (joint.weight.size for joint in self.joints), self.gap)
 
     @cached_property
     def weight(self) -> np.ndarray:

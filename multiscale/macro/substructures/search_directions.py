@@ -45,8 +45,7 @@ def interface_stiffness(
     problem, parts, team
         The structure, and the part of it in this process.
     schur : list of (ndarray, ndarray), of :func:`schur_complements`
-    start : dict of int to ndarray
-        What is known of it, by interface; empty at first.
+    start : dict of int to ndarray, what is known of it, by interface; empty at first
 
     Returns
     -------

@@ -99,8 +99,7 @@ class Stack:
     stiffness : csr_array, shape (n, n), :math:`K`
     load : ndarray, shape (n, cases)
     trace : csr_array, shape (m, n), displacement of all sides of these substructures
-    links : Links
-        All links; without any, of no rows.
+    links : Links, all links; without any, of no rows
     one_sided : ndarray of bool, shape (rows,), links that may go slack
     shared : ndarray of bool, shape (n,), unknowns on perfect interfaces
     """

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import block_diag, csr_array, vstack
 
 from multiscale.convergence import Status
 from multiscale.laws.interface_law import InterfaceLaw
@@ -17,7 +17,7 @@ from multiscale.macro.monolithic import (
     prepare_flexible,
     solve_interface,
 )
-from multiscale.macro.substructures.problem import CutProblem, Substructure
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import FULL
 from multiscale.numerics.factorisation import Solve, factorise
 
@@ -94,19 +94,18 @@ def assemble(problem: CutProblem) -> Assembled:
     >>> assemble(cut_bodies([body], [np.array([0, 1])])).stiffness.shape
     (36, 36)
     """
-    K, load = csr_array((problem.n, problem.n)), np.zeros((problem.n, problem.n_cases))
-    for part in problem.substructures:
-        place = _placement(problem, part)
-        K = K + place.T @ part.stiffness @ place
-        load += place.T @ part.load
+    parts, n = problem.substructures, problem.n
+    place = _placement(np.concatenate([part.unknown for part in parts]), n)
+    K = place.T @ block_diag([part.stiffness for part in parts], format="csr") @ place
+    load = place.T @ np.concatenate([part.load for part in parts])
     jumps = []
     for joint in problem.joints:
         first, second = (
-            trace @ _placement(problem, problem.substructures[side])
+            trace @ _placement(parts[side].unknown, n)
             for side, trace in zip(joint.sides, joint.trace, strict=True)
         )
         jumps.append(csr_array(second - first))
-    return Assembled(csr_array(K), load, stack_jumps(jumps, problem.n), problem.weight)
+    return Assembled(csr_array(K), load, stack_jumps(jumps, n), problem.weight)
 
 
 def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
@@ -122,7 +121,6 @@ def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
     return csr_array(vstack([csr_array((0, n)), *blocks]))
 
 
-def _placement(problem: CutProblem, part: Substructure) -> csr_array:
-    """Pick the unknowns of a substructure out of all unknowns of the structure."""
-    rows = np.arange(part.n)
-    return csr_array((np.ones(part.n), (rows, part.unknown)), shape=(part.n, problem.n))
+def _placement(unknown: np.ndarray, n: int) -> csr_array:
+    """Pick some unknowns out of all n unknowns of the structure."""
+    return csr_array((np.ones(unknown.size), (np.arange(unknown.size), unknown)), (unknown.size, n))

@@ -95,8 +95,7 @@ class Backbone:
     Attributes
     ----------
     frequency : ndarray, shape (amplitudes,), Hz
-    damping : ndarray, shape (amplitudes,)
-        Share of critical damping that the joints give.
+    damping : ndarray, shape (amplitudes,), share of critical damping that the joints give
     drop : ndarray, shape (2, amplitudes)
         By how much the secant square of the frequency falls in both directions, relative to its
         value at rest.

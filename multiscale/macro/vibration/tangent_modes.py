@@ -42,13 +42,11 @@ class FreeMotions:
 
     Attributes
     ----------
-    motion : ndarray, shape (n, motions)
-        Displacement of the unknowns, m.
+    motion : ndarray, shape (n, motions), displacement of the unknowns, m
     pins : ndarray of int, shape (motions,)
         Unknowns which, when held, hold these motions and nothing else. Loads that balance each
         other find no reaction in them.
-    names : tuple of str
-        The motions, such as ``"along x"`` and ``"about z"``.
+    names : tuple of str, the motions, such as ``"along x"`` and ``"about z"``
     """
 
     motion: np.ndarray

@@ -8,7 +8,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.io.images import VoxelImage
 from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.cavities import Cavities, voxelise
-from multiscale.micro.damage.mesh_stiffness import mesh_stiffness
+from multiscale.micro.damage.meshed_volume import mesh_stiffness
 from multiscale.micro.damage.rve import SIDES, STRAINS, effective_stiffness
 from multiscale.micro.damage.sections import max_damage, section_normals
 from multiscale.schema import RVE, RVE_VOLUMES, Dataset

@@ -9,7 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.gmsh_model import gmsh_model
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh, open_cracks
-from multiscale.micro.damage.plane_damage import SectionPlane
+from multiscale.micro.damage.section_plane import SectionPlane
 from multiscale.micro.damage.sections import box_polygon
 from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Ellipsoids, Shapes
 

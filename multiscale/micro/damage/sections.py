@@ -19,7 +19,7 @@ from multiscale.micro.damage.directions import (
     miller_indices,
     sphere_directions,
 )
-from multiscale.micro.damage.plane_damage import SectionPlane
+from multiscale.micro.damage.section_plane import SectionPlane
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 
 __all__ = ["box_polygon", "max_damage", "plane_damage", "section_normals"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.plane_damage import SectionPlane, perpendicular
+from multiscale.micro.damage.section_plane import SectionPlane, perpendicular
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.planar import Ellipses

@@ -15,7 +15,7 @@ logger = logging.getLogger(__name__)
 
 SHRINK, GROW = 0.4, 1.7  # factors of the length after a failed and after an easy increment
 EASY = 7  # Newton iterations up to which an increment counts as easy
-FIRST = 0.2  # first increment of :func:`_press`, relative to the largest change of the approach
+PRESSED = 0.6  # largest increment of :func:`_press`, relative to the largest change of the approach
 TOO_FAR = 1.2  # ratio to the largest change of the approach above which an increment is repeated
 SMALLEST = 1e-4  # shortest increment, relative to the step of the path
 LONGEST = 3.0  # prediction, relative to the last increment
@@ -83,12 +83,13 @@ def walk_step(
     largest_approach : float
         Largest change of the approach in one increment, m, for path-dependent bodies.
     """
+    wanted = 0.0 if target.load in (None, 0.0) else float(target.load or 0.0) - start.load
     # the load alone changes, of a body that flows
-    presses = target.load is not None and target.load not in (0.0, start.load)
-    presses &= bool(np.isfinite(largest_approach) and np.all(target.slide == start.slide))
+    flows = bool(wanted and np.isfinite(largest_approach) and np.all(target.slide == start.slide))
+    presses = flows and increments == 1 and not start.active.any()
     state, work = start, np.zeros(3, dtype=int)
     reached, length = 0.0, 1.0 / increments
-    while reached < 1.0:
+    while reached < 1.0 and not presses:
         if (spent := _spent(work, increments)) is not None:
             state = replace(state, status=spent)
             break
@@ -104,19 +105,20 @@ def walk_step(
                 length = min(1.0 / increments, GROW * part)
             if moved > 0.0:
                 length = min(length, part * largest_approach / moved)
+        elif flows:
+            presses = True
         elif found.status is Status.CONVERGED:
             length = part * largest_approach / moved
-        elif presses:
-            state = _press(scene, state, target, largest_approach, tolerance, work, increments)
-            wanted = float(target.load or 0.0) - start.load
-            carried = (state.load - start.load) / wanted
-            reached = 1.0 if state.status is Status.CONVERGED else carried
-            break
         else:
             length = SHRINK * part
             if length < SMALLEST:
                 state = replace(state, status=found.status)
                 break
+    if presses:
+        longest = PRESSED * largest_approach
+        state = _press(scene, state, target, longest, tolerance, work, increments)
+        carried = (state.load - start.load) / wanted
+        reached = 1.0 if state.status is Status.CONVERGED else carried
     count, newton, linear = map(int, work)
     return Walk(state, count, newton, linear, reached)
 
@@ -147,19 +149,20 @@ def _press(
     scene: CellScene,
     state: CellState,
     target: Target,
-    largest_approach: float,
+    longest: float,
     tolerance: float,
     work: np.ndarray,
     increments: int,
 ) -> CellState:
     """Prescribe the approach of a flowing body until it carries the load of a target.
 
-    Without hardening a larger load may have no equilibrium until another asperity touches, but a
-    larger approach has one.
+    An increment of the approach, at most ``longest``, m, is never too long for the flow, whatever
+    the load that it adds. Without hardening a larger load may have no equilibrium until another
+    asperity touches, but a larger approach has one.
     """
     load = float(target.load or 0.0)
     sign = 1.0 if load > state.load else -1.0
-    length = FIRST * largest_approach
+    length = longest
     while (status := _spent(work, increments)) is None:
         aim = Target(None, state.approach + sign * length, target.slide)
         found = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
@@ -172,10 +175,10 @@ def _press(
         if found.status is Status.CONVERGED:
             state = found
             if len(found.residuals) - 1 <= EASY:
-                length = min(largest_approach, GROW * length)
+                length = min(longest, GROW * length)
         else:
             length *= SHRINK
-            if length < SMALLEST * largest_approach:
+            if length < SMALLEST * longest:
                 status = found.status
                 break
     return replace(state, status=status)

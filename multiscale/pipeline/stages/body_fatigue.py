@@ -20,14 +20,14 @@ from multiscale.macro.substructures import (
     element_stress,
     follow_cut_loads,
 )
-from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.inclusion import STATE_SIZE
-from multiscale.micro.damage.local_fatigue import (
+from multiscale.micro.damage.element_fatigue import (
     first_cracks,
     limit_factors,
     local_fatigue,
     von_mises,
 )
+from multiscale.micro.damage.fatigue_material import FatigueMaterial
+from multiscale.micro.damage.inclusion import STATE_SIZE
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved

@@ -50,13 +50,7 @@ from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
 
-__all__ = [
-    "CELLS",
-    "caution_steep",
-    "count_cells",
-    "run_micro",
-    "write_fields",
-]
+__all__ = ["CELLS", "caution_steep", "count_cells", "run_micro", "write_fields"]
 
 COMPOSITE = "heights and compliances of both bodies, added up, at small slopes"
 MESHED = "mesh against a rigid flat, each volume with the compliance of both bodies"
@@ -89,12 +83,10 @@ def run_micro(
     Parameters
     ----------
     case : Case
-    file : Path
-        Gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``.
+    file : Path, gets the response; cells go to the folder ``micro`` beside it, fields to ``fields``
     executor, progress
         As of :func:`~multiscale.pipeline.run`.
-    fields : bool
-        Whether to write the fields of the first realisation beside the file, too.
+    fields : bool, whether to write the fields of the first realisation beside the file, too
 
     Returns
     -------

@@ -92,8 +92,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
 
     Parameters
     ----------
-    case : Case
-        With blocks, and cells of its own or a law from a file.
+    case : Case, with blocks, and cells of its own or a law from a file
     law : Dataset
         Follows ``INTERFACE_LAW``. Its budget, if it carries one, tells the sampling error of the
         joint where the law has no samples.

@@ -127,10 +127,7 @@ def _needs(links: LinkStructure, case: Case) -> Needs:
     if motion is not None:
         return link_needs(system, moving=True, steps=1 + ceil(motion.duration / motion.step))
     return link_needs(
-        system,
-        exact=statics.exact,
-        stability=statics.stability,
-        steps=len(statics.load_factors),
+        system, exact=statics.exact, stability=statics.stability, steps=len(statics.load_factors)
     )
 
 

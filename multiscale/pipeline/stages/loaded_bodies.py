@@ -7,20 +7,10 @@ from functools import partial
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.macro.substructures import (
-    CutProblem,
-    LoadPath,
-    Method,
-    follow_cut_loads,
-)
+from multiscale.macro.substructures import CutProblem, LoadPath, Method, follow_cut_loads
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_budget import (
-    PARAMETERS,
-    JointsOfLaw,
-    few_steps,
-    with_joint_budget,
-)
+from multiscale.pipeline.body_budget import PARAMETERS, JointsOfLaw, few_steps, with_joint_budget
 from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS, JointLaw
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of

@@ -36,13 +36,7 @@ from multiscale.plotting.rve_figures import (
 from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 from multiscale.units import readable
 
-__all__ = [
-    "REPRESENTATIVE_VOLUME",
-    "is_representative",
-    "measure_case",
-    "say_interval",
-    "say_mean",
-]
+__all__ = ["REPRESENTATIVE_VOLUME", "is_representative", "measure_case", "say_interval", "say_mean"]
 
 FOLDER = "volumes"
 
@@ -103,10 +97,7 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
 
 
 def _measure(
-    measure: Callable[..., Dataset],
-    volume: Cavities | VoxelImage,
-    voxels: int,
-    share: float,
+    measure: Callable[..., Dataset], volume: Cavities | VoxelImage, voxels: int, share: float
 ) -> Dataset:
     return measure(volume, voxels=voxels, share=share)
 

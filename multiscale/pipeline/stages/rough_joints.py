@@ -173,7 +173,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
     """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
     told = [
         "Zones and pressure are seen along the normal of the first joint, at the step at which "
-        "most of its area slips; lines are the outlines of the parts.",
+        "most of its area slips; lines are the outlines of the parts."
     ]
     figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
     yield Section("Joint", told, figures=figures)
@@ -182,7 +182,7 @@ def _sections(result: Dataset) -> Iterator[Section]:
             "From each preload the shear makes a closed cycle of each amplitude, the smallest one "
             "first. The secant stiffness is the shear over the displacement of the sheared face "
             "between both ends of a cycle. Bands are the 95 % intervals of the mean law and of one "
-            "part.",
+            "part."
         ]
         yield Section("Cycles of shear", cycles, *tabulate_cycles(result))
     yield from budget_sections(result)

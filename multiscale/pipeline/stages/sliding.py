@@ -60,10 +60,7 @@ def _law(body: RoughBody) -> NeoHookean | J2:
     if body.yield_stress is None:
         return NeoHookean(body.youngs_modulus, body.poissons_ratio)
     return J2(
-        body.youngs_modulus,
-        body.poissons_ratio,
-        body.yield_stress,
-        body.hardening_modulus or 0.0,
+        body.youngs_modulus, body.poissons_ratio, body.yield_stress, body.hardening_modulus or 0.0
     )
 
 

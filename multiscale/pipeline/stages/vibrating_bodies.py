@@ -34,11 +34,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
-from multiscale.pipeline.stages.loaded_bodies import (
-    KEPT,
-    NO_COARSER,
-    budgeted_laws,
-)
+from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER, budgeted_laws
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
@@ -106,10 +102,7 @@ def _press(
 
 
 def _laws(
-    bodies: Bodies,
-    case: Case,
-    laws: Sequence[Dataset | None],
-    change: Change,
+    bodies: Bodies, case: Case, laws: Sequence[Dataset | None], change: Change
 ) -> list[InterfaceLaw]:
     """Make beds of many slabs, on the curve of unloading where cells have measured one."""
     asked = case.vibration
@@ -220,11 +213,7 @@ def _at(name: str, steps: np.ndarray, result: Dataset) -> np.ndarray:
 
 
 def _solve_changed(
-    bodies: Bodies,
-    case: Case,
-    laws: Sequence[Dataset | None],
-    near: _Vibrating,
-    change: Change,
+    bodies: Bodies, case: Case, laws: Sequence[Dataset | None], near: _Vibrating, change: Change
 ) -> Dataset:
     """Follow the modes again with a change, in fewer steps, over the same modal amplitudes."""
     asked = case.vibration

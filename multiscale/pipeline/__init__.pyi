@@ -1,0 +1,16 @@
+from multiscale.pipeline.case import case_of_image as case_of_image
+from multiscale.pipeline.case import load_case as load_case
+from multiscale.pipeline.case_cells import make_cells as make_cells
+from multiscale.pipeline.case_needs import refuse_excess as refuse_excess
+from multiscale.pipeline.case_needs import requirements as requirements
+from multiscale.pipeline.planner import Plan as Plan
+from multiscale.pipeline.planner import plan as plan
+from multiscale.pipeline.runner import Results as Results
+from multiscale.pipeline.runner import run as run
+from multiscale.pipeline.runner import run_macro as run_macro
+from multiscale.pipeline.settings import Case as Case
+from multiscale.pipeline.stages.cells import run_micro as run_micro
+from multiscale.pipeline.sweep import Sweep as Sweep
+from multiscale.pipeline.sweep import load_sweep as load_sweep
+from multiscale.pipeline.sweep import run_sweep as run_sweep
+from multiscale.pipeline.tyre_settings import TyreCase as TyreCase

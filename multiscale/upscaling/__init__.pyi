@@ -1,0 +1,69 @@
+from multiscale.upscaling.branches import fit_branches as fit_branches
+from multiscale.upscaling.branches import hysteretic_from_dataset as hysteretic_from_dataset
+from multiscale.upscaling.branches import with_damage as with_damage
+from multiscale.upscaling.branches import with_unloading as with_unloading
+from multiscale.upscaling.budget import error_budget as error_budget
+from multiscale.upscaling.budget import with_budget as with_budget
+from multiscale.upscaling.cell_size import at_rms_height as at_rms_height
+from multiscale.upscaling.cell_size import without_bias as without_bias
+from multiscale.upscaling.comparison import compare_laws as compare_laws
+from multiscale.upscaling.conductance import CONDUCTANCES as CONDUCTANCES
+from multiscale.upscaling.conductance import conductance_ratios as conductance_ratios
+from multiscale.upscaling.conductance import conductances as conductances
+from multiscale.upscaling.conductance import elastic_dependence as elastic_dependence
+from multiscale.upscaling.conductance import with_conductance as with_conductance
+from multiscale.upscaling.export import write_law_table as write_law_table
+from multiscale.upscaling.export import write_pressure_overclosure as write_pressure_overclosure
+from multiscale.upscaling.family import FAMILIES as FAMILIES
+from multiscale.upscaling.family import Family as Family
+from multiscale.upscaling.family import Parameter as Parameter
+from multiscale.upscaling.family import unloading_family as unloading_family
+from multiscale.upscaling.fit import fit_law as fit_law
+from multiscale.upscaling.law_checks import admissibility as admissibility
+from multiscale.upscaling.leakage import effective_permeability as effective_permeability
+from multiscale.upscaling.leakage import say_sealing as say_sealing
+from multiscale.upscaling.leakage import sealing_pressures as sealing_pressures
+from multiscale.upscaling.leakage import with_leakage as with_leakage
+from multiscale.upscaling.observation_tables import read_observations as read_observations
+from multiscale.upscaling.observations import observe as observe
+from multiscale.upscaling.reading import area_from_dataset as area_from_dataset
+from multiscale.upscaling.reading import areas_from_dataset as areas_from_dataset
+from multiscale.upscaling.reading import fitted_law as fitted_law
+from multiscale.upscaling.reading import fitted_laws as fitted_laws
+from multiscale.upscaling.reading import friction_at as friction_at
+from multiscale.upscaling.reading import law_band as law_band
+from multiscale.upscaling.reading import law_from_dataset as law_from_dataset
+from multiscale.upscaling.reading import require_law as require_law
+from multiscale.upscaling.resolution import estimate_grid_error as estimate_grid_error
+from multiscale.upscaling.response_observations import area_observations as area_observations
+from multiscale.upscaling.response_observations import loading_branch as loading_branch
+from multiscale.upscaling.response_observations import normal_observations as normal_observations
+from multiscale.upscaling.response_observations import (
+    unloading_observations as unloading_observations,
+)
+from multiscale.upscaling.scales import cell_share as cell_share
+from multiscale.upscaling.scales import compare_scales as compare_scales
+from multiscale.upscaling.scales import effective_cells as effective_cells
+from multiscale.upscaling.scales import pressure_length_of_points as pressure_length_of_points
+from multiscale.upscaling.shear_branch import assume_shear as assume_shear
+from multiscale.upscaling.shear_branch import sliders_from_dataset as sliders_from_dataset
+from multiscale.upscaling.shear_branch import sliding_friction_at as sliding_friction_at
+from multiscale.upscaling.shear_branch import state_shear as state_shear
+from multiscale.upscaling.shear_branch import take_sliding_friction as take_sliding_friction
+from multiscale.upscaling.shear_branch import tangential_values as tangential_values
+from multiscale.upscaling.shear_branch import with_sliding as with_sliding
+from multiscale.upscaling.shear_budget import shear_errors as shear_errors
+from multiscale.upscaling.shear_fit import with_shear as with_shear
+from multiscale.upscaling.shear_observations import friction_observations as friction_observations
+from multiscale.upscaling.shear_observations import (
+    tangential_observations as tangential_observations,
+)
+from multiscale.upscaling.structure_errors import Dependence as Dependence
+from multiscale.upscaling.structure_errors import add_budgets as add_budgets
+from multiscale.upscaling.structure_errors import changed_laws as changed_laws
+from multiscale.upscaling.structure_errors import interval_errors as interval_errors
+from multiscale.upscaling.structure_errors import limits as limits
+from multiscale.upscaling.structure_errors import over_steps as over_steps
+from multiscale.upscaling.structure_errors import structure_budget as structure_budget
+from multiscale.upscaling.structure_errors import with_intervals as with_intervals
+from multiscale.upscaling.structure_errors import with_scales as with_scales
