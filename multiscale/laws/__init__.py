@@ -2,7 +2,7 @@
 
 from multiscale.laws.area import AreaLaw, ErrorFunctionArea
 from multiscale.laws.asperities import Asperities, class_densities, gaussian_asperities
-from multiscale.laws.asperity_law import AsperityCurve, AsperityLaw
+from multiscale.laws.asperity_law import AsperityLaw
 from multiscale.laws.convex_decreasing import ConvexDecreasing
 from multiscale.laws.damaged import Damaged
 from multiscale.laws.exponential import Exponential
@@ -21,7 +21,6 @@ from multiscale.laws.unloading import HystereticLaw, ShakenDownLaw
 __all__ = [
     "AreaLaw",
     "Asperities",
-    "AsperityCurve",
     "AsperityLaw",
     "BellFriction",
     "ConvexDecreasing",

@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.errors import CaseError, ConvergenceError
+from multiscale.errors import ConvergenceError
 from multiscale.laws.asperities import Asperities, asperity_loads
-from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, Sliding
+from multiscale.laws.interface_law import InterfaceLaw, Response, Sliding
 from multiscale.laws.parameters import check_parameter
 
-__all__ = ["AsperityCurve", "AsperityLaw"]
+__all__ = ["AsperityLaw"]
 
 STICKING_SLIP = 1e-3
 """Slip in a step up to which an asperity counts as sticking, as of the slabs of sliders."""
@@ -104,14 +104,6 @@ class AsperityLaw(InterfaceLaw):
     def unsheared(self, state: np.ndarray) -> np.ndarray:
         """Return the state with the same pressure and no force in the sliders."""
         return np.concatenate([state[:1], np.zeros_like(state[1:-3]), state[-3:]])
-
-    def unloaded_from(self, gap: float) -> "AsperityCurve":
-        """Return the curve of unloading from a smallest gap, m, for a bed of :class:`Sliders`."""
-        one = self.asperities
-        most = np.maximum(one.height - gap, 0.0)
-        ratio = one.ratio(np.where(most > 0.0, most, 1e-30))
-        stiffness = one.density * _hertz(one) / np.sqrt(ratio)
-        return AsperityCurve(one.height - most * (1.0 - ratio), stiffness, self.gap)
 
     def at_rest(self, jump: np.ndarray) -> np.ndarray:
         """Return the state of an interface pressed to a jump, m, without shear."""
@@ -253,66 +245,6 @@ class AsperityLaw(InterfaceLaw):
             f"the resolvent of AsperityLaw found no normal jump (relative residual "
             f"{float(np.max(np.abs(f) / scale)):.1e}); check that the source is finite (Pa)"
         )
-
-
-@dataclass(frozen=True, eq=False)
-class AsperityCurve(NormalLaw):
-    r"""Frictionless elastic law of asperities on their curves of unloading.
-
-    Parameters
-    ----------
-    height : ndarray, shape (classes,), heights :math:`s_i`, m
-    coefficient : ndarray, shape (classes,), :math:`c_i > 0`, Pa m\ :sup:`-3/2`
-    gap, pressure_range
-        As of :class:`NormalLaw`.
-
-    Raises
-    ------
-    CaseError
-        If a coefficient is not positive.
-
-    Notes
-    -----
-    .. math:: p = \sum_i c_i \langle s_i - g\rangle_+^{3/2}    \tag{1}
-    """
-
-    height: np.ndarray
-    coefficient: np.ndarray
-    gap: float = 0.0
-    pressure_range: tuple[float, float] = (0.0, np.inf)
-
-    def __post_init__(self) -> None:
-        check_parameter(self, "coefficient", "Pa m^-3/2")
-
-    def pressure(self, gap: np.ndarray) -> np.ndarray:
-        """Evaluate (1), Pa."""
-        return np.asarray(self._approach(gap) ** 1.5 @ self.coefficient)
-
-    def stiffness(self, gap: np.ndarray) -> np.ndarray:
-        """Return minus the derivative of (1), Pa/m."""
-        return np.asarray(1.5 * np.sqrt(self._approach(gap)) @ self.coefficient)
-
-    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
-        """Return the local gap, m, at a pressure, Pa, by Newton's method from the left.
-
-        The start is where the highest class alone, or all classes at the lowest height, carry it.
-        """
-        target = np.asarray(pressure, dtype=float)
-        if not np.all((target >= 0.0) & np.isfinite(target)):
-            raise CaseError("a pressure must be finite and not negative (Pa)")
-        top = int(np.argmax(self.height))
-        gap = self.height[top] - (target / self.coefficient[top]) ** (2.0 / 3.0)
-        for _ in range(MAX_ITERATIONS):
-            error = self.pressure(gap) - target
-            step = np.where(target > 0.0, error / np.maximum(self.stiffness(gap), 1e-300), 0.0)
-            if np.all(np.abs(step) <= 1e-14 * (np.abs(gap) + np.ptp(self.height))):
-                return np.asarray(gap)
-            gap = gap + step
-        raise ConvergenceError(f"the curve was not inverted at {float(target.max()):.3g} Pa")
-
-    def _approach(self, gap: np.ndarray) -> np.ndarray:
-        """Approach of every class, m, shape (..., classes)."""
-        return np.asarray(np.maximum(self.height - np.asarray(gap)[..., None], 0.0))
 
 
 def _hertz(one: Asperities) -> float:

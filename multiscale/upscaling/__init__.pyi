@@ -56,7 +56,6 @@ from multiscale.upscaling.shear_budget import shear_errors as shear_errors
 from multiscale.upscaling.shear_fit import with_shear as with_shear
 from multiscale.upscaling.shear_observations import friction_observations as friction_observations
 from multiscale.upscaling.shear_observations import (
-    tangential_observations as tangential_observations,
 )
 from multiscale.upscaling.structure_errors import Dependence as Dependence
 from multiscale.upscaling.structure_errors import add_budgets as add_budgets

@@ -1,4 +1,4 @@
-"""Tangential stiffness and friction out of responses that are sheared or slide."""
+"""Friction out of responses that slide."""
 
 import numpy as np
 
@@ -7,63 +7,7 @@ from multiscale.schema import MICRO_RESPONSE, Dataset
 from multiscale.upscaling.observations import Observations, observe
 from multiscale.upscaling.response_observations import inherited, usable_steps
 
-__all__ = ["friction_observations", "tangential_observations"]
-
-STUCK = 0.25  # share of the contact nodes that may slip where a stiffness is observed
-SAME = 1e-3  # relative difference of the pressures of one shear
-
-
-def tangential_observations(response: Dataset) -> Observations:
-    r"""Tangential stiffness of a response that is sheared a little at its pressures.
-
-    Parameters
-    ----------
-    response : Dataset
-        Follows ``MICRO_RESPONSE``; cells with friction, whose path has at each pressure a step
-        without and one with a small slide.
-
-    Returns
-    -------
-    Observations
-        Of ``"tangential_stiffness"``, Pa/m: with the changes of the tangential traction and jump
-        from the step before, at the same pressure,
-
-        .. math:: K_T = \frac{\Delta t_T \cdot \Delta u_T}{|\Delta u_T|^2},
-
-        where at most a quarter of the contact slips, which lowers it by about an eighth.
-
-    Raises
-    ------
-    CaseError
-        If no step shears the cells, or all that do slip too much.
-    """
-    MICRO_RESPONSE.check(response)
-    counted, pressure = usable_steps(response)
-    jump = np.diff(response["displacement_jump"].to_numpy()[..., 1:], axis=1)
-    traction = np.diff(response["traction"].to_numpy()[..., 1:], axis=1)
-    slipping = _slip_fraction(response)[:, 1:]
-    square = np.sum(jump**2, axis=-1)
-    sheared = counted[:, 1:] & counted[:, :-1] & (square > 0.0)
-    sheared &= np.abs(np.diff(pressure)) <= SAME * pressure[1:]
-    normal = np.abs(response["traction"].to_numpy()[:, 1:, 0])
-    sheared &= np.linalg.norm(traction, axis=-1) > 1e-9 * normal  # beyond round-off
-    if not np.any(sheared):
-        raise CaseError(
-            "no step shears the cells at the pressure of the step before; give the path at each "
-            "pressure a step without and one with a small slide, and the cells friction"
-        )
-    usable = sheared & ~(slipping > STUCK)
-    if not np.any(usable):
-        raise CaseError(
-            f"at least {100.0 * np.nanmin(slipping[sheared]):.2g} % of the contact slips in every "
-            f"shear, more than the {100.0 * STUCK:g} % at which a stiffness is observed; slide less"
-        )
-    along = np.sum(traction * jump, axis=-1)
-    stiffness = np.where(usable, along / np.where(usable, square, 1.0), np.nan)
-    steps = usable.any(axis=0)
-    return observe(
-        "tangential_stiffness", pressure[1:][steps], stiffness[:, steps], **inherited(response)
-    )
+__all__ = ["friction_observations"]
 
 
 def friction_observations(response: Dataset) -> Observations:

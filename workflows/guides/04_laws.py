@@ -74,9 +74,8 @@ print(budget.attrs["unknown"])  # cell size, scale separation
 # table [micro.shear], and joints take friction and ratio from their law.
 #
 # Other laws: contact area, tangential stiffness, friction over pressure and speed, unloading. Cells
-# with friction that are pressed, sheared a little and dragged give tangential stiffness and
-# friction, through tangential_observations and friction_observations. Measured stiffness comes from
-# a CSV file whose first line names the units, such as
+# with friction that are dragged give friction, through friction_observations. Measured stiffness
+# comes from a CSV file whose first line names the units, such as
 #
 #   pressure (MPa), stiffness (MPa/um), specimen
 #
