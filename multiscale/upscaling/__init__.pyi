@@ -55,8 +55,6 @@ from multiscale.upscaling.shear_branch import with_sliding as with_sliding
 from multiscale.upscaling.shear_budget import shear_errors as shear_errors
 from multiscale.upscaling.shear_fit import with_shear as with_shear
 from multiscale.upscaling.shear_observations import friction_observations as friction_observations
-from multiscale.upscaling.shear_observations import (
-)
 from multiscale.upscaling.structure_errors import Dependence as Dependence
 from multiscale.upscaling.structure_errors import add_budgets as add_budgets
 from multiscale.upscaling.structure_errors import changed_laws as changed_laws
