@@ -11,11 +11,18 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import condense, split
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, Interface, solve_interface, solve_static, tensegrity_grid
+from multiscale.macro import (
+    Assembly,
+    Body,
+    Interface,
+    solve_interface,
+    solve_static,
+    tensegrity_grid,
+)
 from multiscale.macro.substructures import (
     assemble,
     bisect,
-    cut_bodies,
+    cut_assembly,
     cut_links,
     solve_latin,
     solve_schur,
@@ -92,7 +99,7 @@ def thin_plate(parts):
         supports={"left": clamped, "right": clamped},
         tractions={"top": (0.0, 0.0, -1e3)},
     )
-    return cut_bodies([plate], [split_boxes(plate, (parts, parts, 1))])
+    return cut_assembly(Assembly((plate,)), (parts, parts))
 
 
 @pytest.mark.parametrize("parts", [1, 2, 4, 8])
@@ -145,7 +152,8 @@ def test_the_sides_of_a_joint_may_be_cut_differently():
         tractions={"top": (0.0, 0.0, lambda x, t: -20e6 * (1.0 + 20.0 * (x[0] - 0.01)))},
     )
     owners = [split_boxes(lower, (2, 1, 1)), split_boxes(upper, (4, 2, 1))]
-    problem = cut_bodies([lower, upper], owners, [Interface((0, 1), ("top", "bottom"), law)])
+    assembly = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))
+    problem = cut_assembly(assembly, owners=owners)
     result = solve_schur(problem)
     assert result.converged == 1
     (expected,) = monolithic(problem, law, 1)
