@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import multiscale
 
 PROGRAM = """
@@ -38,3 +40,20 @@ def test_of_two_processes_one_compiles_a_kernel_and_the_other_loads_it(tmp_path)
         ["0", "1"],
         ["1", "0"],
     ]
+
+
+@pytest.mark.parametrize(
+    ("given", "taken"),
+    [
+        ({"OMP_NUM_THREADS": "1"}, "1"),
+        ({"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2"}, "2"),
+    ],
+)
+def test_kernels_take_the_threads_that_the_user_leaves_to_them(given, taken):
+    others = {name: one for name, one in os.environ.items() if "NUM_THREADS" not in name}
+    own = others | given | {"PYTHONPATH": str(Path(multiscale.__file__).parents[1])}
+    program = "from multiscale.numerics.compiled import thread_count; print(thread_count())"
+    told = subprocess.run(
+        [sys.executable, "-c", program], env=own, capture_output=True, text=True, check=True
+    )
+    assert told.stdout.strip() == taken

@@ -1,9 +1,10 @@
 """Kernels that are compiled once for all processes that share a cache."""
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -42,9 +43,21 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
 
 def thread_count() -> int:
     """Return the number of threads of parallel kernels."""
+    return int(_numba().get_num_threads())
+
+
+@cache
+def _numba() -> Any:
+    """Bring numba, with no more threads than the user leaves to OpenMP, unless numba has its own.
+
+    ``NUMBA_NUM_THREADS`` counts before ``OMP_NUM_THREADS``, which numba itself does not read.
+    """
     import numba
 
-    return int(numba.get_num_threads())
+    left = os.environ.get("OMP_NUM_THREADS", "")
+    if "NUMBA_NUM_THREADS" not in os.environ and left.isdigit():
+        numba.set_num_threads(max(1, min(int(left), numba.get_num_threads())))
+    return numba
 
 
 class _Kernel:
@@ -56,9 +69,7 @@ class _Kernel:
 
     @cached_property
     def _dispatcher(self) -> Any:
-        import numba
-
-        names = self._function.__globals__
+        numba, names = _numba(), self._function.__globals__
         if names.get("prange") is prange:
             names["prange"] = numba.prange
         dispatcher = numba.njit(error_model="numpy", **self._options)(self._function)
