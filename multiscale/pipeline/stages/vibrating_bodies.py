@@ -267,8 +267,8 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
 def _tabulate(result: Dataset) -> Table:
     """Head and rows of the amplitudes of all modes."""
     along = length_unit(result["largest_displacement"].values[-1:])
-    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)", "Hz")
-    head += ("fall (Hz)", "damping (%)", "slip (%)", "opens")
+    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)")
+    head += ("frequency (Hz)", "fall (Hz)", "damping (%)", "slip (%)", "opens")
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
