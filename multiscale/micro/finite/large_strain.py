@@ -127,8 +127,7 @@ class _LargeStrainCell:
 
         def finish(u: np.ndarray) -> np.ndarray:
             new = np.empty_like(state)
-            kind = PLASTIC
-            update_state(*self.geometry, kind, self.moduli(), u, state, new)
+            update_state(*self.geometry, PLASTIC, self.moduli(), u, state, new)
             return new
 
         return self.step(state, self.moduli(), finish)
@@ -141,8 +140,7 @@ class _LargeStrainCell:
 
         def finish(u: np.ndarray) -> np.ndarray:
             elastic = np.empty((*self.points, 6, BATCH))
-            kind = NEO_HOOKEAN
-            update_state(*self.geometry, kind, self.moduli(), u, NO_STATE, elastic)
+            update_state(*self.geometry, NEO_HOOKEAN, self.moduli(), u, NO_STATE, elastic)
             elastic *= law.shear_modulus
             new = law.advance(rows, np.moveaxis(elastic, -2, 0))
             return np.ascontiguousarray(np.moveaxis(new, 0, -2))

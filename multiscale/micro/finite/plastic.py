@@ -239,16 +239,12 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
     rx, ry, _, rt = point_rows(q)
     weight = s[WEIGHT + q * BATCH :]
     for b in range(3):  # T G = (F^-T T^t)^t V
-        g, frame, out = s[PULLED + b * BATCH :], s[FRAME:], s[PUSHED + 3 * b * BATCH :]
+        g, out = PULLED + b * BATCH, PUSHED + 3 * b * BATCH
         for v in range(BATCH):
-            x, y, z = g[v], g[3 * BATCH + v], g[6 * BATCH + v]
-            out[v] = x * frame[v] + y * frame[3 * BATCH + v] + z * frame[6 * BATCH + v]
-            out[BATCH + v] = (
-                x * frame[BATCH + v] + y * frame[4 * BATCH + v] + z * frame[7 * BATCH + v]
-            )
-            out[2 * BATCH + v] = (
-                x * frame[2 * BATCH + v] + y * frame[5 * BATCH + v] + z * frame[8 * BATCH + v]
-            )
+            x, y, z = s[g + v], s[g + 3 * BATCH + v], s[g + 6 * BATCH + v]
+            for a in range(3):
+                f = FRAME + a * BATCH + v
+                s[out + a * BATCH + v] = x * s[f] + y * s[f + 3 * BATCH] + z * s[f + 6 * BATCH]
     stress = s[STRESS:]
     for k in range(3):
         for direction, row in enumerate((rx, ry, 8 * BATCH + rt)):
