@@ -76,11 +76,11 @@ def test_a_spaced_law_answers_as_the_law_at_the_opened_jump():
 
 
 def test_pieces_of_one_law_are_evaluated_together_as_each_alone():
-    laws, counts = [LAW, LAW, NORMAL, LAW], [2, 3, 1, 2]
+    laws, counts = [LAW, LAW, NORMAL, replace(LAW, friction=0.1), LAW], [2, 3, 1, 1, 1]
     joined = lay_side_by_side(laws, counts, 1e-7 * np.arange(8.0))
-    alone = [slice(0, 2), slice(2, 5), slice(5, 6), slice(6, 8)]
+    alone = [slice(0, 2), slice(2, 5), slice(5, 6), slice(6, 7), slice(7, 8)]
     apart = replace(joined, laws=laws, points=alone)
-    assert joined.points == [slice(0, 5), slice(5, 6), slice(6, 8)]
+    assert joined.points == [slice(0, 5), *alone[2:]]
     jump = np.random.default_rng(seed=3).uniform(-3e-7, 3e-7, (3, 8))
     state = apart.at_rest(jump)
     np.testing.assert_array_equal(joined.at_rest(jump), state)
