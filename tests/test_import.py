@@ -45,6 +45,15 @@ def test_cases_and_scenes_bring_no_mesher_and_no_plot_before_they_are_solved():
     assert loaded.isdisjoint(heavy | late | {"urllib.request"})
 
 
+def test_a_dataset_is_made_of_arrays_without_the_libraries_of_other_arrays():
+    schema = "s.Schema('forces', 1, {'force': s.Variable(('step', 'component'), 'N', 'force')})"
+    loaded = modules_after(
+        f"import multiscale.schema.dataset_schema as s; {schema}.build({{'force': [[1.0, 2.0]]}})"
+    )
+    assert "xarray" in loaded
+    assert loaded.isdisjoint({"pint", "dask.array"})
+
+
 @pytest.mark.parametrize("first", ["multiscale, numba", "numba, multiscale"])
 def test_kernels_run_on_openmp_where_there_is_one(first):
     """With TBB a fork of a process whose kernels have run can take minutes."""

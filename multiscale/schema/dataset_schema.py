@@ -133,13 +133,12 @@ class Schema:
         SchemaError
             As :meth:`check`.
         """
-        import numpy as np
         import xarray as xr
 
         described, coordinates = self._describe(values)
         sizes: dict[str, int] = {}
-        for dims, value, _ in described.values():
-            sizes |= zip(dims, np.shape(value), strict=False)
+        for variable in described.values():
+            sizes |= variable.sizes
         labels = _labels(tuple((dim, size) for dim, size in sizes.items() if dim not in described))
         dataset = xr.Dataset(described, labels, attributes).set_coords(coordinates)
         self.check(dataset)
@@ -158,6 +157,9 @@ class Schema:
 
     def _describe(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
         """Give arrays their dimensions and attributes, and tell which of them label dimensions."""
+        import numpy as np
+        import xarray as xr
+
         known = {**self.variables, **self.optional}
         described = {}
         for name, value in values.items():
@@ -168,7 +170,9 @@ class Schema:
             flags = ("failed", "converged") if name == "converged" else variable.flags
             if flags:
                 attrs |= {"flag_values": [*range(len(flags))], "flag_meanings": " ".join(flags)}
-            described[name] = (variable.dims, value, attrs)
+            data = np.asarray(value)
+            plain = data.dtype.kind in PLAIN
+            described[name] = xr.Variable(variable.dims, data, attrs, fastpath=plain)
         along = [
             name
             for name in values
@@ -180,12 +184,20 @@ class Schema:
 @lru_cache
 def _labels(sizes: tuple[tuple[str, int], ...]) -> "Coordinates":
     """Label dimensions; indexes take as long to make as the rest of a small dataset."""
+    import numpy as np
+    import pandas as pd
     import xarray as xr
 
-    return xr.Coordinates(
-        {dim: list(COMPONENTS[:size]) if dim == "component" else range(size) for dim, size in sizes}
-    )
+    indexes = {}
+    for dim, size in sizes:
+        label = np.array(COMPONENTS[:size]) if dim == "component" else np.arange(size)
+        indexes[dim] = xr.indexes.PandasIndex(pd.Index(label), dim, label.dtype)
+    variables = {dim: index.create_variables()[dim] for dim, index in indexes.items()}
+    return xr.Coordinates(variables, indexes)
 
+
+PLAIN = "biufU"
+"""Kinds of arrays that need no conversion, for which xarray would import dask and pint."""
 
 COORDINATES = frozenset(
     {
