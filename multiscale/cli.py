@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
@@ -478,10 +479,12 @@ def bench_command(
     try_to_write(out / "work_precision.nc")
     measured = {}
     for name in chosen:
-        found = bench(name, quick=quick, report=lambda line: typer.echo(line, err=True))
-        measured[name] = found
         file = out / f"{name}.nc"
-        write_dataset(found, file, WORK_PRECISION)
+        keep = partial(write_dataset, path=file, schema=WORK_PRECISION)  # if the next one is killed
+        measured[name] = found = bench(
+            name, quick=quick, report=lambda line: typer.echo(line, err=True), keep=keep
+        )
+        keep(found)
         draw_work_precision(found, file.with_suffix(".png"))
         _warn(found.attrs["cautions"].splitlines())
         _print_table(found.attrs["title"], *tabulate_runs(found))

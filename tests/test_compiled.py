@@ -96,3 +96,20 @@ def test_a_cache_that_cannot_be_written_to_is_refused_with_the_setting_that_help
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     with pytest.raises(MultiscaleError, match=r"cannot be kept.*set NUMBA_CACHE_DIR"):
         kernel(1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "taken"),
+    [
+        ({"OMP_NUM_THREADS": "1"}, "1"),
+        ({"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "2"}, "2"),
+    ],
+)
+def test_kernels_take_the_threads_that_the_user_leaves_to_them(given, taken):
+    others = {name: one for name, one in os.environ.items() if "NUM_THREADS" not in name}
+    own = others | given | {"PYTHONPATH": str(Path(multiscale.__file__).parents[1])}
+    program = "from multiscale.numerics.compiled import thread_count; print(thread_count())"
+    told = subprocess.run(
+        [sys.executable, "-c", program], env=own, capture_output=True, text=True, check=True
+    )
+    assert told.stdout.strip() == taken

@@ -32,7 +32,11 @@ STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 
 
 def bench(
-    family: str, *, quick: bool = False, report: Callable[[str], None] = lambda line: None
+    family: str,
+    *,
+    quick: bool = False,
+    report: Callable[[str], None] = lambda line: None,
+    keep: Callable[[Dataset], object] = lambda found: None,
 ) -> Dataset:
     """Measure a family of scenes.
 
@@ -40,7 +44,7 @@ def bench(
     ----------
     family : str, one of ``FAMILIES``
     quick : bool, fewer scenes and grids, one run of each
-    report : callable, gets a line after each measurement
+    report, keep : callable, see :func:`~.trials.measure_family`
 
     Returns
     -------
@@ -49,4 +53,4 @@ def bench(
     from multiscale.bench.trials import measure_family
 
     plan = getattr(import_module(f"multiscale.bench.{family}_family"), f"plan_{family}")
-    return measure_family(plan(quick=quick), report)
+    return measure_family(plan(quick=quick), report, keep)

@@ -1,11 +1,12 @@
 """Trials: the same question answered ever more accurately, each answer with its time."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,7 @@ class BenchFamily:
 
     Parameters
     ----------
-    trials : iterable of Trial, trials, of each scene from coarse to fine
+    trials : iterable of Trial, scene by scene, each from coarse to fine
     judge : callable, says how good the answers to a scene are; see :func:`judge_by` for numbers
     title : str, question of the family
     packages : tuple of str, packages whose versions are recorded where they are installed
@@ -92,8 +93,19 @@ class BenchFamily:
     attributes: Mapping[str, str | float] = field(default_factory=dict)
 
 
-def measure_family(family: BenchFamily, report: Callable[[str], None]) -> Dataset:
-    """Measure answers to questions, and judge them; ``report`` gets a line after each measurement.
+def measure_family(
+    family: BenchFamily,
+    report: Callable[[str], None],
+    keep: Callable[[Dataset], object] = lambda found: None,
+) -> Dataset:
+    """Measure answers to questions, and judge them.
+
+    Parameters
+    ----------
+    family : BenchFamily
+    report : callable, gets a line after each measurement
+    keep : callable
+        Gets the dataset of all scenes so far after each scene, so that a killed run leaves it.
 
     Returns
     -------
@@ -104,34 +116,47 @@ def measure_family(family: BenchFamily, report: Callable[[str], None]) -> Datase
         has a sentence for each method that is left out.
     """
     load = os.getloadavg()[0]
-    cautions, runs = dict[str, None](), dict[Trial, Measurement[Any]]()
-    for trial in family.trials:
-        if trial.left_out:
-            cautions[f"{trial.method} is left out {trial.left_out}"] = None
-            continue
-        known = () if trial.follows is None else (runs[trial.follows].value,)
-        runs[trial] = measure(
-            partial(trial.task, *known),
-            warm_up=trial.warm_up,
-            repeats=trial.repeats,
-            threads=family.threads,
-            process=family.process,
-        )
-        settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
-        report(f"{trial.scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
-    rows: list[Columns] = []
-    for scene in dict.fromkeys(trial.scene for trial in runs):
-        mine = {trial: run for trial, run in runs.items() if trial.scene == scene}
-        judged: dict[Trial, list[Columns]] = {trial: [] for trial in mine}
-        for trial, columns in family.judge(scene, mine):
-            judged[trial].append(columns)
-        for trial, run in mine.items():
-            row = {"scene": scene, "method": trial.method, "wall_time": run.wall_time}
-            row |= {"peak_memory": run.peak_memory} if family.process else {}
-            row |= {"error": np.nan, "converged": 0, **trial.settings}
-            rows += [row | columns for columns in judged[trial] or [{}]]
-    histories = [row.pop("history", np.zeros((0, 2))) for row in rows]
-    names = dict.fromkeys(name for row in rows for name in row)
+    cautions, runs, rows = dict[str, None](), dict[Trial, Measurement[Any]](), list[Columns]()
+    for scene, trials in groupby(family.trials, key=lambda trial: trial.scene):
+        mine: dict[Trial, Measurement[Any]] = {}
+        for trial in trials:
+            if trial.left_out:
+                cautions[f"{trial.method} is left out {trial.left_out}"] = None
+                continue
+            known = () if trial.follows is None else (runs[trial.follows].value,)
+            runs[trial] = mine[trial] = measure(
+                partial(trial.task, *known),
+                warm_up=trial.warm_up,
+                repeats=trial.repeats,
+                threads=family.threads,
+                process=family.process,
+            )
+            settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
+            report(f"{scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
+        if mine:
+            rows += _judged(family, scene, mine)
+            keep(_arranged(family, rows, runs, cautions, load))
+    return _arranged(family, rows, runs, cautions, load)
+
+
+def _judged(family: BenchFamily, scene: str, runs: Runs) -> Iterator[Columns]:
+    """Yield the rows of a scene."""
+    judged: dict[Trial, list[Columns]] = {trial: [] for trial in runs}
+    for trial, columns in family.judge(scene, runs):
+        judged[trial].append(columns)
+    for trial, run in runs.items():
+        row = {"scene": scene, "method": trial.method, "wall_time": run.wall_time}
+        row |= {"peak_memory": run.peak_memory} if family.process else {}
+        row |= {"error": np.nan, "converged": 0, **trial.settings}
+        yield from (row | columns for columns in judged[trial] or [{}])
+
+
+def _arranged(
+    family: BenchFamily, rows: list[Columns], runs: Runs, cautions: Iterable[str], load: float
+) -> Dataset:
+    """Arrange rows of runs; ``load`` is the load of the machine before."""
+    histories = [row.get("history", np.zeros((0, 2))) for row in rows]
+    names = dict.fromkeys(name for row in rows for name in row if name != "history")
     variables = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
     if sum(map(len, histories)):
         variables["history_run"] = np.repeat(np.arange(len(rows)), [*map(len, histories)])

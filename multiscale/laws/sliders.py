@@ -294,8 +294,10 @@ class Sliders(InterfaceLaw):
     def _place(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Return gap, pressure and stiffness on the elastic curve, and its scales, (5, points)."""
         gap, force, length = self.normal.on_curve(jump + self.normal.gap, state)
-        place = [gap, self._curve.pressure(gap), self._curve.stiffness(gap), force, length]
-        return np.stack([np.broadcast_to(row, jump.shape).reshape(-1) for row in place])
+        place = np.empty((5, *jump.shape))
+        place[:3] = gap, self._curve.pressure(gap), self._curve.stiffness(gap)
+        place[3], place[4] = force, length
+        return place.reshape(5, -1)
 
     @np.errstate(invalid="ignore")  # a trial jump may be where the law has no numbers
     def _slope(

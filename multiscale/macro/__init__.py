@@ -10,8 +10,7 @@ structure                              solvers
 law, Coulomb contact, large            together, or on the reactions alone where everything else is
 displacement and sliding               linear
 links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`: any interface law
-(:func:`cut_links`,                    between the bodies, many substructures, several processes
-:func:`cut_bodies`)
+(:func:`cut_links`, ``cut_assembly``)  between the bodies, many substructures, several processes
 ``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
 interface law, rigid plates, bolts
 ``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump;

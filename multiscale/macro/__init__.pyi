@@ -35,7 +35,6 @@ from multiscale.macro.monolithic import solve_interface as solve_interface
 from multiscale.macro.substructures import AssembledNewton as AssembledNewton
 from multiscale.macro.substructures import LatinMethod as LatinMethod
 from multiscale.macro.substructures import NewtonSchur as NewtonSchur
-from multiscale.macro.substructures import cut_bodies as cut_bodies
 from multiscale.macro.substructures import cut_links as cut_links
 from multiscale.macro.substructures import homogenise as homogenise
 from multiscale.macro.substructures import solve_assembly as solve_assembly

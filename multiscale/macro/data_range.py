@@ -142,8 +142,12 @@ def _cautions(
         if near.size:
             step = near[np.argmax((below + above)[near, number])]
             sides = {"below": below[step, number], "above": above[step, number]}
-            told = (f"{100.0 * part:.3g} % {side}" for side, part in sides.items() if part > 0.0)
+            told = (
+                f"{100.0 * part:.3g} % of the load lies {side}"
+                for side, part in sides.items()
+                if part > 0.0
+            )
             yield (
-                f"the law extrapolates: of the load up to {' and '.join(told)} {range_}, at step "
-                f"{step} with {loads[step]}"
+                f"the law extrapolates: up to {' and '.join(told)} {range_}, at step {step} with "
+                f"{loads[step]}"
             )

@@ -136,8 +136,9 @@ def scatter(nodes, sides, layer, start, lanes, out):  # type: ignore[no-untyped-
                 high = low + 2 * BATCH
                 if layer + c > 0:
                     row = out[sides[a], layer + c - 1, k]
+                    near, far = row[start:], row[start + 1 :]  # for loops over lanes at once
                     for v in range(lanes):
-                        row[start + v] += nodes[low + v]
+                        near[v] += nodes[low + v]
                     for v in range(lanes - 1):
-                        row[start + v + 1] += nodes[high + v]
+                        far[v] += nodes[high + v]
                     row[(start + lanes) % ny] += nodes[high + lanes - 1]

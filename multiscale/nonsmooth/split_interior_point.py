@@ -48,9 +48,8 @@ def split_interior_point(
         W z + q - (g, y_T) = 0, \qquad z_0\, g = \sigma m, \qquad z \circ y = \sigma m\, e.
         \tag{1}
 
-    With :math:`F` of Nesterov and Todd, d the defect of the first equation, and right-hand sides
-    h of the numbers and k of the cones, :math:`F \Delta z + F^{-1} \Delta y = k`, a Newton step
-    is
+    With :math:`F` of Nesterov and Todd, d the defect of the first equation, and right-hand sides h
+    of the numbers and k of the cones, :math:`F \Delta z + F^{-1} \Delta y = k`, a Newton step is
 
     .. math::
         \Bigl(W + \begin{bmatrix} g / z_0 & 0 \\ (F^2)_{T0} & (F^2)_{TT} \end{bmatrix}\Bigr)

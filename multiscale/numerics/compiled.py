@@ -1,10 +1,11 @@
 """Kernels that are compiled once for all processes that share a cache."""
 
+import os
 import pickle
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from hashlib import sha256
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -47,18 +48,29 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
 
 def thread_count() -> int:
     """Return the number of threads of parallel kernels."""
+    return int(_numba().get_num_threads())
+
+
+@cache
+def _numba() -> Any:
+    """Bring numba, with no more threads than the user leaves to OpenMP, unless numba has its own.
+
+    ``NUMBA_NUM_THREADS`` counts before ``OMP_NUM_THREADS``, which numba itself does not read.
+    """
     import numba
 
-    return int(numba.get_num_threads())
+    left = os.environ.get("OMP_NUM_THREADS", "")
+    if "NUMBA_NUM_THREADS" not in os.environ and left.isdigit():
+        numba.set_num_threads(max(1, min(int(left), numba.get_num_threads())))
+    return numba
 
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
     """Run parallel kernels on so many threads, or on as many as the process may have."""
-    import numba
-
-    before, most = numba.get_num_threads(), numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    numba.set_num_threads(min(count, most))
+    numba = _numba()
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
     try:
         yield
     finally:
@@ -74,9 +86,7 @@ class _Kernel:
 
     @cached_property
     def _dispatcher(self) -> Any:
-        import numba
-
-        names = self._function.__globals__
+        numba, names = _numba(), self._function.__globals__
         if names.get("prange") is prange:
             names["prange"] = numba.prange
         dispatcher = numba.njit(error_model="numpy", **self._options)(self._function)

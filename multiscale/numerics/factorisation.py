@@ -47,8 +47,7 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
     Returns
     -------
     callable
-        ``solve(right_hand_side)`` for one right-hand side of shape (n,) or many of shape
-        (n, m).
+        ``solve(right_hand_side)`` for one right-hand side of shape (n,) or many of shape (n, m).
 
     Raises
     ------

@@ -224,8 +224,8 @@ def with_joint_budget(
         budget = budget.assign_coords(parameter=[error.name for error, _ in uncertain])
     if not coarser:
         why = (
-            "not known: elements of twice the size do not fit; give smaller ones, or an even "
-            "number of them, in [structure], or the coarser meshes of bodies"
+            "not known: nothing was solved with elements of twice the size; give smaller ones, or "
+            "an even number of them, in [structure], or a coarser mesh of every body"
         )
         budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
     return asked.place(result, budget)
@@ -244,7 +244,7 @@ def _parameter_budget(
     ``left`` is the error of the steps of a path, which counts beside the error of the mesh.
     """
     nothing = Term("nothing: no law of cells has a part in it", np.zeros(value.shape))
-    absent = {STATED: NO_STATED}
+    absent = {STATED: NO_STATED, "macro discretisation": Term("not known")}
     terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS} | absent
     terms |= {
         name: Term(error.how[name], np.abs(change) * half)

@@ -47,15 +47,14 @@ def case_budget(
         tangential=None if case.micro.shear is None else sheared,
         control=control,
     )
-    other_size = other_grid = "a target in [accuracy] solves others"
+    other_size = "a target in [accuracy] solves others"
     if case.micro.unload is not False:  # which excludes a target
         other_size = "run the case with another size in [cell], and compare"
-        other_grid = "give coarser = 1 in [micro]"
     told = {
         "sampling": f"one realisation tells nothing of the scatter; give realisations = "
         f"{FEWEST_REALISATIONS} or more in [micro]",
         "cell size": f"cells of one size were solved; {other_size}",
-        "micro discretisation": f"cells on one grid were solved; {other_grid}",
+        "micro discretisation": "cells on one grid were solved; give coarser = 1 in [micro]",
         "scale separation": "it depends on the pressure of the structure, which a law alone does "
         "not have",
     }

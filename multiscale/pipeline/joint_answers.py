@@ -12,7 +12,7 @@ from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, Dataset
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
 
-__all__ = ["CycleAnswers", "JointAnswers", "joint_answers", "load_answers"]
+__all__ = ["CycleAnswers", "JointAnswers", "answer_at", "joint_answers", "load_answers"]
 
 
 Reader = Callable[["Dataset"], np.ndarray]
@@ -79,7 +79,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
     known = result["known"].to_numpy() == 1
     rests = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     names = [name for name in AT_PRELOADS if name in result]  # real pressure may not be known
-    read = {name: _at(name) for name in names}
+    read = {name: answer_at(name) for name in names}
     joints = tuple(np.unique(result["point_joint"].to_numpy()).astype(int).tolist())
     real = {"real_pressure": joints} if "real_pressure" in result else {}
     level, amplitude = np.zeros((2, 0), dtype=int)
@@ -88,7 +88,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
     cycles = None
     if level.size:
         cycles = CycleAnswers(
-            {name: _at(name, level, amplitude) for name in IN_CYCLES},
+            {name: answer_at(name, level, amplitude) for name in IN_CYCLES},
             "cycle_slip",
             "cycle_loss",
             level,  # a preload is the step of its number
@@ -147,7 +147,7 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
         if rise > 1 and share.min() > 0.0:
             slope[:] = np.log(share[1] / share[0]) / np.log(rise / (rise - 1))
         density = result["dissipation"].to_numpy()[-4 * rise :].sum(axis=0, keepdims=True)
-        read = {name: _at(name, slice(-1, None)) for name in AT_END.values()}
+        read = {name: answer_at(name, slice(-1, None)) for name in AT_END.values()}
         cycles = CycleAnswers(
             read, "slipping_load", "cycle_energy", last, slope, density, rise / few
         )
@@ -159,13 +159,13 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
         return with_intervals(with_budget(result, budget), {**loads, **real})
 
     read = {
-        **{key: _at(name, slice(None), k) for key, (name, k) in loads.items()},
-        **{key: _at("real_pressure") for key in real},
+        **{key: answer_at(name, slice(None), k) for key, (name, k) in loads.items()},
+        **{key: answer_at("real_pressure") for key in real},
     }
     return JointAnswers(read, {key: (k,) for key, (_, k) in real.items()}, rests, place, cycles)
 
 
-def _at(name: str, *place: slice | int | np.ndarray) -> Reader:
+def answer_at(name: str, *place: slice | int | np.ndarray) -> Reader:
     """Return what reads an answer at a place, or all of it, in workers too."""
     return partial(_read, name, place)
 

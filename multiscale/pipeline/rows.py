@@ -166,8 +166,11 @@ def round_by(value: float, half_width: float) -> str:
 
 def say_intervals(intervals: Sequence[str]) -> str:
     """Say both intervals of an answer beside it, in brackets; nothing if there are none."""
-    kinds = (name.removesuffix(", 95 %") for name in INTERVALS.values())
-    said = "; ".join(f"{kind} {one}" for kind, one in zip(kinds, intervals, strict=True) if one)
+    kinds: dict[str, str] = {}
+    for name, one in zip(INTERVALS.values(), intervals, strict=True):
+        kind = name.removesuffix(", 95 %")
+        kinds[one] = f"{kinds[one]} and {kind}" if one in kinds else kind
+    said = "; ".join(f"{kind} {one}" for one, kind in kinds.items() if one)
     return f" ({said})" if said else ""
 
 

@@ -1,15 +1,26 @@
 """A finished run or sweep: its datasets, and what its stages show of them."""
 
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from threading import active_count
+from typing import TYPE_CHECKING, Any, TypeAlias
+from warnings import catch_warnings
 
+from multiscale.executors import cores
 from multiscale.io import make_folder, reading_run, remove
 from multiscale.pipeline.stage import Section, Shown, Summary
 from multiscale.schema import Dataset
 
+if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
 __all__ = ["FinishedRun", "draw_figures", "draw_run", "draw_sections", "open_finished"]
+
+
+Figures: TypeAlias = Sequence[tuple[Path, Callable[[Path], Path]]]
 
 
 @dataclass(frozen=True)
@@ -111,8 +122,40 @@ def draw_run(out: Path, sections: Iterable[Section]) -> list[Path]:
 def draw_sections(out: Path, sections: Iterable[Section]) -> list[Path]:
     """Draw the figures of sections into PNG files in the folder ``figures``."""
     folder = make_folder(out / "figures")
-    return [
-        draw(folder / f"{name}.png")
+    figures = [
+        (folder / f"{name}.png", draw)
         for section in sections
         for name, draw in section.figures.items()
     ]
+    here, beside = figures[::2], figures[1::2]
+    other = _fork(beside)
+    _draw(here)
+    if other is not None:
+        other.join()
+    if other is None or other.exitcode != 0:  # here what has failed there says why
+        _draw(beside)
+    return [file for file, _ in figures]
+
+
+def _draw(figures: Figures) -> None:
+    for file, draw in figures:
+        draw(file)
+
+
+def _fork(figures: Figures) -> "BaseProcess | None":
+    """Begin to draw figures in a copy of this process, where that is safe: without threads."""
+    kernels = "numba" in sys.modules  # whose threads Python does not count
+    if sys.platform != "linux" or kernels or active_count() > 1 or cores() < 2 or not figures:
+        return None
+    import matplotlib.figure  # noqa: F401 (once for both)
+
+    def draw() -> None:
+        try:
+            _draw(figures)
+        except BaseException:
+            sys.exit(1)
+
+    process = get_context("fork").Process(target=draw, daemon=True)
+    with catch_warnings(category=DeprecationWarning, action="ignore"):  # idle threads of BLAS
+        process.start()
+    return process

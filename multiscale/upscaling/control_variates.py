@@ -94,8 +94,9 @@ class Control:
         far = np.where(steady, 0.0, (mean - own) ** 2 / np.where(steady, 1.0, square))
         scale = np.sqrt((1.0 + n * far) * (n - 1) / np.maximum(n - 2, 1))
         total = np.nansum(dy**2, axis=0)
-        correlation = np.abs(weight) * np.sqrt(square / np.where(total > 0.0, total, 1.0))
-        if np.median(np.arctanh(np.minimum(correlation, HIGHEST)) * np.sqrt(n - 3)) < CERTAIN:
+        correlation = weight * np.sqrt(square / np.where(total > 0.0, total, 1.0))
+        known = np.clip(correlation, -HIGHEST, HIGHEST)
+        if np.median(np.arctanh(known) * np.sqrt(n - 3)) < CERTAIN:
             return None
         return cls(
             np.nanmean(y, axis=0) + weight * (mean - own),

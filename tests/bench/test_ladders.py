@@ -39,6 +39,21 @@ def test_an_answer_that_is_not_there_has_no_error():
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_a_family_that_is_killed_leaves_its_finished_scenes():
+    def fail():
+        raise KeyboardInterrupt
+
+    tasks = {"a": lambda: 2.0, "b": lambda: 3.0, "c": fail}
+    trials = [Trial(scene, "d", task, lambda: None) for scene, task in tasks.items()]
+    family = BenchFamily(trials, judge_by(lambda *_: (2.0, 0.5)), title="c")
+    kept = []
+    with pytest.raises(KeyboardInterrupt):
+        measure_family(family, print, kept.append)
+    assert [list(found["scene"].values) for found in kept] == [["a"], ["a", "b"]]
+    np.testing.assert_array_equal(kept[-1]["error"], [0.0, 0.5])
+
+
+@pytest.mark.usefixtures("in_this_process")
 def test_a_judge_gives_a_trial_any_number_of_rows_and_a_lost_one_has_no_values():
     one, other = (Trial("a", name, lambda: 2.0, lambda: None, {"points": 4}) for name in "bc")
     left = Trial("a", "d", lambda: 1.0, lambda: None, left_out="because it is not installed")

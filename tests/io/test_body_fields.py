@@ -11,15 +11,14 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.io import write_body_fields
 from multiscale.laws import Damaged, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, LatinMethod
+from multiscale.macro import Assembly, Body, LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     JointLoading,
     add_body_fields,
-    cut_bodies,
+    cut_assembly,
     load_joint,
     solve_latin,
-    split_boxes,
 )
 from multiscale.schema import MACRO_RESULT
 
@@ -91,7 +90,7 @@ def test_the_strain_energy_of_a_plate_is_half_the_work_of_its_load(tmp_path):
         supports={"left": clamped, "right": clamped},
         tractions={"top": (0.0, 0.0, -1e3)},
     )
-    problem = cut_bodies([plate], [split_boxes(plate, (2, 2, 1))])
+    problem = cut_assembly(Assembly((plate,)), (2, 2))
     solved = solve_latin(problem, np.array([1.0, 2.0]))
     found = add_body_fields(solved, [plate])
     write_body_fields(found, tmp_path)

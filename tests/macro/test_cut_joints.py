@@ -12,6 +12,7 @@ from multiscale.laws import Exponential, RigidContact, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import (
     AssembledNewton,
+    Assembly,
     Body,
     Interface,
     LatinMethod,
@@ -23,11 +24,9 @@ from multiscale.macro.substructures import (
     JointLoading,
     assemble,
     cut_assembly,
-    cut_bodies,
     load_joint,
     solve_latin,
     solve_schur,
-    split_boxes,
 )
 from multiscale.macro.substructures.capacity import find_slide
 from tests.support import slow
@@ -53,9 +52,8 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
             )
         },
     )
-    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
     joint = Interface((0, 1), ("top", "bottom"), law)
-    return cut_bodies([lower, upper], owners, [joint], times=times)
+    return cut_assembly(Assembly((lower, upper), (joint,), times), (parts, parts))
 
 
 @pytest.mark.parametrize("parts", [1, 2])
@@ -206,7 +204,7 @@ def test_what_friction_carries_is_the_least_over_all_joints_that_a_motion_slides
     ]
     laws = [Sliders(Exponential(1e9, 0.4e-6), mu, pressures=(1e6, 1e8)) for mu in (0.2, 0.1)]
     joints = [Interface((k, k + 1), ("top", "bottom"), law) for k, law in enumerate(laws)]
-    problem = cut_bodies(bodies, [split_boxes(body, (1, 1, 1)) for body in bodies], joints)
+    problem = cut_assembly(Assembly(bodies, joints))
     load = np.concatenate([part.load[:, 0] for part in problem.substructures])
     even = np.full(18, 20e6)
     assert find_slide(problem, load, even) is None  # 400 N of 800 N
@@ -302,8 +300,8 @@ def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law, pa
         supports={"top": held},
         tractions={"left": pulled, "right": pulled},
     )
-    owners = [split_boxes(body, (parts, parts, 1)) for body in (lower, upper)]
-    problem = cut_bodies([lower, upper], owners, [Interface((0, 1), ("top", "bottom"), law)])
+    assembly = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))
+    problem = cut_assembly(assembly, (parts, parts))
     result = solve(problem)
     assert result.converged == 1
     if solve is solve_latin:

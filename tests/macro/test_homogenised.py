@@ -7,16 +7,15 @@ from scipy.sparse import csr_array
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, solve_static, tensegrity_grid
+from multiscale.macro import Assembly, Body, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
     CutProblem,
     Links,
     Substructure,
-    cut_bodies,
+    cut_assembly,
     cut_links,
     homogenise,
     solve_schur,
-    split_boxes,
     split_grid,
 )
 from multiscale.macro.substructures.problem import expand_numbers
@@ -61,7 +60,7 @@ def test_the_stiffness_is_symmetric_and_semidefinite_and_softer_after_slackening
 
 def test_a_floating_body_resists_all_but_rigid_motions():
     sheet = Body(box_mesh((3.0, 3.0, 0.3), (9, 9, 2)), Elastic(70e9, 0.3))
-    dataset = homogenise(cut_bodies([sheet], [split_boxes(sheet, (3, 3, 1))]))
+    dataset = homogenise(cut_assembly(Assembly((sheet,)), (3, 3)))
     taut, _, rigid = blocks(dataset, 4)
     values = np.linalg.eigvalsh(taut)
     assert np.abs(taut @ rigid).max() < 1e-9 * values[-1]
@@ -159,7 +158,7 @@ def test_a_bar_of_elastic_body_has_its_axial_stiffness():
         bar = Body(
             box_mesh((3 * length, edge, edge), (12 * fine, fine, fine)), Elastic(modulus, 0.0)
         )
-        problem = cut_bodies([bar], [split_boxes(bar, (3, 1, 1))])
+        problem = cut_assembly(Assembly((bar,)), (3, 1))
         taut, _, _ = blocks(homogenise(problem), 1)
         part = problem.substructures[1]
         stretch = np.where(part.component == 0, part.position[:, 0] / length, 0.0)

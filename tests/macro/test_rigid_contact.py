@@ -8,16 +8,15 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, Interface
+from multiscale.macro import Assembly, Body, Interface
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import (
     JointLoading,
     assemble,
-    cut_bodies,
+    cut_assembly,
     load_joint,
     solve_latin,
     solve_schur,
-    split_boxes,
 )
 from multiscale.macro.substructures.joint_directions import law_stiffness
 from multiscale.nonsmooth import solve_friction
@@ -44,9 +43,8 @@ def console(law, parts, pushes=(1.5e6,), pressure=8e6):
             )
         },
     )
-    owners = [split_boxes(body, (parts, 1, 1)) for body in (lower, upper)]
     joint = Interface((0, 1), ("top", "bottom"), law)
-    return cut_bodies([lower, upper], owners, [joint], times=pushes)
+    return cut_assembly(Assembly((lower, upper), (joint,), pushes), (parts, 1))
 
 
 def condensed_steps(problem, law, factors):
@@ -150,9 +148,8 @@ def test_pressed_blocks_without_a_gap_are_one_block():
             (0.0, {"front": (None, 0.0, None)}, {"top": (0.0, 0.0, -5e6)}),
         )
     ]
-    owners = [split_boxes(body, (2, 1, 1)) for body in bodies]
     joint = Interface((0, 1), ("top", "bottom"), RigidContact(0.2))
-    result = solve_latin(cut_bodies(bodies, owners, [joint]))
+    result = solve_latin(cut_assembly(Assembly(bodies, (joint,)), (2, 1)))
     top = result.position.values[:, 2] == 0.01
     np.testing.assert_allclose(result.displacement[0, top, 2], -0.02 * 5e6 / E, rtol=1e-7)
     np.testing.assert_allclose(result.traction[0, :, 0], -5e6, rtol=1e-6)

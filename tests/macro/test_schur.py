@@ -10,9 +10,9 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.fe.condensation import condense, split
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body, Interface, solve_static, tensegrity_grid
+from multiscale.macro import Assembly, Body, Interface, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
-    cut_bodies,
+    cut_assembly,
     cut_links,
     solve_schur,
     split_boxes,
@@ -59,7 +59,8 @@ def test_the_sides_of_a_joint_may_be_cut_differently():
         tractions={"top": (0.0, 0.0, lambda x, t: -20e6 * (1.0 + 20.0 * (x[0] - 0.01)))},
     )
     owners = [split_boxes(lower, (2, 1, 1)), split_boxes(upper, (4, 2, 1))]
-    problem = cut_bodies([lower, upper], owners, [Interface((0, 1), ("top", "bottom"), law)])
+    assembly = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))
+    problem = cut_assembly(assembly, owners=owners)
     result = solve_schur(problem)
     assert result.converged == 1
     (expected,) = whole_blocks(problem, law, steps=1)

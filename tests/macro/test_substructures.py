@@ -10,15 +10,14 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.link import Bar, Cable
-from multiscale.macro import Body, solve_static, tensegrity_grid
+from multiscale.macro import Assembly, Body, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
     assemble,
     bisect,
-    cut_bodies,
+    cut_assembly,
     cut_links,
     solve_latin,
     solve_schur,
-    split_boxes,
     split_grid,
 )
 from multiscale.schema import MACRO_RESULT
@@ -186,7 +185,7 @@ def thin_plate(parts):
         supports={"left": clamped, "right": clamped},
         tractions={"top": (0.0, 0.0, -1e3)},
     )
-    return cut_bodies([plate], [split_boxes(plate, (parts, parts, 1))])
+    return cut_assembly(Assembly((plate,)), (parts, parts))
 
 
 @pytest.mark.parametrize(
@@ -220,7 +219,7 @@ def test_a_cut_bar_of_a_porous_solid_stretches_and_shears_with_its_whole_complia
         supports={"left": (0.0, None, None)},
         tractions={"right": (stress, 0.0, 0.0)},
     )
-    problem = cut_bodies([bar], [split_boxes(bar, (2, 1, 1))])
+    problem = cut_assembly(Assembly((bar,)), (2, 1))
     whole = assemble(problem)
     exact = np.stack(field(bar.mesh.p), axis=1)
     u = problem.unknowns(exact)

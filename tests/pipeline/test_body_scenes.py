@@ -159,7 +159,7 @@ def test_damage_of_blocks_and_joints_enters_their_springs(tmp_path):
 @pytest.mark.parametrize(
     ("highest", "more", "status", "said"),
     [
-        (10e6, "", 0, "caution: the law extrapolates: of the load up to 100 % above the pressures"),
+        (10e6, "", 0, "the law extrapolates: up to 100 % of the load lies above the pressures"),
         (8e6, "", 0, "          20                   unknown"),
         (8e6, "extrapolate = true\n", 0, "only extrapolated, and its error is unknown"),
         (2e6, "", 1, "Two blocks: the answer is unknown at every step; up to 100 % of the load"),

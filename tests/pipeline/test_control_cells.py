@@ -9,7 +9,9 @@ from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_cells import make_surfaces
 from multiscale.pipeline.case_needs import requirements
-from multiscale.pipeline.stages.control_cells import _best_count
+from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.control_cells import CONTROL_CELLS, _best_count
+from multiscale.upscaling import normal_observations
 from tests.support import write_scene
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
@@ -125,6 +127,21 @@ def test_dearer_cells_have_a_control_unless_it_is_turned_off(tmp_path):
     assert needs.built["control cells"].startswith("40 flat ones on the surfaces of the 5 cells")
 
 
+def test_cells_that_are_followed_by_chance_alone_count_alone_and_a_caution_says_it(
+    found, folder, tmp_path
+):
+    case, response = load_case(write_scene(tmp_path, TEXT)), found["micro_response"]
+    gap = response["mean_gap"]
+    mirrored = -gap + 2.0 * gap.mean("realisation")
+
+    def cautions(gap):
+        pressed = {"micro_response": response.assign(mean_gap=gap)}
+        return CONTROL_CELLS.run(case, pressed, Job(folder)).attrs["cautions"]
+
+    assert cautions(gap) == ""
+    assert "law and bands rest on these alone" in cautions(mirrored)
+
+
 def test_their_number_follows_from_the_correlation():
     """Where they follow well the time of the cells bounds it, where less the best split does."""
 
@@ -134,7 +151,7 @@ def test_their_number_follows_from_the_correlation():
         gap = DECAY * np.log(SCALE / PRESSURE)
         cheap = response_of(gap * scatter)
         dear = response_of(gap * (scatter + noise * random.standard_normal((pairs, 1))))
-        return _best_count(dear, cheap)
+        return _best_count(pairs, normal_observations(dear, cheap).control)
 
     count, told = counted(1e-4)
     assert count == 256  # and no more

@@ -255,7 +255,7 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
     assert np.isnan(found["cycle_energy_mean_law"].values).all()
     assert np.isfinite(found["slipping_load_mean_law"].values[:, -1]).all()
     assert "error of the loss of a cycle is not known" in found.attrs["cautions"]
-    assert "J lost (mean law unknown; one part unknown)" in list_cycles(found)[0]
+    assert "J lost (mean law and one part unknown)" in list_cycles(found)[0]
 
 
 @pytest.mark.slow

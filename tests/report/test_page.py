@@ -96,7 +96,7 @@ def test_inputs_are_shown_as_they_were_typed(page):
 def test_what_is_not_known_is_told_in_the_keys_of_the_case(page):
     told = "not known: cells of one size were solved; a target in [accuracy] solves others"
     assert told in page
-    assert told.replace("of one size", "on one grid") in page
+    assert "not known: cells on one grid were solved; give coarser = 1 in [micro]" in page
     assert "not known: pass" not in page
 
 

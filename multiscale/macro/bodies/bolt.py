@@ -137,8 +137,10 @@ class BoltSection:
                 f"{self.sides[0]} and {self.sides[1]} and {self.preload:g}"
             )
 
-    def nodes(self, bodies: Sequence[Body]) -> "SectionNodes":
-        """Find the nodes of both sides that match.
+    def nodes(self, bodies: Sequence[Body]) -> tuple[np.ndarray, np.ndarray, int, float]:
+        """Find the nodes of both sides at the same places, and the axis across the cut.
+
+        The last is 1 if side 2 looks along the axis, else -1.
 
         Raises
         ------
@@ -162,24 +164,7 @@ class BoltSection:
             )
         face = surface_of(two.mesh, self.boundaries[1])
         normal = facet_normals(two.mesh.p.T[face.nodes][face.facets]).sum(axis=0)
-        return SectionNodes(first[nearest], second, axis, float(np.sign(normal[axis])))
-
-
-@dataclass(frozen=True, eq=False)
-class SectionNodes:
-    """Nodes of a cut through a bolt.
-
-    Attributes
-    ----------
-    first, second : ndarray of int, shape (nodes,), nodes of both bodies at the same places
-    axis : int
-    along : float, 1 if side 2 looks along the axis, else -1
-    """
-
-    first: np.ndarray
-    second: np.ndarray
-    axis: int
-    along: float
+        return first[nearest], second, axis, float(np.sign(normal[axis]))
 
 
 def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> float:

@@ -105,8 +105,7 @@ def system_from_mesh(
     laws : mapping of str to LinkLaw, law of every set of lines
     supports : tuple of str, sets whose nodes are fixed in all unknowns
     load : tuple of float
-        Force (N), with beams followed by the moment (N m), on every free node at load factor
-        one.
+        Force (N), with beams followed by the moment (N m), on every free node at load factor one.
     scale : float, length of one unit of the file, m
 
     Raises

@@ -8,7 +8,7 @@ from multiscale.macro.substructures.assembly_methods import (
 )
 from multiscale.macro.substructures.bolted_path import Method
 from multiscale.macro.substructures.cut import bisect, cut_links, split_grid
-from multiscale.macro.substructures.cut_bodies import cut_assembly, cut_bodies, split_boxes
+from multiscale.macro.substructures.cut_bodies import cut_assembly, split_boxes
 from multiscale.macro.substructures.cut_motion import simulate_latin
 from multiscale.macro.substructures.followed_path import condense_assembly
 from multiscale.macro.substructures.homogenised import homogenise
@@ -59,7 +59,6 @@ __all__ = [
     "choose_method",
     "condense_assembly",
     "cut_assembly",
-    "cut_bodies",
     "cut_links",
     "element_corners",
     "element_stress",

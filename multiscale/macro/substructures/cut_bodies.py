@@ -11,15 +11,14 @@ from scipy.sparse.csgraph import connected_components
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.bodies.bolt import Bolt, BoltSection
+from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
 from multiscale.macro.substructures.bolted_path import bolt_pull
 from multiscale.macro.substructures.cut_interfaces import cut_interface
 from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
 
-__all__ = ["cut_assembly", "cut_bodies", "split_boxes"]
+__all__ = ["cut_assembly", "split_boxes"]
 
 
 def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
@@ -42,55 +41,23 @@ def split_boxes(body: Body, parts: tuple[int, ...]) -> np.ndarray:
     return np.unique(np.ravel_multi_index(tuple(box), parts), return_inverse=True)[1]
 
 
-def cut_assembly(assembly: Assembly, parts: tuple[int, int] = (1, 1)) -> CutProblem:
-    """Cut every body of an assembly into boxes in plan; one load case for each of its times.
-
-    Raises
-    ------
-    CaseError
-        As :func:`cut_bodies`.
-    """
-    owners = [split_boxes(body, (*parts, 1)) for body in assembly.bodies]
-    return cut_bodies(
-        assembly.bodies,
-        owners,
-        assembly.interfaces,
-        times=assembly.times,
-        platens=assembly.platens,
-        bolts=assembly.bolts,
-        sections=assembly.sections,
-    )
-
-
-def cut_bodies(
-    bodies: Sequence[Body],
-    owners: Sequence[np.ndarray],
-    joints: Sequence[Interface] = (),
+def cut_assembly(
+    assembly: Assembly,
+    parts: tuple[int, int] = (1, 1),
     *,
-    times: Sequence[float] = (1.0,),
-    platens: Sequence[Platen] = (),
-    bolts: Sequence[Bolt] = (),
-    sections: Sequence[BoltSection] = (),
+    owners: Sequence[np.ndarray] | None = None,
 ) -> CutProblem:
-    """Cut bodies in three dimensions.
+    """Cut the bodies of an assembly; one load case for each of its times.
+
+    The bolts are tightened together by a load case before the others. The unknowns of platens and
+    washers come last; substructures share them as they share the nodes where they meet.
 
     Parameters
     ----------
-    bodies : sequence of Body, linear elastic, on supports that do not move
-    owners : sequence of ndarray of int, shape (elements,)
-        Substructure of every element, counted from 0 in each body.
-    joints : sequence of Interface, laws between the bodies, or between a body and the ground
-    times : sequence of float, one load case for each: the tractions at that time
-    platens : sequence of Platen
-        Rigid plates on the bodies. Their unknowns come last; substructures share them as they
-        share the nodes where they meet.
-    bolts : sequence of Bolt
-        Tightened together by a load case before the others; their washers are platens too.
-    sections : sequence of BoltSection, tightened by the same load case
-
-    Returns
-    -------
-    CutProblem
+    assembly : Assembly
+    parts : tuple of int, boxes of every body in plan, along x and y
+    owners : sequence of ndarray of int, shape (elements,), optional
+        Substructure of every element, counted from 0 in each body, in place of the boxes.
 
     Raises
     ------
@@ -98,11 +65,13 @@ def cut_bodies(
         If a law is not elastic, a support moves, a platen is held, faces do not match, or a
         substructure is in pieces.
     """
-    plates = {f"platen {i}": platen for i, platen in enumerate(platens)}
+    bodies, bolts, sections = assembly.bodies, assembly.bolts, assembly.sections
+    owners = owners or [split_boxes(body, (*parts, 1)) for body in bodies]
+    plates = {f"platen {i}": platen for i, platen in enumerate(assembly.platens)}
     for i, bolt in enumerate(bolts):
         plates |= {f"washer {k} of bolt {i}": one for k, one in enumerate(bolt.washers(bodies))}
-    structure = _number(bodies, plates, times, sections)
-    middle = structure.first[len(platens) :].reshape(-1, 2).tolist()
+    structure = _number(assembly, plates)
+    middle = structure.first[len(assembly.platens) :].reshape(-1, 2).tolist()
     cut_bolts = tuple(
         CutBolt((below, above), bolt.stiffness, bolt.preload)
         for bolt, (below, above) in zip(bolts, middle, strict=True)
@@ -118,7 +87,7 @@ def cut_bodies(
         pull = [bolt.preload * bolt_pull(bolt, len(load)) for bolt in cut_bolts]
         load = np.column_stack([np.sum([structure.tension, *pull], axis=0), load])
     load = load / shares[:, None]
-    parts = [
+    pieces = [
         Substructure(
             K, load[unknown], unknown, structure.position[unknown], structure.component[unknown]
         )
@@ -127,11 +96,11 @@ def cut_bodies(
     numbered = [np.asarray(owner) + first for owner, first in zip(owners, first_part, strict=False)]
     interfaces = [
         interface
-        for place, joint in enumerate(joints)
-        for interface in cut_interface(place, joint, bodies, numbered, structure.of_body, parts)
+        for place, joint in enumerate(assembly.interfaces)
+        for interface in cut_interface(place, joint, bodies, numbered, structure.of_body, pieces)
     ]
     return CutProblem(
-        tuple(parts),
+        tuple(pieces),
         np.concatenate([body.basis.doflocs.T for body in bodies]),
         csr_array(vstack(structure.of_body)),
         tuple(interfaces),
@@ -162,13 +131,9 @@ class _Structure:
     tension: np.ndarray
 
 
-def _number(
-    bodies: Sequence[Body],
-    platens: Mapping[str, Platen],
-    times: Sequence[float],
-    sections: Sequence[BoltSection],
-) -> _Structure:
+def _number(assembly: Assembly, platens: Mapping[str, Platen]) -> _Structure:
     """Count the unknowns: what nothing holds or moves, then motions of platens and of sections."""
+    bodies, times = assembly.bodies, assembly.times
     first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
     free = np.ones(first[-1], dtype=bool)
     for index, body in enumerate(bodies):
@@ -201,11 +166,11 @@ def _number(
         forces.append(np.outer(platen.arm(body), force))
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
     axes = np.repeat([one.axis for one in platens.values()], list(map(len, places)))
-    for i, section in enumerate(sections):
-        (one, two), at = section.sides, section.nodes(bodies)
-        count, axis = at.first.size, at.axis
-        lead = first[one] + 3 * at.first[:, None] + np.arange(3)
-        row = first[two] + 3 * at.second[:, None] + np.arange(3)
+    for i, section in enumerate(assembly.sections):
+        (one, two), (first_nodes, second_nodes, axis, along) = section.sides, section.nodes(bodies)
+        count = first_nodes.size
+        lead = first[one] + 3 * first_nodes[:, None] + np.arange(3)
+        row = first[two] + 3 * second_nodes[:, None] + np.arange(3)
         if not free[row].all():
             raise CaseError(
                 f"the cut through bolt {i} has nodes of body {two} that a support, a platen or "
@@ -218,10 +183,10 @@ def _number(
         follows += csr_array((mean, pairs), shape=follows.shape)  # (1) of BoltSection
         ends = np.ones(count), (row[:, axis], np.zeros(count, dtype=int))
         ties.append(csr_array(ends, shape=(free.size, 1)))
-        places.append(bodies[two].basis.doflocs[:, at.second].mean(axis=1)[None])
+        places.append(bodies[two].basis.doflocs[:, second_nodes].mean(axis=1)[None])
         axes = np.append(axes, axis)
-        pulled[row[:, axis]] += at.along * section.preload / count
-        pulled[lead[:, axis]] -= at.along * section.preload / count
+        pulled[row[:, axis]] += along * section.preload / count
+        pulled[lead[:, axis]] -= along * section.preload / count
     own = np.flatnonzero(free)
     single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
     expansion = csr_array(hstack([single, *ties]))

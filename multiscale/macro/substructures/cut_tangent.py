@@ -111,7 +111,7 @@ class Newton:
 
     def __init__(self, problem: CutProblem, team: ProcessGroup | None = None) -> None:
         self.problem, self.team = problem, team or Alone()
-        perfect, joints = move_joints_inside(problem)
+        perfect, inner = move_joints_inside(problem)
         mine = share(len(perfect.substructures), self.team)
         self.stack = stack_parts(perfect, mine)
         self.unknown = np.concatenate([perfect.substructures[part].unknown for part in mine])
@@ -121,13 +121,14 @@ class Newton:
         self.slot = slot[self.parts.edge]
         basis = coarse_basis(perfect)
         self.layout = lay_out(self.parts, self.slot, basis, perfect.interfaces, mine, self.team)
-        places = [place for place, joint in enumerate(joints) if joint.owner in mine]
-        own = [joints[place] for place in places]
+        places = [place for place, (owner, _) in enumerate(inner) if owner in mine]
+        own = [problem.joints[place] for place in places]
         self.points = np.r_[(slice(0), *(problem.points[place] for place in places))]
-        laws, counts = [joint.law for joint in own], [joint.weight.size for joint in own]
+        laws = [joint.law for joint in own if joint.law]
+        counts = [joint.weight.size for joint in own]
         self.law = lay_side_by_side(laws, counts, problem.gap[self.points])
         self.weight = problem.weight[self.points]
-        jumps = [self._placed(joint.jump, joint.owner - mine[0]) for joint in own]
+        jumps = [self._placed(inner[at][1], inner[at][0] - mine[0]) for at in places]
         self.operator = stack_jumps(jumps, self.stack.n)
         normal, diagonal = self.operator[: self.points.size], self.stack.stiffness.diagonal()
         self.resistance = face_stiffness(diagonal, normal, self.weight) if own else 0.0

@@ -1,42 +1,29 @@
 """Give every joint to one of its sides, so that only perfect interfaces remain."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.errors import CaseError
-from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.problem import CutProblem, Substructure
 
-__all__ = ["InnerJoint", "move_joints_inside"]
+__all__ = ["move_joints_inside"]
 
 
-@dataclass(frozen=True, eq=False)
-class InnerJoint:
-    """A joint inside a substructure.
-
-    Attributes
-    ----------
-    owner : int, the substructure
-    jump : csr_array, shape (3 points, n)
-        Jump at the points of the joint from the unknowns of the substructure.
-    law : InterfaceLaw
-    weight : ndarray, shape (points,), m²
-    """
-
-    owner: int
-    jump: csr_array
-    law: InterfaceLaw
-    weight: np.ndarray
-
-
-def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[InnerJoint]]:
+def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[tuple[int, csr_array]]]:
     """Add every joint to its second side, and to it the unknowns of the first side on the joint.
 
     What was a joint between two substructures is then a perfect interface, on the first side of
     the joint, between one of them and the other with the joint: its stiffness, from none to
     rigid, is a stiffness of this substructure.
+
+    Returns
+    -------
+    problem : CutProblem, without joints
+    jumps : list of (int, csr_array)
+        Substructure that has every joint, and the jump at its points from the unknowns of this
+        substructure, shape (3 points, n).
 
     Raises
     ------
@@ -67,7 +54,7 @@ def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[InnerJoint
                 f"a joint of substructures {joint.sides} needs a law that tells the traction of a "
                 f"jump; solve_latin takes rigid contact as well"
             )
-        inner.append(InnerJoint(second, csr_array(above - below), joint.law, joint.weight))
+        inner.append((second, csr_array(above - below)))
     return CutProblem(tuple(parts), problem.position, problem.expansion), inner
 
 

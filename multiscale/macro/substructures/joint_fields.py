@@ -23,7 +23,7 @@ def add_body_fields(
     Parameters
     ----------
     result : Dataset
-        Follows ``MACRO_RESULT``: what a solver has given for :func:`cut_bodies` of these bodies.
+        Follows ``MACRO_RESULT``: what a solver has given for :func:`cut_assembly` of these bodies.
     bodies : sequence of Body, elastic, all of tetrahedra or all of hexahedra
     damage : sequence of float
         Damage of every body, to be kept with its elements; their laws have it already.

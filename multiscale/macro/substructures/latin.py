@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
-from scipy.sparse import diags_array
+from scipy.sparse import csr_array, diags_array
 
 from multiscale.macro.substructures.capacity import Slide, find_slide
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
@@ -100,6 +100,8 @@ class Latin:
         self.own = slice(first, first + self.stack.trace.shape[0])
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
+        self.diagonal = self.stack.stiffness.diagonal()
+        self.pull, self.lift = csr_array(links.operator.T), csr_array(self.stack.trace.T)
         first_joint = len(problem.interfaces) - len(problem.joints)
         self.joints = list(zip(count(first_joint), problem.joints, problem.points, strict=False))
         self.law, self.weight = problem.law, problem.weight
@@ -179,7 +181,7 @@ class Latin:
 
         # linear stage
         start = np.where(one, (k * a + across * links.prestress) / (k + across), links.prestress)
-        b = load - links.operator.T @ start + self.stack.trace.T @ g[self.own]
+        b = load - self.pull @ start + self.lift @ g[self.own]
         u = self.solve(b)
         moved = self.team.concatenate(self.stack.trace @ u)
         if self.coarse is not None:
@@ -323,7 +325,7 @@ class Latin:
 
     def rounding(self, found: LatinIterate) -> float:
         """Bound what rounding leaves of a residual where bodies move but hardly deform."""
-        moved = self.team.total(np.array([self.stack.stiffness.diagonal() @ found.u**2]))[0]
+        moved = self.team.total(np.array([self.diagonal @ found.u**2]))[0]
         return min(UNSURE, ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0))
 
     def far(self, found: LatinIterate) -> bool:
@@ -341,7 +343,7 @@ class Latin:
 
     def norm(self, value: np.ndarray) -> float:
         """Norm over all processes of what links, then sides have, shape (rows + m,)."""
-        links, sides = np.split(value, [self.z.size])
+        links, sides = value[: self.z.size], value[self.z.size :]
         return float(np.sqrt(self.team.total(np.array([links @ links]))[0] + sides @ sides))
 
     def _forces(self, found: LatinIterate) -> np.ndarray:

@@ -53,12 +53,11 @@ def solve_schur(
     Returns
     -------
     Dataset
-        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
-        the later ones are not tried. ``iterations`` counts the Newton steps,
-        ``krylov_iterations`` the iterations of the linear solver in all of them. Attributes:
-        ``unknowns``, ``shared_unknowns``, ``coarse_unknowns``, ``substructures``,
-        ``interfaces`` and, of a step that failed, ``failure``, as in :func:`solve_latin`, which
-        says what joints add.
+        Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and the
+        later ones are not tried. ``iterations`` counts the Newton steps, ``krylov_iterations`` the
+        iterations of the linear solver in all of them. Attributes: ``unknowns``,
+        ``shared_unknowns``, ``coarse_unknowns``, ``substructures``, ``interfaces`` and, of a step
+        that failed, ``failure``, as in :func:`solve_latin`, which says what joints add.
 
     Raises
     ------

@@ -187,22 +187,20 @@ def strain_batch(  # type: ignore[no-untyped-def]
 @kernel
 def pull_back(s, q):  # type: ignore[no-untyped-def]
     """F^-T and F^-T T^t of (1) at a Gauss point."""
-    f, det = s[GRADIENT + 9 * q * BATCH :], s[DET + q * BATCH :]
     rx, ry, _, rt = point_rows(q)
+    f, det, height = s[GRADIENT + 9 * q * BATCH :], s[DET + q * BATCH :], s[GEOMETRY + rt :]
     by_x, by_y = s[GEOMETRY + rx + 4 * BATCH :], s[GEOMETRY + ry + 4 * BATCH :]
-    height, cofactor, pulled = s[GEOMETRY + rt :], s[COFACTOR:], s[PULLED:]
     for i in range(3):
-        i1, i2 = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
-        first, second = f[i1:], f[i2:]
-        out, turned = cofactor[3 * i * BATCH :], pulled[3 * i * BATCH :]
+        first, second = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
+        out, turned = COFACTOR + 3 * i * BATCH, PULLED + 3 * i * BATCH
         for v in range(BATCH):
-            x, y, z = first[v], first[BATCH + v], first[2 * BATCH + v]
-            a, b, c = second[v], second[BATCH + v], second[2 * BATCH + v]
+            x, y, z = f[first + v], f[first + BATCH + v], f[first + 2 * BATCH + v]
+            a, b, c = f[second + v], f[second + BATCH + v], f[second + 2 * BATCH + v]
             scale = 1.0 / det[v]
-            p, q, r = scale * (y * c - z * b), scale * (z * a - x * c), scale * (x * b - y * a)
-            out[v], out[BATCH + v], out[2 * BATCH + v] = p, q, r
-            turned[v], turned[BATCH + v] = p, q
-            turned[2 * BATCH + v] = (r - by_x[v] * p - by_y[v] * q) / height[v]
+            x, y, z = scale * (y * c - z * b), scale * (z * a - x * c), scale * (x * b - y * a)
+            s[out + v], s[out + BATCH + v], s[out + 2 * BATCH + v] = x, y, z
+            s[turned + v], s[turned + BATCH + v] = x, y
+            s[turned + 2 * BATCH + v] = (z - by_x[v] * x - by_y[v] * y) / height[v]
 
 
 @kernel

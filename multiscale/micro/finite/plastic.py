@@ -249,21 +249,16 @@ def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ign
             out[2 * BATCH + v] = (
                 x * frame[2 * BATCH + v] + y * frame[5 * BATCH + v] + z * frame[8 * BATCH + v]
             )
-    stress, p = s[STRESS:], s[PUSHED:]
+    stress = s[STRESS:]
     for k in range(3):
-        x, out_x, out_y = (
-            s[FRAME + 3 * k * BATCH :],
-            s[FLUX + rx + 12 * k * BATCH :],
-            s[FLUX + ry + 12 * k * BATCH :],
-        )
-        out_z = s[FLUX + rt + (8 + 12 * k) * BATCH :]
-        for v in range(BATCH):
-            a = weight[v] * x[v] * stress[v]
-            b = weight[v] * x[BATCH + v] * stress[BATCH + v]
-            c = weight[v] * x[2 * BATCH + v] * stress[2 * BATCH + v]
-            out_x[v] += a * p[v] + b * p[BATCH + v] + c * p[2 * BATCH + v]
-            out_y[v] += a * p[3 * BATCH + v] + b * p[4 * BATCH + v] + c * p[5 * BATCH + v]
-            out_z[v] += a * p[6 * BATCH + v] + b * p[7 * BATCH + v] + c * p[8 * BATCH + v]
+        for direction, row in enumerate((rx, ry, 8 * BATCH + rt)):
+            x, p = s[FRAME + 3 * k * BATCH :], s[PUSHED + 3 * direction * BATCH :]
+            out = s[FLUX + 12 * k * BATCH + row :]
+            for v in range(BATCH):
+                push = x[v] * stress[v] * p[v]
+                push += x[BATCH + v] * stress[BATCH + v] * p[BATCH + v]
+                push += x[2 * BATCH + v] * stress[2 * BATCH + v] * p[2 * BATCH + v]
+                out[v] += weight[v] * push
     _round(s, weight, single)
     for block in range(6):
         k, m = 3 * FIRST[block] * BATCH, 3 * SECOND[block] * BATCH
@@ -280,9 +275,12 @@ def _round(s, weight, single):  # type: ignore[no-untyped-def]
         single[k] = s[FRAME + k]
     for k in range(9 * BATCH):
         single[9 * BATCH + k] = s[PUSHED + k]
-    for row in range(15):
-        for v in range(BATCH):
-            single[(18 + row) * BATCH + v] = weight[v] * s[DIRECT + row * BATCH + v]
+    for row in range(5):
+        direct, out = s[DIRECT + 3 * row * BATCH :], single[(18 + 3 * row) * BATCH :]
+        for v in range(BATCH):  # three rows at once
+            out[v] = weight[v] * direct[v]
+            out[BATCH + v] = weight[v] * direct[BATCH + v]
+            out[2 * BATCH + v] = weight[v] * direct[2 * BATCH + v]
 
 
 @kernel

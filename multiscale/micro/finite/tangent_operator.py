@@ -78,16 +78,12 @@ def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
 @kernel
 def _dilate(s, q):  # type: ignore[no-untyped-def]
     """Add the flux of one Gauss point whose forces are the derivatives of the volume."""
-    rx, ry, rz, _ = point_rows(q)
     weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
-    for k in range(3):
-        g, row = s[PULLED + 3 * k * BATCH :], DILATED + 12 * k * BATCH
-        x, y, z = s[row + rx :], s[row + ry :], s[row + rz :]
-        for v in range(BATCH):
-            volume = weight[v] * det[v]
-            x[v] += volume * g[v]
-            y[v] += volume * g[BATCH + v]
-            z[v] += volume * g[2 * BATCH + v]
+    for direction, row in enumerate(point_rows(q)[:3]):
+        for k in range(3):
+            g, out = s[PULLED + (3 * k + direction) * BATCH :], s[DILATED + 12 * k * BATCH + row :]
+            for v in range(BATCH):
+                out[v] += weight[v] * det[v] * g[v]
 
 
 @kernel

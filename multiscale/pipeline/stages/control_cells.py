@@ -11,9 +11,9 @@ from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.upscaling import loading_branch, normal_observations
-from multiscale.upscaling.control_variates import best_ratio
+from multiscale.upscaling.control_variates import Control, best_ratio
 
 __all__ = ["CONTROL_CELLS", "press_control"]
 
@@ -35,6 +35,11 @@ MOST = 256
 """Cells by the rule of the best ratio: the error of their mean is an eighth of the scatter of
 single cells. More are there if stated."""
 
+CHANCE = (
+    "mean gaps of the control cells follow the mean gaps of the {} cells by chance alone, so that "
+    "law and bands rest on these alone; control = false in [micro] saves the time"
+)
+
 BODIES = dict.fromkeys(("body_1", "body_2", "cell"), True)
 KEYS = {"pressures", "unload", "seed"}
 OTHERS = {body: set(CONDUCTIVITIES) for body in ("body_1", "body_2")}
@@ -45,10 +50,13 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     """Press as many as stated, or the best number; see :func:`_best_count`."""
     response, count = found[CELLS.name], case.micro.control_realisations
     pairs, told = response.sizes["realisation"], f"{count} as stated"
+    first = press_control(case, pairs, job)
+    control = normal_observations(loading_branch(response), first).control
     if count is None:
-        count, told = _best_count(response, press_control(case, pairs, job))
-        count = max(count, pairs)
-    return press_control(case, count, job).assign_attrs(title=case.title, number=told)
+        count, told = _best_count(pairs, control)
+    every = press_control(case, max(count, pairs), job)
+    alone = "" if control else CHANCE.format(pairs)
+    return with_cautions(every.assign_attrs(title=case.title, number=told), alone)
 
 
 def press_control(case: Case, count: int, job: Job) -> Dataset:
@@ -78,22 +86,20 @@ def _press_batch(case: Case, start: int, stop: int) -> Dataset:
     return xr.concat(known, "realisation", combine_attrs="override")
 
 
-def _best_count(response: Dataset, first: Dataset) -> tuple[int, str]:
+def _best_count(pairs: int, control: Control | None) -> tuple[int, str]:
     """Return the number of flat cells that is best for the time, and how it was found.
 
     The least variance for a time is at the ratio of :func:`best_ratio`, by the median of the
     correlations of the gap; they take no more than the time of the cells. The nearest power of two
     is taken.
     """
-    pairs = response.sizes["realisation"]
-    control = normal_observations(loading_branch(response), first).control
     if control is None:
         return pairs, "no more than the cells, which they follow by chance alone"
     correlation = float(np.median(control.correlation))
     best = pairs * best_ratio(correlation, COST)
     count = 2 ** round(np.log2(min(best, pairs * COST, MOST)))
     return count, (
-        f"{count}: {best:.3g} would be best for the time at a correlation of {correlation:.4g} and "
+        f"{count}: {best:.3g} would be best for the time at a correlation of {correlation:.5g} and "
         f"a cost of 1/{COST:g} of a cell; they take at most about the time of the cells, and are "
         f"a power of two, at most {MOST}"
     )

@@ -261,7 +261,13 @@ def _lines(found: Datasets) -> Iterator[str]:
     result = found[JOINT.name]
     yield from _decisions(result)
     yield from format_table(result.attrs["title"], *tabulate(result))
+    yield from _left_out(result)
     yield from list_facts(result)
+
+
+def _left_out(result: Dataset) -> list[str]:
+    unknown = result.attrs.get("unknown", "")
+    return [f"Terms of the error that are not known and not counted: {unknown}."] if unknown else []
 
 
 def _decisions(result: Dataset) -> list[str]:
@@ -297,14 +303,12 @@ def _answer(result: Dataset) -> list[str]:
         if "unloading_stiffness" in result
         else []
     )
-    unknown = result.attrs.get("unknown", "")
-    left_out = [f"What is not known of the error, and not counted: {unknown}."] if unknown else []
     return [
         f"At a preload of {1e-6 * float(step['preload']):.4g} MPa the joint has a stiffness of "
         f"{joint}{touching}.",
         f"The interface alone has {interface}, the bodies {bodies}.",
         *unloading,
-        *left_out,
+        *_left_out(result),
         *list_facts(result)[:1],
     ]
 

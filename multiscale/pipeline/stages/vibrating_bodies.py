@@ -26,7 +26,7 @@ from multiscale.macro.vibration import (
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, change_friction, with_joint_budget
-from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
+from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import with_cautions_of
 from multiscale.pipeline.rows import Table, padded, say_answer
@@ -186,7 +186,7 @@ def _with_budget(
         return placed.assign_attrs(cautions=str(told.attrs.get("cautions", "")))
 
     slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
-    read = {name: partial(_at, name, solved) for name in BUDGETED}
+    read = {name: answer_at(name, solved) for name in BUDGETED}
     cycles = CycleAnswers(
         read,
         "",
@@ -205,11 +205,6 @@ def _with_budget(
         still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
     return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.uncertainties())
-
-
-def _at(name: str, steps: np.ndarray, result: Dataset) -> np.ndarray:
-    """Values of an answer at some amplitudes."""
-    return np.asarray(result[name].to_numpy()[steps])
 
 
 def _solve_changed(
@@ -272,8 +267,8 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
 def _tabulate(result: Dataset) -> Table:
     """Head and rows of the amplitudes of all modes."""
     along = length_unit(result["largest_displacement"].values[-1:])
-    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)", "Hz")
-    head += ("fall (Hz)", "damping (%)", "slip (%)", "opens")
+    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)")
+    head += ("frequency (Hz)", "fall (Hz)", "damping (%)", "slip (%)", "opens")
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
