@@ -130,23 +130,32 @@ def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-un
 
 
 @compiled(fastmath=True, forceinline=True)
-def _pulled_back(u, v, w, slopes, law):  # type: ignore[no-untyped-def]
-    """Stress of derivatives along the edges in x and y and along z, pulled back to the edges."""
-    (ux, uy, uz), (vx, vy, vz), (wx, wy, wz) = u, v, w
+def _add_stress(x, y, grad, flux, by_z, slopes, law):  # type: ignore[no-untyped-def]
+    """Add the stress at a Gauss point to the fluxes along the edges in x and y.
+
+    Returns the fluxes along z, of derivatives by z and along the edges of rows x and y.
+    """
+    uz, vz, wz = by_z
     slope_x, slope_y = slopes
     lame, shear, mean, blend = law
-    ux, uy = ux - slope_x * uz, uy - slope_y * uz
-    vx, vy = vx - slope_x * vz, vy - slope_y * vz
-    wx, wy = wx - slope_x * wz, wy - slope_y * wz
+    ux, uy = grad[x] - slope_x * uz, grad[y] - slope_y * uz
+    vx, vy = grad[x + EDGES] - slope_x * vz, grad[y + EDGES] - slope_y * vz
+    wx, wy = grad[x + 2 * EDGES] - slope_x * wz, grad[y + 2 * EDGES] - slope_y * wz
     trace = ux + vy + wz
     change = blend * (mean - trace)
     pressure = lame * (trace + change) + shear * (change / 1.5)
     xx, yy = pressure + 2.0 * shear * ux, pressure + 2.0 * shear * vy
     zz = pressure + 2.0 * shear * wz
     xy, yz, xz = shear * (uy + vx), shear * (vz + wy), shear * (uz + wx)
+    flux[x] += xx
+    flux[x + EDGES] += xy
+    flux[x + 2 * EDGES] += xz
+    flux[y] += xy
+    flux[y + EDGES] += yy
+    flux[y + 2 * EDGES] += yz
     along_x = xz - slope_x * xx - slope_y * xy
     along_y = yz - slope_x * xy - slope_y * yy
-    return xx, xy, xz, yy, yz, along_x, along_y, zz - slope_x * xz - slope_y * yz
+    return along_x, along_y, zz - slope_x * xz - slope_y * yz
 
 
 @compiled(fastmath=True, forceinline=True)
@@ -158,36 +167,17 @@ def _column(  # type: ignore[no-untyped-def]
     for v in range(lanes):
         height = geometry[z - 8 * BATCH + v]
         inverse = 1.0 / height
-        first, second = area * height * lame[v], area * height * shear[v]
-        uz, vz = inverse * grad[z + v], inverse * grad[z + EDGES + v]
-        wz = inverse * grad[z + 2 * EDGES + v]
+        law = area * height * lame[v], area * height * shear[v], mean[v], blend
+        by_z = (
+            inverse * grad[z + v],
+            inverse * grad[z + EDGES + v],
+            inverse * grad[z + 2 * EDGES + v],
+        )
         w = v + BATCH
-        xx, xy, xz, yy, yz, zu, zv, zw = _pulled_back(
-            (grad[x + v], grad[y + v], uz),
-            (grad[x + EDGES + v], grad[y + EDGES + v], vz),
-            (grad[x + 2 * EDGES + v], grad[y + 2 * EDGES + v], wz),
-            (geometry[x + 4 * BATCH + v], geometry[y + 4 * BATCH + v]),
-            (first, second, mean[v], blend),
-        )
-        flux[x + v] += xx
-        flux[x + EDGES + v] += xy
-        flux[x + 2 * EDGES + v] += xz
-        flux[y + v] += xy
-        flux[y + EDGES + v] += yy
-        flux[y + 2 * EDGES + v] += yz
-        xx, xy, xz, yy, yz, far_u, far_v, far_w = _pulled_back(
-            (grad[x + w], grad[y + w], uz),
-            (grad[x + EDGES + w], grad[y + EDGES + w], vz),
-            (grad[x + 2 * EDGES + w], grad[y + 2 * EDGES + w], wz),
-            (geometry[x + 4 * BATCH + w], geometry[y + 4 * BATCH + w]),
-            (first, second, mean[v], blend),
-        )
-        flux[x + w] += xx
-        flux[x + EDGES + w] += xy
-        flux[x + 2 * EDGES + w] += xz
-        flux[y + w] += xy
-        flux[y + EDGES + w] += yy
-        flux[y + 2 * EDGES + w] += yz
+        near = geometry[x + 4 * BATCH + v], geometry[y + 4 * BATCH + v]
+        far = geometry[x + 4 * BATCH + w], geometry[y + 4 * BATCH + w]
+        zu, zv, zw = _add_stress(x + v, y + v, grad, flux, by_z, near, law)
+        far_u, far_v, far_w = _add_stress(x + w, y + w, grad, flux, by_z, far, law)
         flux[z + v] = inverse * (zu + far_u)
         flux[z + EDGES + v] = inverse * (zv + far_v)
         flux[z + 2 * EDGES + v] = inverse * (zw + far_w)

@@ -367,8 +367,8 @@ class SurfaceFilter:
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Multiply a field, shape (nx, ny), in its own precision."""
+        threads = thread_count() if values.size >= MANY else 1
         if values.dtype == np.float32:
-            threads = thread_count() if values.size >= MANY else 1
             waves = scipy.fft.rfft2(values, workers=threads)
             waves *= self._single
             options = {"workers": threads, "overwrite_x": True}
@@ -388,7 +388,6 @@ class SurfaceFilter:
             np.fft.irfft(transform[rows], values.shape[1], axis=1, out=found[rows])
 
         nx, m = symbol.shape
-        threads = thread_count() if values.size >= MANY else 1
         stages = (along_y, nx), (along_x, m), (back, nx)
         if threads == 1:
             for work, size in stages:
