@@ -119,9 +119,9 @@ def write_scene(folder, text, *pairs):
     return path
 
 
-def case_of(folder, text):
-    """The case that a text describes."""
-    return load_case(write_scene(folder, text))
+def case_of(folder, text, *pairs):
+    """The case that a text describes, with some of it replaced."""
+    return load_case(write_scene(folder, text, *pairs))
 
 
 def write_law(path, pressure=(1e6, 200e6)):

@@ -22,8 +22,8 @@ PAGES = {
     for name in ("README.md", "microcases/README.md", "workflows/README.md", "workflows/bench.md")
 }
 README, KEYS = PAGES["README.md"], PAGES["microcases/README.md"]
-SLOW = ("bench", "run my_joint.toml -o", "micro my_joint", "rough_blocks")
-ELSEWHERE = ("run ground_steel", "run tyre_on_road", "lap_joint.toml")
+SLOW = ("bench", "run my_joint.toml -o", "micro my_joint")
+ELSEWHERE = ("run ground_steel", "run tyre_on_road", "lap_joint.toml", "rough_blocks.toml")
 """Commands and scenes that other tests run: ``test_run``, ``test_tyre`` and ``test_workflows``."""
 
 
@@ -76,7 +76,7 @@ def test_the_block_of_python_runs(capsys):
 def test_a_command_runs_quickly(command, folder, monkeypatch):
     slow = any(name in command for name in (" run ", " micro ", " macro ", " bench"))
     quick = " --quick" if slow and "--quick" not in command else ""
-    for option in ("fit", "export", "--law"):  # what the commands before it have made
+    for option in ("fit", "export"):  # what the commands before it have made
         command = command.replace(f"{option} parts/", f"{option} results/")
     arguments = shlex.split(command + quick)
     app(arguments[1:], standalone_mode=False)

@@ -109,7 +109,7 @@ def test_a_lap_joint_under_cycles_whose_preload_changes_too_loses_energy_in_ever
     law = Sliders(Exponential(1e9, 0.18e-6), 0.2, pressures=(1e6, 1e8))
     problem = cut_assembly(lap_joint(shape, (STEEL, STEEL), law))
     keep_ignoring_broken_pipes()
-    phase = np.linspace(0.0, 6.0 * np.pi, 49)
+    phase = np.linspace(0.0, 4.0 * np.pi, 33)
     # a closed path of preload and shear, a quarter of a cycle apart, both ways
     for way in (1.0, -1.0):
         factors = np.stack([3e7 + 2e7 * np.cos(phase), 1.2e6 * np.sin(way * phase)], axis=1)
@@ -119,6 +119,6 @@ def test_a_lap_joint_under_cycles_whose_preload_changes_too_loses_energy_in_ever
         assert np.all(lost >= -1e-12 * most)
         # work of the loads in the last cycle, which is closed, by the trapezoidal rule
         whole, u = assemble(problem), problem.unknowns(result.displacement.values)
-        moved, mean = np.diff(u[32:], axis=0), 0.5 * (factors[32:-1] + factors[33:])
+        moved, mean = np.diff(u[16:], axis=0), 0.5 * (factors[16:-1] + factors[17:])
         work = np.sum(mean * (moved @ whole.load))
-        assert 0.0 < work <= lost[33:].sum()
+        assert 0.0 < work <= lost[17:].sum()

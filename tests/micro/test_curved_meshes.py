@@ -17,12 +17,8 @@ STEEL = Elastic(1.0, 0.3)
 
 
 @pytest.fixture(scope="module")
-def annulus(tmp_path_factory):
+def annulus(tmp_path_factory, gmsh):
     """Return a function that meshes a quarter of a thick ring by gmsh, and gives the file."""
-    try:
-        import gmsh
-    except OSError as error:
-        pytest.skip(f"gmsh lacks a system library ({error}); README, Limits, names the packages")
 
     def write(hexahedra, incomplete):
         file = tmp_path_factory.mktemp("gmsh") / "ring.msh"

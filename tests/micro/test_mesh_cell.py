@@ -37,13 +37,8 @@ def wavy_box(n, amplitude):
 
 
 @pytest.fixture(scope="module")
-def box_with_void(tmp_path_factory):
+def box_with_void(tmp_path_factory, gmsh):
     """Mesh a periodic cube with a spherical void, its top lifted to an egg box."""
-    try:
-        import gmsh
-    except OSError as error:
-        pytest.skip(f"gmsh lacks a system library ({error}); README, Limits, names the packages")
-
     file = tmp_path_factory.mktemp("gmsh") / "void.msh"
     gmsh.initialize(["-v", "0"])
     keep_ignoring_broken_pipes()

@@ -13,6 +13,7 @@ from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_mod
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.stages import sheared_cells
 from multiscale.surfaces.surface import Surface
+from tests.support import case_of
 
 COATING = """
 [[body_1.coating]]
@@ -47,15 +48,6 @@ samples = 20
 """
 
 
-def case_of(tmp_path, *changes):
-    text = TEXT
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    (tmp_path / "case.toml").write_text(text)
-    return load_case(tmp_path / "case.toml")
-
-
 def flat_surface(case):
     return Surface(np.zeros(case.cell.points), case.cell.size)
 
@@ -65,7 +57,7 @@ def symbol(case):
 
 
 def test_waves_longer_than_an_oxide_see_the_steel_and_shorter_ones_the_oxide(tmp_path):
-    case = case_of(tmp_path)
+    case = case_of(tmp_path, TEXT)
     bare, coated = symbol(case.without_coatings()), symbol(case)
     assert np.all(coated < bare)
     assert 0.85 < coated[0] / bare[0] < 1.0
@@ -75,11 +67,11 @@ def test_waves_longer_than_an_oxide_see_the_steel_and_shorter_ones_the_oxide(tmp
         contact_modulus((210e9, 0.3), (210e9, 0.3)) / oxide, rel=0.1
     )
     alike = ("350 GPa", "210 GPa"), ("0.25", "0.3")
-    np.testing.assert_allclose(symbol(case_of(tmp_path, *alike)), bare, rtol=1e-4)
+    np.testing.assert_allclose(symbol(case_of(tmp_path, TEXT, *alike)), bare, rtol=1e-4)
 
 
 def test_a_coated_case_has_a_law_with_bands_and_a_budget(tmp_path):
-    results = run(case_of(tmp_path), tmp_path / "out")
+    results = run(case_of(tmp_path, TEXT), tmp_path / "out")
     law = results.interface_law
     assert law.sizes["sample"] == 20
     assert np.isfinite(law["error_total"].sel(quantity=["mean_gap", "stiffness"])).all()
@@ -89,38 +81,40 @@ def test_a_coated_case_has_a_law_with_bands_and_a_budget(tmp_path):
 def test_the_hardness_of_the_coating_caps_local_pressures(tmp_path):
     hard = COATING + 'hardness = "12 GPa"\n'
     own = ("0.3\n[body_1.surface]", '0.3\nhardness = "2 GPa"\n[body_1.surface]')
-    case = case_of(tmp_path, (COATING, hard), own)
+    case = case_of(tmp_path, TEXT, (COATING, hard), own)
     assert case.hardness == 12e9
     assert cell_of(case, flat_surface(case)).hardness == 12e9
     (told,) = (one for one in case.cautions() if "spots wider" in one)
     assert "reach 12 GPa, above the hardness of body_1 below its coating" in told
     assert "10 µm" in told
-    soft = case_of(tmp_path, (COATING, hard), own, METAL)  # body_2 of 2 GPa caps the pressures
+    soft = case_of(
+        tmp_path, TEXT, (COATING, hard), own, METAL
+    )  # body_2 of 2 GPa caps the pressures
     assert soft.hardness == 2e9
     assert not [one for one in soft.cautions() if "spots wider" in one]
-    below = case_of(tmp_path, own)
+    below = case_of(tmp_path, TEXT, own)
     assert below.hardness == 2e9
     assert not [one for one in below.cautions() if "spots wider" in one]
 
 
 def test_one_conforming_body_stands_for_both_as_far_as_a_caution_says(tmp_path):
     conforming = ('geometry = "flat"', 'geometry = "conforming"')
-    assert coating_caution(case_of(tmp_path)) == []
-    told = coating_caution(case_of(tmp_path, conforming))
+    assert coating_caution(case_of(tmp_path, TEXT)) == []
+    told = coating_caution(case_of(tmp_path, TEXT, conforming))
     assert "gets 2 layer(s) of elements" in told[0]
     assert "some wave is 0.4" in told[1]
     both = (COATING, COATING + COATING.replace("body_1", "body_2"))
-    assert len(coating_caution(case_of(tmp_path, conforming, both))) == 1  # alike bodies
+    assert len(coating_caution(case_of(tmp_path, TEXT, conforming, both))) == 1  # alike bodies
 
 
 def test_a_coating_thicker_than_the_cells_are_deep_is_refused(tmp_path):
     with pytest.raises(CaseError, match="m leaves nothing of the body"):
-        symbol(case_of(tmp_path, ('"10 um"', '"200 um"')))
+        symbol(case_of(tmp_path, TEXT, ('"10 um"', '"200 um"')))
 
 
 def test_sheared_cells_have_the_coatings_of_both_bodies(tmp_path):
     shear = '[micro.shear]\nfriction_coefficient = 0.3\npressures = ["40 MPa"]\n[law]'
-    case = case_of(tmp_path, ("[law]", shear))
+    case = case_of(tmp_path, TEXT, ("[law]", shear))
     pair = sheared_cells._pair(case, (flat_surface(case),) * 2)
     assert [body.coating for body in pair.bodies] == [case.body_1.stack, ()]
     assert pair.bodies[0].moduli[1][-1] == pytest.approx(350e9 / 2.5)
@@ -142,7 +136,7 @@ def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
 
 def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):
     pressures = '"60 MPa", "120 MPa", "300 MPa", "600 MPa"'
-    case = case_of(tmp_path, ('"5 MPa", "15 MPa", "40 MPa", "120 MPa"', pressures))
+    case = case_of(tmp_path, TEXT, ('"5 MPa", "15 MPa", "40 MPa", "120 MPa"', pressures))
     large = surface_at_large(case)
     assert stored_pilots(case.without_coatings(), large) is not None
     assert stored_pilots(case, large) is None
@@ -173,4 +167,4 @@ METAL = ("[cell]", 'hardness = "2 GPa"\n[cell]')
 )
 def test_what_coatings_do_not_go_with_is_refused(tmp_path, changes, sentence):
     with pytest.raises(CaseError, match=sentence):
-        case_of(tmp_path, *changes)
+        case_of(tmp_path, TEXT, *changes)

@@ -5,7 +5,8 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.pipeline import load_case, run
+from multiscale.pipeline import run
+from tests.support import case_of
 
 TEXT = """
 title = "Aluminium on steel"
@@ -39,17 +40,8 @@ preloads = ["2 MPa", "10 MPa"]
 """
 
 
-def case_of(tmp_path, *changes):
-    text = TEXT
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    (tmp_path / "case.toml").write_text(text)
-    return load_case(tmp_path / "case.toml")
-
-
 def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
-    result = run(case_of(tmp_path), tmp_path / "out")["macro_result"]
+    result = run(case_of(tmp_path, TEXT), tmp_path / "out")["macro_result"]
     h = result["thermal_conductance"]
     modulus = contact_modulus((70e9, 0.33), (210e9, 0.3))
     expected = 2.0 * result["interface_stiffness"].values / (modulus * (1 / 200 + 1 / 50))
@@ -61,7 +53,7 @@ def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
     }
     np.testing.assert_allclose(share["thermal_conductance"], share["interface_stiffness"])
     cells = {one: one.stat().st_mtime_ns for one in (tmp_path / "out" / "micro").iterdir()}
-    better = case_of(tmp_path, ('"200 W/m/K"', '"400 W/m/K"'))
+    better = case_of(tmp_path, TEXT, ('"200 W/m/K"', '"400 W/m/K"'))
     again = run(better, tmp_path / "out")["macro_result"]
     np.testing.assert_allclose(
         again["thermal_conductance"] / h, (1 / 200 + 1 / 50) / (1 / 400 + 1 / 50)
@@ -92,4 +84,4 @@ def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
 )
 def test_what_cannot_conduct_is_refused(tmp_path, changes, told):
     with pytest.raises(CaseError, match=told):
-        case_of(tmp_path, *changes)
+        case_of(tmp_path, TEXT, *changes)

@@ -18,8 +18,9 @@ from matplotlib.image import imread
 from multiscale import executors
 from multiscale.errors import MultiscaleError
 from multiscale.io import open_dataset
+from multiscale.pipeline import load_sweep, run_sweep
 from multiscale.schema import STABILITY
-from tests.support import COMMAND, small_steel
+from tests.support import COMMAND, small_steel, threads
 
 pytestmark = pytest.mark.skipif(
     not Path("/proc/self").exists(), reason="looks for processes in /proc"
@@ -213,7 +214,8 @@ def test_what_is_killed_at_20_random_moments_ends_with_the_same_datasets(tmp_pat
 def swept(tmp_path_factory):
     """Give the datasets of a sweep that nobody killed."""
     folder = with_case(tmp_path_factory.mktemp("swept"))
-    finish(folder)
+    with threads(1):
+        run_sweep(load_sweep(folder / "case.toml"), folder / "out")
     return contents(folder / "out")
 
 

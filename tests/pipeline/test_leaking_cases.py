@@ -7,6 +7,7 @@ from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.sweep_points import POINTS
 from multiscale.report import open_finished
+from tests.support import case_of
 
 TEXT = """
 title = "Ring"
@@ -37,18 +38,9 @@ pressure_difference = "0.1 bar"
 """
 
 
-def case_of(tmp_path, *changes):
-    text = TEXT
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    (tmp_path / "case.toml").write_text(text)
-    return load_case(tmp_path / "case.toml")
-
-
 def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
     out = tmp_path / "out"
-    found = run(case_of(tmp_path), out)
+    found = run(case_of(tmp_path, TEXT), out)
     seal, law = found["seal"], found["interface_law"].sel(direction="both")
     channel = law["hydraulic_aperture"] ** 3 / 12e-3 * 1e4 / 2e-3 * np.pi * 0.05
     np.testing.assert_allclose(seal["leak_rate"], channel)
@@ -63,7 +55,7 @@ def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
     drawn = {name for section in finished.sections() for name in section.figures}
     assert {"leakage", "flow_along_x", "flow_along_y"} <= drawn
     cells = {one: one.stat().st_mtime_ns for one in (out / "micro").iterdir()}
-    thicker = run(case_of(tmp_path, ('"1 mPa*s"', '"4 mPa*s"')), out)["seal"]
+    thicker = run(case_of(tmp_path, TEXT, ('"1 mPa*s"', '"4 mPa*s"')), out)["seal"]
     np.testing.assert_allclose(4.0 * thicker["leak_rate"], seal["leak_rate"])
     assert {one: one.stat().st_mtime_ns for one in (out / "micro").iterdir()} == cells
 
@@ -87,18 +79,18 @@ def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
 )
 def test_what_cannot_seal_is_refused(tmp_path, changes, told):
     with pytest.raises(CaseError, match=told):
-        case_of(tmp_path, *changes)
+        case_of(tmp_path, TEXT, *changes)
 
 
 @pytest.mark.slow
 def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
     lay = ('short_cutoff = "50 um"', 'short_cutoff = "50 um"\nanisotropy = { ratio = 4 }')
-    found = run(case_of(tmp_path, lay), tmp_path / "out")
+    found = run(case_of(tmp_path, TEXT, lay), tmp_path / "out")
     x, y = (found["interface_law"]["hydraulic_aperture"].sel(direction=k)[1] for k in "xy")
     assert x > 1.2 * y
     assert "another aperture along x than along y" in found["seal"].attrs["cautions"]
     across = ("[seal]", '[seal]\ndirection = "y"')
-    told = run(case_of(tmp_path, lay, across), tmp_path / "out")["seal"]
+    told = run(case_of(tmp_path, TEXT, lay, across), tmp_path / "out")["seal"]
     np.testing.assert_array_equal(told["hydraulic_aperture"][1], y)
     assert "another aperture" not in told.attrs["cautions"]
 

@@ -169,26 +169,6 @@ def test_a_second_run_keeps_the_cells_and_gives_the_same_law(finished, command):
     xr.testing.assert_equal(law, open_law(out / "interface_law.nc"))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "status", "message"),
-    [
-        pytest.param(("run", "ground_stel"), 1, "did you mean 'ground_steel'", id="misspelt"),
-        pytest.param(("run", "none.toml"), 1, "no such file", id="missing"),
-        pytest.param(
-            ("run", "ground_steel", "--resume", "-o", "x"), 1, "no run to resume", id="resume"
-        ),
-        pytest.param(("fit", "none.nc"), 1, "no such file", id="fit"),
-        pytest.param(("report", "."), 1, "no results", id="report"),
-        pytest.param(("run",), 2, "Missing argument", id="usage"),
-    ],
-)
-def test_bad_input_is_a_sentence_and_an_exit_status(arguments, status, message, command):
-    found, _, said = command(*arguments)
-    assert found == status
-    assert message in said
-    assert "Traceback" not in said
-
-
 def test_micro_and_fit_do_the_first_half_alone(command, tmp_path):
     small = FLAT.replace("[128, 128]", "[64, 64]").replace("realisations = 5", "realisations = 2")
     (tmp_path / "small.toml").write_text(small, encoding="utf-8")
