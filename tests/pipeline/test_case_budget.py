@@ -1,11 +1,15 @@
 """What a budget does not know is said in the keys of a case or scene file."""
 
+import numpy as np
 import pytest
 
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.body_budget import _parameter_budget
 from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.porous_body import Uncertainty
 from multiscale.upscaling import fit_law
+from multiscale.upscaling.budget_terms import STATED
 from tests.support import TWO_BLOCKS, write_scene
 
 
@@ -17,8 +21,8 @@ def test_every_term_that_is_not_known_names_a_key(run_folder, unload):
     told = case_budget(case, response, fit_law(response, n_samples=0)).attrs
     assert told["unknown"] == "sampling, cell size, micro discretisation"
     assert "give realisations = 3 or more in [micro]" in told["how_sampling"]
-    for term, key in (("cell_size", "another size"), ("micro_discretisation", "coarser = 1")):
-        assert (key if unload else "a target in [accuracy]") in told[f"how_{term}"]
+    assert ("another size" if unload else "a target in [accuracy]") in told["how_cell_size"]
+    assert "give coarser = 1 in [micro]" in told["how_micro_discretisation"]
     assert not told["how_scale_separation"].startswith("not known")
 
 
@@ -31,3 +35,10 @@ def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):
         law=run_folder / "interface_law.nc",
     )
     assert "an even number of them, in [structure]" in result.attrs["how_macro_discretisation"]
+
+
+def test_a_stated_value_leaves_the_error_of_the_mesh_unknown():
+    friction = Uncertainty("friction", {STATED: 0.1}, {STATED: "half-widths stated with +-"})
+    found = _parameter_budget(("stiffness",), np.ones((1, 1)), np.ones((1, 1)), friction, {}, 0.0)
+    assert found.attrs["unknown"] == "macro discretisation"
+    assert found["error_total"].item() == pytest.approx(0.1)

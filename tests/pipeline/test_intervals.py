@@ -175,9 +175,9 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
     loss, slip = list_cycles(joint)
     assert loss.startswith("cycle 0: ")
     low, high = (f"{1e3 * end:.3g}" for end in joint["cycle_energy_mean_law"].values[:, -1])
-    assert f" mJ lost (mean law {low[:3]}" in loss
+    assert re.search(rf" mJ lost \(mean law( and one part)? {re.escape(low[:3])}", loss)
     assert f" ... {high[:3]}" in loss
-    assert "; one part " in loss
+    assert " one part " in loss
     assert "% of the load slip (mean law" in slip
 
 

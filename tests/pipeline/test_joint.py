@@ -9,7 +9,7 @@ from multiscale.laws import Exponential
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
 from multiscale.pipeline.rows import list_facts, round_by, tabulate
-from multiscale.pipeline.stages.joint import solve_joint
+from multiscale.pipeline.stages.joint import JOINT, solve_joint
 from multiscale.schema import INTERFACE_LAW
 from multiscale.studies.rough_structure import Answer, checked
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset
@@ -30,6 +30,11 @@ def solve(run_folder, **law):
 @pytest.fixture(scope="module")
 def result(run_folder):
     return solve(run_folder)
+
+
+def test_the_print_names_the_errors_that_are_not_counted(result):
+    told = "Terms of the error that are not known and not counted: cell size, micro discretisation."
+    assert told in list(JOINT.lines({JOINT.name: result}))
 
 
 def test_interface_and_bodies_stand_beside_the_joint_each_with_its_error(result):
