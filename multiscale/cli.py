@@ -144,7 +144,7 @@ def run_command(
                 force=force,
                 keep=keep,
             )
-            write_reports(out, joined, executor=executor)
+            write_reports(out, joined, executor=executor, progress=progress)
     finished = show_run(out)
     _warn(finished.cautions)
     for line in finished.lines():

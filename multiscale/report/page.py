@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from importlib import resources
 from io import StringIO
+from itertools import count
 from pathlib import Path
 from struct import unpack
 from typing import Any
@@ -22,7 +23,7 @@ from multiscale.io import (
     write_dataset,
 )
 from multiscale.pipeline.inspection import INSPECTION
-from multiscale.pipeline.stage import Section
+from multiscale.pipeline.stage import Section, ShowProgress, unseen
 from multiscale.plotting.figure import DOTS_PER_INCH, WIDE
 from multiscale.plotting.sweep_figures import say_key
 from multiscale.report.finished_run import FinishedRun, draw_run, draw_sections, open_finished
@@ -65,14 +66,26 @@ def write_inspection(out: str | Path, statistics: Dataset) -> Path:
     return _write(run, sections)
 
 
-def write_reports(out: str | Path, sweep: Dataset, *, executor: Executor | None = None) -> None:
+def write_reports(
+    out: str | Path,
+    sweep: Dataset,
+    *,
+    executor: Executor | None = None,
+    progress: ShowProgress = unseen,
+) -> None:
     """Draw the figures and write the reports of the points of a sweep in a folder.
 
     The points are those that have a result and a folder, and a report older than their datasets.
     """
     solved = [Path(out) / str(name) for name in sweep["folder"].values[sweep["failure"] == ""]]
-    jobs = ((folder, (folder,)) for folder in solved if any(folder.glob("*.nc")))
-    run_jobs(_report_point, jobs, executor, lambda name, nothing: None)
+    folders = [folder for folder in solved if any(folder.glob("*.nc"))]
+    finished = count(1)
+    run_jobs(
+        _report_point,
+        ((folder, (folder,)) for folder in folders),
+        executor,
+        lambda folder, nothing: progress(next(finished), len(folders), "reports"),
+    )
 
 
 def _report_point(folder: Path) -> None:

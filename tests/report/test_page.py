@@ -130,7 +130,9 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     (tmp_path / "points").mkdir()
     copytree(run_folder, sweep.folders(tmp_path)[0])
     joined = run_sweep(sweep, tmp_path)
-    write_reports(tmp_path, joined)
+    told = []
+    write_reports(tmp_path, joined, progress=lambda *part: told.append(part))
+    assert told == [(1, 1, "reports")]
     draw_figures(tmp_path)
     page = write_report(tmp_path).read_text(encoding="utf-8")
     assert "<h1>Two &lt;grids&gt;</h1>" in page
