@@ -232,12 +232,12 @@ def _error(step: Dataset, name: str) -> str:
 
 
 def _part(step: Dataset, name: str, scale: float) -> str:
-    """Answer with its error, none if it is exact; empty in an earlier version."""
+    """Answer with its error, which is left out if it is exact; empty in an earlier version."""
     if name not in step:
         return ""
     error = _error(step, name)
-    beside = f" ± {error} %" if error not in ("", "0", "unknown") else ""
-    return f"{_value(step, name, scale)}{beside}"
+    said = {"": "", "0": "", "unknown": ", error unknown"}
+    return f"{_value(step, name, scale)}{said.get(error, f' ± {error} %')}"
 
 
 def tabulate_links(result: Dataset) -> Table:

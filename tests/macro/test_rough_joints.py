@@ -204,7 +204,7 @@ def test_load_beyond_the_data_is_a_caution_and_far_beyond_them_unknown():
     )
     assert "interface 1, 1 MPa to 4 MPa" in far
     assert "at step 2 with the preload 9 MPa: the answer there is unknown" in far
-    assert "of the load up to 100 % above the pressures of the law of interface 1" in near
+    assert "100 % of the load lies above the pressures of the law of interface 1" in near
     for name in ("joint_stiffness", "approach", "displacement", "traction"):
         found = np.isfinite(result[name].values.reshape(result.sizes["step"], -1))
         assert found[:2].all()

@@ -119,7 +119,9 @@ def test_a_preload_far_beyond_the_cells_has_no_answer_and_no_error(result):
     assert rows[-1][:3] == ("600", "unknown", "")
     far, near = result.attrs["cautions"].splitlines()
     assert "at step 3 with the preload 600 MPa: the answer there is unknown" in far
-    assert "100 % above the pressures of the law, 2 MPa to 240 MPa, at step 2" in near
+    assert (
+        "100 % of the load lies above the pressures of the law, 2 MPa to 240 MPa, at step 2" in near
+    )
 
 
 def test_what_is_extrapolated_on_demand_has_no_error(run_folder, result):

@@ -29,6 +29,14 @@ def test_the_table_of_a_joint_says_so(total, said):
     assert dict(zip(head, rows[0], strict=True))["error (%)"] == said
 
 
+@pytest.mark.parametrize(("total", "said"), [(0.0123, " ± 1.2 %"), (np.nan, ", error unknown")])
+def test_the_parts_of_a_joint_say_so(total, said):
+    result = joint(total).assign(interface_stiffness=("step", [2e13]))
+    head, rows = tabulate(result.assign_coords(quantity=["interface_stiffness"]))
+    (column,) = (k for k, name in enumerate(head) if name.startswith("interface"))
+    assert rows[0][column] == f"20{said}"
+
+
 @pytest.mark.parametrize(("total", "said"), [(0.0123, "± 1.2 %"), (np.nan, "± an unknown error")])
 def test_the_answer_of_a_tread_block_says_so(total, said):
     result = joint(total).assign(
