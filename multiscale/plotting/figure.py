@@ -162,9 +162,8 @@ def _dress(ax: Axes) -> None:
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(color="0.9", linewidth=0.6)
         ax.set_axisbelow(True)
-    ax.set_title(
-        ax.get_title(), fontsize="medium", y=1.0
-    )  # no search for its height, which is slow
+    # at a height of its own, for which matplotlib would search slowly
+    ax.set_title(ax.get_title(), fontsize="medium", y=1.0)
     if (legend := ax.get_legend()) is not None:
         legend.get_frame().set(linewidth=0.0, alpha=0.8)
 
