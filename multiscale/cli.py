@@ -334,13 +334,14 @@ def macro_command(
 
 @app.command("cases")
 def cases_command() -> None:
-    """List the shipped cases."""
+    """List the shipped cases, and name the page that explains case files."""
     from multiscale.pipeline.case import read_case, shipped_cases
 
     cases = shipped_cases()
     width = max(map(len, cases))
     for name, path in cases.items():
         typer.echo(f"{name:{width}}  {read_case(path)['title']}")
+    typer.echo(f"Case files are explained in {path.with_name('README.md')}")
 
 
 @app.command("report")

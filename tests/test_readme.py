@@ -14,14 +14,25 @@ from multiscale.cli import app
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, load_sweep
 from multiscale.pipeline.case import validate_case
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT
 
 ROOT = Path(__file__).parents[1]
+TOPICS = sorted((ROOT / "microcases" / "manual").glob("*.md"))
 PAGES = {
-    name: (ROOT / name).read_text(encoding="utf-8")
-    for name in ("README.md", "microcases/README.md", "workflows/README.md", "workflows/bench.md")
+    str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
+    for path in (
+        ROOT / "README.md",
+        ROOT / "microcases" / "README.md",
+        *TOPICS,
+        ROOT / "workflows" / "README.md",
+        ROOT / "workflows" / "bench.md",
+    )
 }
-README, KEYS = PAGES["README.md"], PAGES["microcases/README.md"]
+README, CASES = PAGES["README.md"], PAGES["microcases/README.md"]
+KEYS = runpy.run_path(str(ROOT / "workflows" / "manual" / "keys.py"))
+"""What writes the pages of keys."""
 SLOW = ("bench", "run my_joint.toml -o", "micro my_joint")
 ELSEWHERE = ("run ground_steel", "run tyre_on_road", "lap_joint.toml", "rough_blocks.toml")
 """Commands and scenes that other tests run: ``test_run``, ``test_tyre`` and ``test_workflows``."""
@@ -128,14 +139,36 @@ def test_whole_files_are_read(folder):
 
 
 def test_the_tables_of_keys_are_those_of_the_models():
-    renew = runpy.run_path(str(ROOT / "workflows" / "manual" / "keys.py"))["renew"]
-    assert renew(KEYS) == KEYS, "run python workflows/manual/keys.py"
+    written = {path.name: PAGES[f"microcases/manual/{path.name}"] for path in TOPICS}
+    pages = KEYS["key_pages"]()
+    assert {name: written[name] for name in written if "keys_" in name} == pages, "run keys.py"
+    assert KEYS["renew"](CASES) == CASES, "run python workflows/manual/keys.py"
+
+
+def test_every_table_of_a_case_has_its_place_on_one_page():
+    for case in (Case, TyreCase):
+        placed = [
+            name
+            for _, one, models in KEYS["PAGES"].values()
+            if one is case
+            for name in models.split()
+        ]
+        tops = {top.__name__ for top, *_ in KEYS["_tables"](case, ())}
+        assert sorted(placed) == sorted(tops)
 
 
 def test_every_key_is_explained():
-    rows = re.findall(r"^\| `(\w+)` \| .* \| (.*) \|$", KEYS, flags=re.MULTILINE)
+    pages = "".join(KEYS["key_pages"]().values())
+    rows = re.findall(r"^\| `(\w+)` \| .* \| (.*) \|$", pages, flags=re.MULTILINE)
     assert len(rows) > 150
     assert [key for key, meaning in rows if len(meaning.split()) < 2] == []
+
+
+def test_pages_of_case_files_are_short_and_listed():
+    assert [path.name for path in TOPICS if path.stat().st_size > 15e3] == []
+    assert [path.name for path in TOPICS if f"(manual/{path.name})" not in CASES] == []
+    shipped = (ROOT / "microcases").glob("*.toml")
+    assert [path.name for path in shipped if f"({path.name})" not in CASES] == []
 
 
 def test_sources_are_those_of_the_docstrings():

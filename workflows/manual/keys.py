@@ -1,8 +1,9 @@
-"""The tables of keys of case files, written from the models that read them.
+"""The pages of keys of case files, written from the models that read them.
 
     python workflows/manual/keys.py
 
-from the root of a checkout renews the tables in ``microcases/README.md``.
+from the root of a checkout renews ``microcases/manual/keys_*.md`` and their list in
+``microcases/README.md``.
 """
 
 import re
@@ -16,18 +17,50 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BeforeValidator, WrapValidator
 from pydantic.fields import FieldInfo
 
-from multiscale.pipeline.settings import Case
+from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.toml_model import OneOf, Settings
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.units import readable
 
-PAGE = Path(__file__).parents[2] / "microcases" / "README.md"
+CASES = Path(__file__).parents[2] / "microcases"
 BEGIN, END = "<!-- keys: written by workflows/manual/keys.py -->\n", "\n<!-- end of keys -->"
 
-FILES: tuple[tuple[str, type[Settings]], ...] = (
-    ("Cases of cells, joints and structures", Case),
-    ("Cases of a tyre on a road", TyreCase),
-)
+PAGES: dict[str, tuple[str, type[Settings], str]] = {
+    "surfaces": ("bodies and their surfaces", Case, "Case RoughBody"),
+    "cells": (
+        "cells and their law",
+        Case,
+        "CellSettings MicroSettings LawSettings SlideSettings SealSettings AccuracySettings",
+    ),
+    "joints": (
+        "blocks and lap joints",
+        Case,
+        "Blocks StackedBlocks LapJoint LawSource RoughInterface RisingPreloads Preloads Cycles",
+    ),
+    "bodies": (
+        "bodies, their vibration and life",
+        Case,
+        "Bodies JointLaw LoadSteps LoadCycles VibrationSettings FatigueSettings",
+    ),
+    "links": (
+        "trusses, nets, plates and substructures",
+        Case,
+        "TensegrityGrid CableNet LinkTable LinkMesh Plate Statics Dynamics Substructures",
+    ),
+    "volumes": ("volumes with pores and cracks", Case, "RveSettings GrowthSettings"),
+    "grains": (
+        "grains",
+        Case,
+        "Deposit Silo ColumnCollapse ShearCell Biaxial GrainSettings Motion",
+    ),
+    "tyres": (
+        "tyres on a road",
+        TyreCase,
+        "TyreCase Rubber SyntheticSurface RoadCell Slides LawSettings Tread",
+    ),
+}
+"""Content, kind of case and models of the tables of every page."""
+
 LISTED = "[]"
 """Ends the names of lists of tables on the way to a key."""
 HEAD = "| key | value | default | meaning |\n| --- | --- | --- | --- |"
@@ -36,33 +69,79 @@ BOUNDS = {"gt": "> {:g}", "ge": "≥ {:g}", "lt": "< {:g}", "le": "≤ {:g}", "m
 
 
 def main() -> None:
-    """Renew the page of keys."""
-    PAGE.write_text(renew(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    """Renew the pages of keys and their list."""
+    for name, text in key_pages().items():
+        (CASES / "manual" / name).write_text(text, encoding="utf-8")
+    index = CASES / "README.md"
+    index.write_text(renew(index.read_text(encoding="utf-8")), encoding="utf-8")
 
 
-def renew(page: str) -> str:
-    """Put the tables of keys between their marks."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}{key_tables()}{END}{rest.split(END)[1]}"
+def key_pages() -> dict[str, str]:
+    """Return every page of keys with their units, ranges, defaults and meanings, by its name."""
+    return {
+        f"keys_{name}.md": f"# Keys of {title}\n\n"
+        "[Case files](../README.md#keys) explains the columns.\n\n"
+        + "\n\n".join(told for _, told in _sections(case, models))
+        + "\n"
+        for name, (title, case, models) in PAGES.items()
+    }
 
 
-def key_tables() -> str:
-    """Return every key with its unit, range, default and meaning, in Markdown."""
-    parts: list[str] = []
-    for title, model in FILES:
-        parts.append(f"### {title}")
-        for head, names, table in _tables(model, ()):
-            told = head + _plain((getdoc(table) or "").split("\n\n")[0])
-            if told not in parts[parts.index(f"### {title}") :]:
-                rows = [_row(table, name) for name in names]
-                parts += [told, "\n".join([HEAD, *rows])] if rows else [told]
-    return "\n\n".join(parts)
+def renew(index: str) -> str:
+    """Put the list of tables and their pages between its marks."""
+    rows = ["| keys of | tables |", "| --- | --- |"]
+    for name, (title, case, models) in PAGES.items():
+        page = f"manual/keys_{name}.md"
+        links: dict[str, str] = {}
+        for head, _ in _sections(case, models):
+            if "." not in head:
+                short = _short(head)
+                links.setdefault(short, f"[{short}]({page}#{_anchor(head)})")
+        rows.append(f"| [{title}]({page}) | {', '.join(links.values())} |")
+    before, rest = index.split(BEGIN)
+    return before + BEGIN + "\n".join(rows) + END + rest.split(END)[1]
+
+
+def _short(heading: str) -> str:
+    """Name a table by its kind, or without the kinds that it serves."""
+    kind = re.search(r'"(\w+)"', heading)
+    return f"`{kind[1]}`" if kind else heading.split(" of `")[0]
+
+
+def _anchor(heading: str) -> str:
+    """Return the anchor of a heading."""
+    return re.sub(r"[^\w -]", "", heading).replace(" ", "-").lower()
+
+
+def _sections(case: type[Settings], models: str) -> list[tuple[str, str]]:
+    """Give heading and text of the tables of some models and of the tables in them."""
+    found: list[tuple[str, str]] = []
+    for top, head, names, table in _tables(case, ()):
+        if top.__name__ in models.split():
+            meaning = _plain((getdoc(table) or "").split("\n\n")[0]) + _beside(table)
+            rows = "\n".join([HEAD, *(_row(table, name) for name in names)]) if names else ""
+            section = head, f"## {head}\n\n{meaning}\n\n{rows}".rstrip()
+            found += [section] if section not in found else []  # laws of links stand in two kinds
+    return found
+
+
+def _beside(table: type[Settings]) -> str:
+    """Name the tables that a kind of structure takes."""
+    if table not in KINDS.values():
+        return ""
+    sets = [set(tables) for tables in table.asks]
+    always = sorted(set.intersection(*sets))
+    also = " or ".join(f"`[{name}]`" for name in sorted(set.union(*sets) - {*always}))
+    parts = [" and ".join(f"`[{name}]`" for name in always), also]
+    return f" It takes {', also '.join(filter(None, parts))}."
 
 
 def _tables(
-    model: type[Settings], at: tuple[tuple[str, ...], ...]
-) -> Iterator[tuple[str, list[str], type[Settings]]]:
-    """Give head, keys and model of a table, then of the tables in it.
+    model: type[Settings],
+    at: tuple[tuple[str, ...], ...],
+    top: type[Settings] | None = None,
+) -> Iterator[tuple[type[Settings], str, list[str], type[Settings]]]:
+    """Give the outermost table, head, keys and model of a table, then of the tables in it.
 
     ``at`` has the names on the way to the table, several where several tables are alike.
     """
@@ -72,7 +151,7 @@ def _tables(
     }
     head = _head(model, at)
     said = "kind" if "kind" in head else ""
-    yield head, [name for name in inner if not inner[name] and name != said], model
+    yield top or model, head, [name for name in inner if not inner[name] and name != said], model
     for models in dict.fromkeys(inner.values()):
         names = tuple(
             name + LISTED * _is_list(model.model_fields[name].rebuild_annotation())
@@ -81,16 +160,18 @@ def _tables(
         )
         for one in models:
             named = [("NAME",)] if {"laws", "volumes"} & {*names} else []
-            yield from _tables(one, (*at, names, *named))
+            yield from _tables(one, (*at, names, *named), top or (one if at == () else None))
 
 
 def _head(model: type[Settings], at: tuple[tuple[str, ...], ...]) -> str:
-    """Name a table as files do, with its kind if there are several."""
+    """Name a table as files do, with its kind or the kinds that it serves."""
     kind = model.model_fields.get("kind")
     values = get_args(kind.annotation) if kind else ()
-    said = f', `kind = "{values[0]}"`' if len(values) == 1 else ""
+    if len(values) == 1:
+        return f'`[structure]`, `kind = "{values[0]}"`'
+    served = ", ".join(f"`{name}`" for name, one in KINDS.items() if model in one.models.values())
     paths = ", ".join(_say_path(path) for path in product(*at) if path)
-    return f"**{paths}**{said}: " if at else ""
+    return paths + f" of {served}" * bool(served) if at else "Head of the file"
 
 
 def _say_path(path: tuple[str, ...]) -> str:
