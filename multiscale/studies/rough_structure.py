@@ -30,6 +30,9 @@ HURST_EXPONENT = 0.8
 CELL_WAVES = 4
 """Longest waves of the roughness along an edge of a cell."""
 
+BELOW = 0.1
+"""Lowest pressure of a cell at the points of a structure over the lowest of a law."""
+
 
 @dataclass(frozen=True, eq=False)
 class Answer:
@@ -217,32 +220,18 @@ def checked(answer: Answer, law: NormalLaw) -> Answer:
 
 
 def solve_concurrent(
-    structure: RoughStructure,
-    seeds: Sequence[int],
-    *,
-    points_per_wave: int = 8,
-    spacing: float | None = 0.1,
+    structure: RoughStructure, seeds: Sequence[int], *, points_per_wave: int = 8
 ) -> StructureOutcome:
-    """Solve the structure with a cell at every point, once for each realisation.
-
-    Parameters
-    ----------
-    structure, seeds, points_per_wave
-        As for :func:`solve_sequential`.
-    spacing : float, optional
-        Of :class:`CellLaw`, over the root mean square height; without it every gap is solved.
-    """
+    """Solve the structure with a cell at every point, once for each realisation."""
     begin = perf_counter()
+    low, high = structure.pressures[[0, -1]]
     answers, solved, reused = [], 0, 0
     for seed in seeds:
-        law = CellLaw(
-            structure.cell(structure.surface(seed, points_per_wave, CELL_WAVES)),
-            None if spacing is None else spacing * structure.rms_height,
-        )
-        answer = structure.solve(law)
+        cell = structure.cell(structure.surface(seed, points_per_wave, CELL_WAVES))
+        law = CellLaw(cell, (BELOW * low, high))
+        answers.append(checked(structure.solve(law), law))
         solved += law.account["solved"]
         reused += law.account["reused"]
-        answers.append(checked(answer, law))
     seconds = perf_counter() - begin
     return StructureOutcome(tuple(answers), seconds, seconds, solved, reused)
 

@@ -105,8 +105,8 @@ def three_ways(
 
     *Times* are those of one answer in this process, after a small answer that takes imports and
     compilation: of all cells with their fit and one solve, *sequential*; of this solve alone, *law
-    at hand*, as for the next structure with the same roughness; of one solve with one cell solved
-    on a tenth of the root mean square height, *concurrent*; of one structure, *direct*.
+    at hand*, as for the next structure with the same roughness; of one solve with one cell pressed
+    where it is asked for, *concurrent*; of one structure, *direct*.
     """
     unknown = sorted(set(scenes) - set(SCENES))
     if unknown or not efforts:

@@ -8,7 +8,6 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Coating, Path, SecondBody, solve_cell
-from multiscale.micro.gap_control import assemble_gap_cell
 from multiscale.micro.slope_expansion import expanded_compliance
 from multiscale.surfaces import Surface, composite
 from tests.support import egg_box, flat, rough_square, wave
@@ -161,9 +160,8 @@ thin, film = SecondBody(0.2, 4, Elastic(1.0, 0.3)), (Coating(0.1, 2.0, 0.3),)
         (lambda: steep(bumps(0.1), 1.0, 4, 1.0, 0.3, coating=film), "are rough too"),
         (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, slope_order=2), "belongs to flat cells"),
         (lambda: Cell(bumps(0.1), 1.0, 4, 1.0, 0.3, geometry="flat", slope_order=3), "1 or 2"),
-        (lambda: assemble_gap_cell(steep(bumps(0.1), 1.0, 4, 1.0, 0.3)), "slope_order = 1 only"),
     ],
-    ids=["steep", "thin", "layers", "obstacle", "second", "coated", "conforming", "third", "gap"],
+    ids=["steep", "thin", "layers", "obstacle", "second", "coated", "conforming", "third"],
 )
 def test_what_is_not_expanded_is_refused(make, sentence):
     with pytest.raises(CaseError, match=sentence):

@@ -14,7 +14,6 @@ from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
 from multiscale.micro import Cell, Path, self_affine, solve_cell
-from multiscale.micro.gap_control import GapCell
 from multiscale.studies import CellLaw
 from multiscale.upscaling import fit_law, law_from_dataset
 
@@ -34,77 +33,69 @@ def rough_cell(n=32, seed=3):
     return Cell(surface, 1e-3, 8, 210e9, 0.3, geometry="flat")
 
 
-SPACINGS = [pytest.param(None, id="every-gap"), pytest.param(0.1 * RMS, id="with-spacing")]
+RANGE = (1e6, 1e9)  # Pa
 
 
-@pytest.mark.parametrize("spacing", SPACINGS)
-def test_tangent_is_the_derivative_of_the_traction(spacing):
-    law = CellLaw(rough_cell(), spacing)
-    gap = law.touch * np.array([-0.1, 0.004, 0.05, 0.3, 0.6, 0.97, 1.2])
+def test_tangent_is_the_derivative_of_the_traction():
+    law = CellLaw(rough_cell(), RANGE)
+    touch = law.gap_at(np.array(RANGE[0]))
+    gap = touch * np.array([0.05, 0.3, 0.6, 0.97, 1.2])
     jump = np.stack([gap, np.zeros_like(gap), np.ones_like(gap)])
-    step = 1e-7 * law.touch
+    step = 1e-7 * touch
     tangent = law.respond(jump, np.empty((0, gap.size))).tangent
     forward, back = (
         law.respond(jump + sign * np.array([[step], [0.0], [0.0]]), np.empty((0, gap.size)))
         for sign in (1.0, -1.0)
     )
     difference = (forward.traction - back.traction) / (2.0 * step)
-    np.testing.assert_allclose(tangent[:, 0], difference, rtol=1e-4, atol=1e-4 * tangent.max())
+    np.testing.assert_allclose(tangent[:, 0], difference, rtol=1e-5)
     assert not np.any(tangent[:, 1:])
 
 
-def test_cells_answer_what_they_answer_under_pressure():
-    cell, pressure = rough_cell(), np.geomspace(1e6, 1e9, 7)
+@pytest.mark.parametrize(("ratio", "tolerance"), [(1.2, 4e-3), (1.4, 1e-2)])
+def test_cells_answer_what_they_answer_under_pressure(ratio, tolerance):
+    cell, pressure = rough_cell(), np.geomspace(*RANGE, 30)
     response = solve_cell(cell, Path(pressure=tuple(pressure)))
     gap = response["mean_gap"].values[0]
-    np.testing.assert_allclose(CellLaw(cell).pressure(gap), pressure, rtol=2e-5)
-    np.testing.assert_allclose(CellLaw(cell, 0.05 * RMS).pressure(gap), pressure, rtol=5e-3)
-    np.testing.assert_allclose(CellLaw(cell).gap_at(pressure), gap, rtol=1e-5)
+    law = CellLaw(cell, RANGE, ratio)
+    np.testing.assert_allclose(law.pressure(gap), pressure, rtol=tolerance)
+    np.testing.assert_allclose(law.gap_at(pressure), gap, rtol=tolerance)
 
 
-@pytest.mark.parametrize("spacing", SPACINGS)
-def test_the_answer_does_not_depend_on_what_was_asked_before(spacing):
+def test_the_answer_does_not_depend_on_what_was_asked_before():
     gap = RMS * np.linspace(0.2, 3.0, 9)
-    fresh = [CellLaw(rough_cell(), spacing).pressure(np.array([g]))[0] for g in gap]
-    used = CellLaw(rough_cell(), spacing)
+    fresh = [CellLaw(rough_cell(), RANGE).pressure(np.array([g]))[0] for g in gap]
+    used = CellLaw(rough_cell(), RANGE)
     used.pressure(gap[::-1] + 0.03 * RMS)
-    np.testing.assert_allclose(used.pressure(gap), fresh, rtol=1e-9)
+    np.testing.assert_array_equal(used.pressure(gap), fresh)
 
 
-@pytest.mark.parametrize("spacing", SPACINGS)
-def test_gaps_and_pressures_are_inverse(spacing):
-    law = CellLaw(rough_cell(), spacing)
-    beyond = 2.0 * law.pressure_range[1]
-    pressure = np.array([[0.0, 1e5, 1e7], [1e8, 1e9, beyond]])
-    gap = law.gap_at(pressure)
-    np.testing.assert_allclose(law.pressure(gap), pressure, rtol=1e-9)
-    assert gap[0, 0] == law.touch
+def test_gaps_and_pressures_are_inverse_also_outside_the_pressures_of_the_cell():
+    law = CellLaw(rough_cell(), RANGE)
+    pressure = np.array([[1e5, 1e6, 1e7], [1e8, 1e9, 2e9]])
+    np.testing.assert_allclose(law.pressure(law.gap_at(pressure)), pressure, rtol=1e-9)
+    assert law.gap_at(np.array(0.0)) == np.inf
 
 
 @pytest.mark.parametrize("stiffness", [1e11, 1e14])
 def test_resolvent_lies_on_the_law_and_on_the_search_direction(stiffness):
-    law = CellLaw(rough_cell(), 0.1 * RMS)
+    law = CellLaw(rough_cell(), RANGE)
     jump = RMS * np.array([[0.3, 1.0, 2.0, 4.5], [0.1, 0.2, -0.3, 0.4]])
     source = law.respond(jump, np.empty((0, 4))).traction + stiffness * jump
     found = law.resolvent(source, stiffness, np.empty((0, 4)))
     np.testing.assert_allclose(found, jump, atol=1e-7 * RMS)
 
 
-def test_cells_solved_before_are_not_solved_again():
-    law = CellLaw(rough_cell())
-    gap = RMS * np.array([1.0, 2.0, 1.0, 1.0])
+def test_cells_pressed_before_are_not_pressed_again():
+    law = CellLaw(rough_cell(), RANGE)
+    gap = RMS * np.full(50, 1.0)
     law.pressure(gap)
-    assert (law.account["solved"], law.account["reused"]) == (2, 2)
+    solved, reused = law.account["solved"], law.account["reused"]
+    assert solved + reused >= 50
     law.stiffness(gap)
-    assert (law.account["solved"], law.account["reused"]) == (2, 6)
-    law.pressure(np.array([2.0 * law.touch, np.inf, np.nan]))  # nothing to solve
-    assert (law.account["solved"], law.account["reused"]) == (2, 6)
-
-
-def test_nothing_is_pressed_beyond_first_touch_and_a_gap_that_is_nan_stays_nan():
-    law = CellLaw(rough_cell(), 0.1 * RMS)
-    found = law.pressure(np.array([law.touch, 2.0 * law.touch, np.inf, np.nan]))
-    np.testing.assert_array_equal(found, [0.0, 0.0, 0.0, np.nan])
+    assert (law.account["solved"], law.account["reused"]) == (solved, reused + 50)
+    np.testing.assert_array_equal(law.pressure(np.array([np.inf, np.nan])), [0.0, np.nan])
+    assert law.account["solved"] == solved
 
 
 def joint():
@@ -127,17 +118,17 @@ def fitted():
 def test_a_joint_of_cells_is_as_stiff_as_the_joint_of_their_law(fitted):
     preload = np.array([5e6, 2e7])
     sequential = rough_joint(joint(), fitted, preload)
-    law = CellLaw(rough_cell())
+    law = CellLaw(rough_cell(), RANGE)
     concurrent = rough_joint(joint(), law, preload, tolerance=1e-8)
     assert concurrent["converged"].values.all()
-    assert law.account["solved"] > 50
+    assert 0 < law.account["solved"] < 50
     assert law.account["reused"] > 0
     for name, tolerance in (("mean_gap", 2e-3), ("joint_stiffness", 3e-2)):
         np.testing.assert_allclose(concurrent[name], sequential[name], rtol=tolerance)
 
 
 def test_the_monolithic_solver_takes_cells_and_agrees_with_the_condensed_one():
-    law, preload = CellLaw(rough_cell(), 0.05 * RMS), 1e7
+    law, preload = CellLaw(rough_cell(), RANGE), 1e7
     K, load, B, weight = matrices(law)
     u = solve_interface(K, preload * load, B, weight, law).unwrap()
     gap = float(weight @ (B @ u)[: weight.size]) / weight.sum()
@@ -146,7 +137,7 @@ def test_the_monolithic_solver_takes_cells_and_agrees_with_the_condensed_one():
 
 
 def test_newton_on_cells_converges_quadratically():
-    law = CellLaw(rough_cell())
+    law = CellLaw(rough_cell(), RANGE)
     K, load, B, weight = matrices(law)
     start = solve_interface(K, 0.9e7 * load, B, weight, law, tolerance=1e-6).unwrap()
     solution = solve_interface(K, 1e7 * load, B, weight, law, start=start, tolerance=1e-8)
@@ -158,7 +149,7 @@ def test_newton_on_cells_converges_quadratically():
 def test_substructures_take_cells_with_friction(fitted):
     steel = Elastic(210e9, 0.3)
     results = []
-    for normal in (CellLaw(rough_cell(), 0.1 * RMS), fitted):
+    for normal in (CellLaw(rough_cell(), RANGE), fitted):
         law = Sliders(normal, friction=0.2, pressures=(1e6, 3e7), slabs=8)
         blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 2, 1), [steel, steel], [law])
         results.append(load_joint(blocks, JointLoading((1e7,)), method=LatinMethod(parts=(2, 1))))
@@ -169,20 +160,23 @@ def test_substructures_take_cells_with_friction(fitted):
 
 
 def test_a_cell_that_fails_says_so(monkeypatch):
-    solve = GapCell.solve
+    law = CellLaw(rough_cell(), RANGE)
+    solve = law._memory.problem.solve
 
-    def fails(self, mean_gap, start=None):
-        return replace(solve(self, mean_gap, start), status=Status.MAX_ITERATIONS)
+    def fails(**options):
+        return replace(solve(**options), status=Status.MAX_ITERATIONS)
 
-    monkeypatch.setattr(GapCell, "solve", fails)
-    with pytest.raises(ConvergenceError, match=r"did not converge at a mean gap of 1e-06 m, 0\."):
-        CellLaw(rough_cell()).pressure(np.array([1e-6]))
+    monkeypatch.setattr(law._memory, "problem", replace(law._memory.problem, solve=fails))
+    with pytest.raises(ConvergenceError, match=r"did not converge at 1e\+06 Pa"):
+        law.pressure(np.array([1e-6]))
 
 
 def test_what_is_not_a_law_is_refused():
-    with pytest.raises(CaseError, match=r"spacing must be a positive distance \(m\), got -1"):
-        CellLaw(rough_cell(), -1.0)
-    with pytest.raises(CaseError, match="geometry='flat' only"):
-        CellLaw(Cell(rough_cell().surface, 1e-3, 8, 210e9, 0.3))
+    with pytest.raises(CaseError, match=r"two rising pressures .* got 1e\+06 to"):
+        CellLaw(rough_cell(), (1e6, 1e6))
+    with pytest.raises(CaseError, match="flat cells without hardness alone"):
+        CellLaw(Cell(rough_cell().surface, 1e-3, 8, 210e9, 0.3), RANGE)
+    with pytest.raises(CaseError, match=r"is closed at .* lower the highest"):
+        CellLaw(rough_cell(), (1e6, 1e12)).pressure(np.array([0.0]))
     with pytest.raises(ValueError, match="not negative"):
-        CellLaw(rough_cell()).gap_at(np.array([-1.0]))
+        CellLaw(rough_cell(), RANGE).gap_at(np.array([-1.0]))

@@ -31,18 +31,6 @@ def test_law_and_cell_of_one_surface_agree():
     assert concurrent.reused > 1000
 
 
-@pytest.mark.slow
-def test_every_gap_on_its_own_is_what_the_spacing_tends_to():
-    wave = RoughWave(1 / 4)
-    gaps = [
-        solve_concurrent(wave, [5], points_per_wave=4, spacing=spacing).mean_gap
-        for spacing in (0.2, 0.1, 0.05, 0.025)
-    ]
-    differences = np.abs(np.diff(gaps)) / gaps[-1]
-    assert differences[2] < 5e-4
-    assert differences[2] < 0.5 * differences[0]
-
-
 @pytest.mark.parametrize("structure", [RoughWave(1 / 8), TiltedJoint(1 / 8)], ids=["wave", "joint"])
 def test_a_structure_resolved_is_near_the_one_with_the_law_of_its_surface(structure):
     seeds = range(2)

@@ -22,10 +22,9 @@ for solve in (solve_sequential, solve_concurrent, solve_direct):
     print(solve.__name__, way.mean_gap, way.seconds, way.solved, way.reused)  # m, s, cells
     gaps.append(way.mean_gap)
 
-# CellLaw(cell) is the law behind the concurrent way. The solvers of joints, scenes and
-# substructures take it as any other law. It solves a flat, elastic, frictionless cell at a gap,
-# starts from the nearest state that it has, and solves no gap twice; law.account counts the cells
-# solved and reused.
+# CellLaw(cell, pressures) is the law behind the concurrent way. The solvers of joints, scenes and
+# substructures take it as any other law. It presses a flat, elastic, frictionless cell where a gap
+# asks for it, and no pressure twice; law.account counts the cells pressed and reused.
 #
 # end_to_end() compares the sequential way with the direct one on the same seeds and splits the
 # error: sampling, cell size, fit, both discretisations, and a remainder, which holds the scale
