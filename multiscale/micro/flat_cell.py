@@ -18,6 +18,9 @@ __all__ = ["assemble_flat_cell", "flat_gap"]
 
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
+FAR = 100.0
+"""Ratio of loads above which the forces of one load are no start for the other."""
+
 
 def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
     """Heights of the obstacle at first touch, m, area of a node, m², symbol of the compliance, m/N.
@@ -66,6 +69,8 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
         guess = None if start is None else start.force
+        if guess is not None and load is not None and load > FAR * float(np.sum(guess)):
+            guess = None
         with threads(thread_count() if gap.size >= MANY else 1):
             if guess is None and load is not None:
                 guess = coarse_start(flat, gap, closing, load=load, cap=cap)

@@ -105,6 +105,15 @@ def test_approach_control_gives_the_pressure_back():
     assert again["mean_gap"].item() == pytest.approx(pressed["mean_gap"].values[0, 1], rel=1e-4)
 
 
+@pytest.mark.parametrize("first", [1e-6, 4e-6])
+def test_a_pressure_far_above_the_first_one_is_reached(first):
+    cell = Cell(rough(32, 0.02), 1.0, 8, 1.0, 0.3, geometry="flat")
+    both = solve_cell(cell, Path(pressure=(first, 4e-3)))
+    alone = solve_cell(cell, Path(pressure=(4e-3,)))
+    assert both["converged"].values.all()
+    np.testing.assert_allclose(both["mean_gap"][0, 1], alone["mean_gap"][0, 0], rtol=1e-5)
+
+
 def test_a_geometry_that_does_not_exist_is_refused():
     with pytest.raises(CaseError, match="geometry must be 'conforming' or 'flat', got 'round'"):
         Cell(Surface(np.zeros((4, 4)), (1.0, 1.0)), 1.0, 4, 1.0, 0.3, geometry="round")
