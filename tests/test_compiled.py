@@ -11,6 +11,7 @@ import pytest
 import multiscale
 from multiscale.errors import MultiscaleError
 from multiscale.numerics.compiled import compiled
+from tests.support import run_python
 
 PROGRAM = """
 import sys, time
@@ -113,3 +114,28 @@ def test_kernels_take_the_threads_that_the_user_leaves_to_them(given, taken):
         [sys.executable, "-c", program], env=own, capture_output=True, text=True, check=True
     )
     assert told.stdout.strip() == taken
+
+
+def test_a_kept_kernel_is_loaded_without_the_tables_of_the_compiler(tmp_path):
+    (tmp_path / "kernel.py").write_text(
+        "import numpy as np\n"
+        "from multiscale.numerics.compiled import compiled, prange\n"
+        "@compiled(parallel=True)\n"
+        "def kernel(x):\n"
+        "    y = np.empty(x.size)\n"
+        "    for k in prange(x.size):\n"
+        "        y[k] = max(np.exp(x[k]), x[k] ** 2, 2.0)\n"
+        "    return y\n"
+    )
+    root = Path(multiscale.__file__).parents[1]
+    own = {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join([str(root), str(tmp_path)]),
+    }
+    program = (
+        "import sys, numpy\n"
+        "from kernel import kernel\n"
+        "print(kernel(numpy.array([0.0, 1.0])), 'numba.np.linalg' in sys.modules)\n"
+    )
+    told = [run_python(program, env=os.environ | own).stdout for _ in range(2)]
+    assert told == [f"[2.         2.71828183] {compiles}\n" for compiles in (True, False)]

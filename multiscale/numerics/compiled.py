@@ -137,14 +137,26 @@ class _LockedCache:
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Return a compiled kernel, or None with the lock held."""
-        found = self._files.load_overload(signature, target)
+        found = self._load(signature, target)
         if found is None and self._lock is None:
             name = f"{self._function.__qualname__}-{self._function.__code__.co_firstlineno}.lock"
             self._lock = _locked(Path(self.cache_path) / name)
-            found = self._files.load_overload(signature, target)
+            found = self._load(signature, target)
             if found is not None:
                 self._unlock()
         return found
+
+    def _load(self, signature: Any, target: Any) -> Any:
+        """Load a kernel as numba does, without the tables that serve to compile.
+
+        Numba brings them before it looks into the cache, which takes as long as numba itself. Where
+        a kernel is missing its compiler brings them.
+        """
+        from numba.core.runtime import rtsys
+
+        rtsys.initialize(target)
+        with self._files._guard_against_spurious_io_errors():
+            return self._files._load_overload(signature, target)
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Save a compiled kernel and give the lock back."""
