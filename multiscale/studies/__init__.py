@@ -2,14 +2,15 @@
 
 from multiscale.studies.concurrent import CellLaw
 from multiscale.studies.end_to_end import EndToEndCase, end_to_end
-from multiscale.studies.rough_scenes import RoughWave, TiltedJoint
 from multiscale.studies.rough_structure import (
     RoughStructure,
     solve_concurrent,
     solve_direct,
     solve_sequential,
 )
+from multiscale.studies.rough_wave import RoughWave
 from multiscale.studies.three_ways import three_ways
+from multiscale.studies.tilted_joint import TiltedJoint
 
 __all__ = [
     "CellLaw",

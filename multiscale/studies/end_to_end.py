@@ -9,7 +9,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import END_TO_END, Dataset
-from multiscale.studies.rough_scenes import RoughWave
 from multiscale.studies.rough_structure import (
     CELL_WAVES,
     RoughStructure,
@@ -19,6 +18,7 @@ from multiscale.studies.rough_structure import (
     solve_direct,
     solve_sequential,
 )
+from multiscale.studies.rough_wave import RoughWave
 from multiscale.upscaling import estimate_grid_error
 
 __all__ = ["CASES", "PARTS", "EndToEndCase", "end_to_end"]

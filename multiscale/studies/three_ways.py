@@ -8,13 +8,14 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import WORK_PRECISION, Dataset
-from multiscale.studies.rough_scenes import RoughWave, TiltedJoint
 from multiscale.studies.rough_structure import (
     RoughStructure,
     solve_concurrent,
     solve_direct,
     solve_sequential,
 )
+from multiscale.studies.rough_wave import RoughWave
+from multiscale.studies.tilted_joint import TiltedJoint
 from multiscale.upscaling import estimate_grid_error
 
 __all__ = ["EFFORTS", "QUICK_EFFORTS", "Effort", "three_ways"]
