@@ -1,4 +1,4 @@
-"""Meshes of boxes, with named faces."""
+"""Meshes of boxes and plane blocks, with named faces."""
 
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,10 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["HEX_ORDER", "box_mesh"]
+__all__ = ["HEX_ORDER", "box_mesh", "plane_block"]
+
+GROWTH = 1.25
+"""Height of a layer of a plane block over the height of the next one towards its face."""
 
 HEX_ORDER = [0, 4, 3, 1, 7, 5, 2, 6]
 """Places, in a hexahedron of VTK, of the corners of one of scikit-fem."""
@@ -67,3 +70,38 @@ def box_mesh(
         }
     )
     return unit.scaled(size).translated(origin)
+
+
+def plane_block(
+    size: tuple[float, float], profile: np.ndarray, *, upper: bool, lift: float = 0.0
+) -> "Mesh":
+    """Mesh a rectangle, finest at its ``"face"``, which bulges by a periodic profile out of it.
+
+    Parameters
+    ----------
+    size : tuple of float, along the face and away from it to the ``"back"``, m
+    profile : ndarray, shape (n,), heights at n + 1 nodes of the face, the last as the first, m
+    upper : bool, whether it lies above the face, which is at y = 0 without a lift, or below
+    lift : float, by which it is moved up, m
+    """
+    from skfem import MeshQuad
+
+    n, (L, H) = profile.size, size
+    ratio = H * n / L
+    layers = max(2, int(np.ceil(np.log1p(ratio * (GROWTH - 1.0)) / np.log(GROWTH))))
+    thickness = GROWTH ** np.arange(layers)
+    z = np.append(0.0, np.cumsum(thickness) / thickness.sum())  # distance from the face over H
+    mesh = MeshQuad.init_tensor(np.arange(n + 1) / n, z).with_boundaries(
+        {"face": lambda x: x[1] == 0.0, "back": lambda x: x[1] == 1.0}
+    )
+    x, y = mesh.p
+    column = np.rint(x * n).astype(int) % n
+    place = np.stack([L * (x - 0.5), H * y - (1.0 - y) * profile[column] + lift])
+    if upper:
+        return MeshQuad(place, mesh.t).with_boundaries(mesh.boundaries)
+    mirrored = MeshQuad(place * np.array([[1.0], [-1.0]]), np.ascontiguousarray(mesh.t[::-1]))
+    # turned elements: their facets have other numbers
+    y = mirrored.p[1]
+    return mirrored.with_boundaries(
+        {"face": lambda x: x[1] == y.max(), "back": lambda x: x[1] == y.min()}
+    )

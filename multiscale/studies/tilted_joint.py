@@ -1,11 +1,12 @@
 """Two blocks in plane strain between platens: joined by a law, or with their roughness resolved."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import block_diag, csr_array, hstack, kron, vstack
 
+from multiscale.fe.boxes import plane_block
 from multiscale.fe.elasticity import elastic_matrix
 from multiscale.fe.faces import face_operator
 from multiscale.laws import AreaLaw, NormalLaw
@@ -18,13 +19,7 @@ from multiscale.macro.monolithic import solve_interface
 from multiscale.micro import FlatCell, Surface, contact_modulus
 from multiscale.studies.rough_structure import Answer, RoughStructure
 
-if TYPE_CHECKING:
-    from skfem import Mesh
-
 __all__ = ["TiltedJoint"]
-
-GROWTH = 1.25
-"""Height of a layer of elements over the height of the next one towards the interface."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +134,8 @@ class TiltedJoint(RoughStructure):
             delta = self.approach * (1.0 + self.tilt * 2.0 * x[0] / self.length)  # (1)
             return np.asarray(-time * (delta + lift))
 
-        lower = _block(size, np.zeros(profile.size), upper=False)
-        upper = _block(size, profile, upper=True, lift=lift)
+        lower = plane_block(size, np.zeros(profile.size), upper=False)
+        upper = plane_block(size, profile, upper=True, lift=lift)
         return (
             Body(lower, self.bulk, {"back": (0.0, 0.0)}),
             Body(upper, self.bulk, {"back": (0.0, come_down)}),
@@ -153,30 +148,3 @@ def _answer(
     """Answer with means over points of some weights, m."""
     mean = weight / weight.sum()
     return Answer(float(mean @ gap), float(mean @ closed), x, pressure)
-
-
-def _block(
-    size: tuple[float, float], profile: np.ndarray, *, upper: bool, lift: float = 0.0
-) -> "Mesh":
-    """Mesh a block, finest at the interface, whose face bulges by the profile out of it."""
-    from skfem import MeshQuad
-
-    n, (L, H) = profile.size, size
-    ratio = H * n / L
-    layers = max(2, int(np.ceil(np.log1p(ratio * (GROWTH - 1.0)) / np.log(GROWTH))))
-    thickness = GROWTH ** np.arange(layers)
-    z = np.append(0.0, np.cumsum(thickness) / thickness.sum())  # distance from the face over H
-    mesh = MeshQuad.init_tensor(np.arange(n + 1) / n, z).with_boundaries(
-        {"face": lambda x: x[1] == 0.0, "back": lambda x: x[1] == 1.0}
-    )
-    x, y = mesh.p
-    column = np.rint(x * n).astype(int) % n
-    place = np.stack([L * (x - 0.5), H * y - (1.0 - y) * profile[column] + lift])
-    if upper:
-        return MeshQuad(place, mesh.t).with_boundaries(mesh.boundaries)
-    mirrored = MeshQuad(place * np.array([[1.0], [-1.0]]), np.ascontiguousarray(mesh.t[::-1]))
-    # turned elements: their facets have other numbers
-    y = mirrored.p[1]
-    return mirrored.with_boundaries(
-        {"face": lambda x: x[1] == y.max(), "back": lambda x: x[1] == y.min()}
-    )
