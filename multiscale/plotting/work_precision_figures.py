@@ -63,9 +63,8 @@ def plot_work_precision(
                 fontsize=6,
                 color=f"C{k}",
             )
+    ax.margins(0.1)  # room for the labels of points
     ax.set(xscale="log", yscale="log")
-    if ax.get_xlim()[1] > 10.0 * ax.get_xlim()[0]:  # each decade has a label
-        ax.xaxis.set_minor_formatter("")
     if f"{error}_uncertainty" in runs and np.isfinite(runs[f"{error}_uncertainty"]).any():
         low, high = ax.get_ylim()
         uncertainty = float(runs[f"{error}_uncertainty"].max())

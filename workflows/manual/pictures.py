@@ -29,6 +29,7 @@ from PIL import Image
 from multiscale import plotting
 from multiscale.io import make_folder, open_dataset, open_run, write_bytes
 from multiscale.pipeline import load_case, run, run_macro
+from multiscale.plotting.figure import save_figure
 from multiscale.schema import FIELDS
 
 WORKFLOWS = Path(__file__).parents[1]
@@ -66,7 +67,9 @@ SHOWN = {
     "surfaces_to_joint": plotting.plot_hysteresis,
     "measured_stiffness": plotting.plot_joint_stiffness,
     "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),
-    "three_ways": partial(plotting.plot_work_precision, scene="rough wave"),
+    "three_ways": lambda runs, ax: plotting.plot_work_precision(
+        runs, scene="rough wave", ax=ax
+    ).legend(fontsize="small"),
 }
 PUBLISHED = {1e-7: 0.0873, 2.43e-6: 0.1636, 8.94e-6: 0.615, 6.99e-5: 3.063}
 """Damping of the first bending mode of the Brake-Reuss beam, % of critical, at modal amplitudes,
@@ -140,11 +143,10 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
 
 
 def save_small(figure: Figure, file: Path, *, colours: int = 128) -> None:
-    """Write a figure in few colours, chosen so that its colour maps keep both ends."""
-    drawn, reduced = BytesIO(), BytesIO()
-    figure.savefig(drawn, dpi=80)
-    few = Image.open(drawn).convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
-    few.save(reduced, "png", optimize=True)
+    """Write a figure as reports do, smaller and in few colours, with both ends of colour maps."""
+    drawn, reduced = Image.open(save_figure(figure, file)).convert("RGB"), BytesIO()
+    small = drawn.reduce(2).quantize(colours, Image.Quantize.MAXCOVERAGE)
+    small.save(reduced, "png", optimize=True)
     write_bytes(file, reduced.getvalue())
 
 
