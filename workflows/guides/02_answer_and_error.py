@@ -33,9 +33,9 @@ print(joint["joint_stiffness_mean_law"].values, joint["joint_stiffness_one_part"
 for term in joint["error_term"].values:
     print(term, "-", joint.attrs["how_" + term.replace(" ", "_")])
 
-# A term for which nothing was computed is listed as not known, with the key that makes it known.
-# With a target in [accuracy] all terms are estimated; without a target, a run has no estimate of
-# the cell size and of the discretisation of the cells.
+# A term for which nothing was computed is listed as not known, with the key that makes it known:
+# coarser in [micro] for the discretisation of the cells, a target in [accuracy] for all terms, also
+# the size of the cells.
 print(joint.attrs["unknown"])
 
 # Sampling, fit and surface belong to every total: where one of them, or another term that the case
@@ -47,6 +47,6 @@ print(joint.attrs["unknown"])
 
 # Cautions are printed and stand in the report. They concern too few points to the shortest wave,
 # lost roughness of a map, load outside the pressures of the cells, a real pressure that no metal
-# bears, and too few realisations. A caution does not stop a run, and none should stay unexplained
-# in an answer that matters.
+# bears, and too few realisations. A caution does not stop a run; an answer that matters needs an
+# explanation of each.
 print(joint.attrs["cautions"] or "no cautions")

@@ -29,6 +29,7 @@ from multiscale.upscaling import (
 #                                                               and effort of the cells
 #   shear_response        realisation, step, component          the same of cells that are pressed,
 #                                                               sheared and released
+#   control_response      realisation, step, component          flat cells that control dearer ones
 #   coarser_response      realisation, step, component          the first cells on half of their
 #                                                               points, and coarser_shear_response
 #   interface_law         term, sample, step                    law, bootstrap samples, fit errors
@@ -36,6 +37,9 @@ from multiscale.upscaling import (
 #                                                               energies, error budget
 #   sliding_response      load, step, component                 friction, gap and contact of a cell
 #                                                               that slides
+#   vibration             mode, step, node                      frequency, damping and shapes
+#   rve                   direction, realisation                damage and stiffness of a volume
+#   fatigue_life          record, element                       damage and life of a body
 #   fields                step, y, x                            heights, gap and pressure of a cell
 #   sweep                 point, step or cycle                  answers and parameters of each point
 #   granulate             step, frame, grain, contact           motion and forces of grains
@@ -59,7 +63,7 @@ print(float(stiffness.sel(preload=20e6)))
 light.to_dataframe().to_csv("gap.csv")
 
 # Plot. Every figure of the report is a function of multiscale.plotting that takes a dataset and
-# axes; xarray's own figures serve as well.
+# axes; xarray has figures, too.
 gap.plot.line(x="nominal_pressure", xscale="log", add_legend=False)
 
 # Evaluate the law between the pressures of the cells: the fit, and one of its bootstrap samples.

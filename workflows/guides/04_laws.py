@@ -46,7 +46,7 @@ print(law_band(law, lambda one: one.gap_at(np.array([1e9]))))  # m, 95 %
 # them.
 budget = error_budget(response, law, resolutions={2.0: press(32)})
 print(budget["error_total"].sel(quantity="mean_gap").values)  # relative, at each pressure
-print(budget.attrs["unknown"])  # cell size, scale separation
+print(budget.attrs["unknown"])  # cell size, small slopes, scale separation
 
 # Totals were compared with the means of 96 other realisations of the same cells, in ten scenes of
 # flat cells that differ in Hurst's exponent, band, slope, pressures and family of the law, with 60
@@ -67,11 +67,11 @@ print(budget.attrs["unknown"])  # cell size, scale separation
 # Tangential law: two deformable bodies with friction are pressed, sheared until they slip, and
 # released, along shear_path(cell, pressures). fit_branches(response, shear=sheared) adds to the
 # normal law the ratio of tangential to normal stiffness and the friction coefficient of a bed of
-# sliders, with samples; error_budget(..., tangential={}) tells how far the cells are from the
-# bed, and sliders_from_dataset(law) makes the law that joints slip by. Between alike bodies the
-# ratio is 2 (1 - nu) / (2 - nu); where nothing was sheared, assume_shear says what is assumed. A
-# rigid counterface will not do: pressing alone makes its edges slip. In cases all of this is the
-# table [micro.shear], and joints take friction and ratio from their law.
+# sliders, with samples; error_budget(..., tangential={}) has the distance of the cells from the
+# bed, and sliders_from_dataset(law) makes the law by which joints slip. Between alike bodies the
+# ratio is 2 (1 - nu) / (2 - nu); where nothing was sheared, assume_shear states the assumed values.
+# A rigid counterface gives a wrong ratio, since pressing alone makes its edges slip. In cases the
+# table [micro.shear] does all of this, and joints take friction and ratio from their law.
 #
 # Other laws: contact area, tangential stiffness, friction over pressure and speed, unloading. Cells
 # with friction that are dragged give friction, through friction_observations. Measured stiffness

@@ -11,8 +11,8 @@ import numpy as np
 from multiscale.macro import simulate, solve_static, tensegrity_grid
 
 # A structure has nodes and links. Each link is a bar, a cable that goes slack, a strut or a beam.
-# Structures come from builders such as this one, from tables (workflows/README.md) or from line
-# meshes.
+# Structures come from builders such as this one, from tables or from line meshes
+# (microcases/manual/structures.md).
 grid = tensegrity_grid(8)  # 64 self-stressed modules
 
 # At rest: one step for each factor of the load.

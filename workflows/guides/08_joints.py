@@ -29,26 +29,25 @@ print(joint["joint_stiffness"].values[:3], joint["tangential_stiffness"].values[
 print(joint["slip_fraction"].values)  # share of the joint that slips in a step
 print(joint["cycle_energy"].values)  # J
 
-# Both sides of an interface are plane and have the same mesh. A shear beyond friction ends the
-# steps, and the result says where. A joint may also be rigid (RigidContact: unilateral, with
+# Both sides of an interface are plane; their meshes need not match. A shear beyond friction ends
+# the steps, and the result says where. A joint may also be rigid (RigidContact: unilateral, with
 # Coulomb friction), for LATIN. Bodies, interfaces between their faces and your load cases make
 # an Assembly, which solve_assembly takes with AssembledNewton, LatinMethod or NewtonSchur.
 #
-# The scenes rough_blocks.toml and lap_joint.toml ask the same of files, and the case bolted_lap
-# from its surfaces on, with friction and tangential stiffness of its cells. The second scene has
-# two plates with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers. In
-# a scene blocks and joints may be damaged, damage = [0.3, 0], and blocks may have the elastic
-# tensor of a volume with cavities, stiffness = "rve.nc". With homogenise = true in
-# [substructures] the file macro_result-homogenised.nc holds the stiffness of every substructure
-# against the resultants of its interfaces, before and after slackening.
+# The scenes rough_blocks.toml and lap_joint.toml ask the same of files. The case bolted_lap begins
+# at its surfaces, and takes friction and tangential stiffness from its cells. Lap joints are two
+# plates with a bolt hole, meshed by gmsh; the bolt is a constant pressure under its washers, or has
+# a shank (bolt = "8 mm") whose force changes. In a case blocks and joints may be damaged,
+# damage = [0.3, 0], and blocks may have the elastic tensor of a representative volume (rve). With
+# homogenise = true in [substructures] a dataset holds the stiffness of every substructure against
+# the resultants of its interfaces, before and after slackening.
 #
-# A scene prints, at each preload, the stiffness and the shares that stick, slip and are open, the
-# energy that a cycle loses, and a caution with the share of the load outside the data of the law.
-# If the law carries a budget, each answer has two intervals: of the mean law, and of the next
-# part, whose interface holds so many cells. Its dataset has traction, jump, state and dissipation
-# at every point. multiscale.plotting.draw_joint draws zones, pressure, loop and loss. The series
-# for ParaView has displacement, von Mises stress, strain energy and damage of the bodies, and gap,
-# pressure, shear and state of the joint.
+# The command prints, at each preload, the stiffness and the shares that stick, slip and are open,
+# the energy that a cycle loses, and a caution with the share of the load outside the data of the
+# law. If the law carries a budget, each answer has the two intervals of guide 02. The dataset has
+# traction, jump, state and dissipation at every point. multiscale.plotting.draw_joint draws zones,
+# pressure, loop and loss. The series for ParaView has displacement, von Mises stress, strain energy
+# and damage of the bodies, and gap, pressure, shear and state of the joint.
 #
 # Under mpiexec (pip install '.[mpi]') processes share the substructures, with the same answer:
 #

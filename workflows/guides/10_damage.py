@@ -23,8 +23,8 @@ from multiscale.micro.damage import (
 
 # Damage of plane sections of a representative volume, eq (1): cavities and flat cracks are in
 # closed form; a voxel image is read by read_images("stack.tif"), with the extra "images". The
-# largest damage over the planes of a random medium is a size effect: it falls towards the porosity
-# as the volume grows. Read it together with the size, the mean and the quantiles in the dataset.
+# largest damage over the planes of a random medium depends on the size: it falls towards the
+# porosity as the volume grows. The dataset has the size, the mean and quantiles beside it.
 pores = random_spheres((1e-3, 1e-3, 1e-3), 1.5e-4, porosity=0.1, seed=1)
 sections = max_damage(pores, level=1, sections=17)
 print(float(sections["maximum_damage"]), sections["worst_normal"].values)
@@ -32,8 +32,8 @@ print(float(sections["maximum_damage"]), sections["worst_normal"].values)
 # The damage of a section is geometric. The stiffness comes from finite elements with periodic
 # conditions, and is not (1 - damage) times the stiffness of the matrix. mesh_stiffness meshes
 # cavities and cracks with gmsh instead, also where cracks meet each other or a face of the box. A
-# crack through the whole section leaves no stiffness, and the solution says so. soften gives the
-# tensor of the volume to the block of a joint.
+# crack through the whole section leaves no stiffness, and the solution says so. In a case, [rve]
+# does this for several volumes, and bodies take its tensor.
 stiffness = effective_stiffness(voxelise(pores, 24), 71e9, 0.33).unwrap()  # 6 x 6, Pa
 print(youngs_modulus_along(stiffness, np.eye(3)) / 71e9)
 
@@ -45,7 +45,7 @@ print(float(life["cycles_to_rupture"]))
 
 # Quasi-brittle: cracks of a cube of concrete grow where K_I reaches K_Ic. The volume softens; the
 # law of its crack is what follow_crack_band of multiscale.macro.continuum takes for bodies. In a
-# case [growth] does both, for several volumes, with intervals.
+# case, [growth] does both for several volumes, with intervals.
 cracked = Recipe(crack_density=0.066, crack_radius=5.3e-3, crack_spread=0.5).draw((0.1,) * 3, 0)
 concrete = Microcracks.of(cracked, youngs_modulus=30e9, poissons_ratio=0.2, toughness=0.5e6)
 law = softening_of(grow_microcracks(concrete, 1e6 * np.eye(6)[2], through=True), 1e6)

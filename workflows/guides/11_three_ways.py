@@ -36,8 +36,8 @@ for solve in (solve_sequential, solve_concurrent, solve_direct):
 #   1/16           1.739                 1.757      -1.0 +- 0.4 %   -1.2 +- 0.3 %
 #   1/32           2.050                 2.072      -1.0 +- 0.5 %   -0.8 +- 0.5 %
 #
-# The remainder is within its standard error, 0.3 to 0.4 %, at every ratio. The table therefore says
-# nothing about the scale separation or its order.
+# The remainder is within its standard error, 0.3 to 0.4 %, at every ratio, so that the error of the
+# scale separation is too small for this table.
 #
 # three_ways() measures error against run time; workflows/three_ways.py does both and draws the
 # figure. Its truth is each structure with its own surface, which a law does not know: with few
