@@ -31,7 +31,6 @@ from multiscale.surfaces.preparation import (
 from multiscale.surfaces.roughness import Lay, Roughness, Spectrum, find_lay, spectrum
 from multiscale.surfaces.statistics import (
     nayak_parameter,
-    power_spectral_density,
     rms_height,
     rms_slope,
 )
@@ -55,7 +54,6 @@ __all__ = [
     "low_pass",
     "mirror",
     "nayak_parameter",
-    "power_spectral_density",
     "resample",
     "rms_height",
     "rms_slope",

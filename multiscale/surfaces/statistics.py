@@ -4,10 +4,9 @@ import numpy as np
 import scipy
 
 from multiscale.errors import CaseError
-from multiscale.schema import Dataset
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["nayak_parameter", "power_spectral_density", "rms_height", "rms_slope", "wavenumbers"]
+__all__ = ["nayak_parameter", "rms_height", "rms_slope", "wavenumbers"]
 
 
 def rms_height(surface: Surface) -> float:
@@ -72,16 +71,10 @@ def breadth(q: np.ndarray, power: np.ndarray) -> float:
     return float(m0 * m4 / m2**2)  # (3)
 
 
-def power_spectral_density(surface: Surface) -> Dataset:
-    r"""Radially averaged power spectral density of a periodic surface.
-
-    Apply :func:`window` to a measured map first.
-
-    Returns
-    -------
-    Dataset
-        Along ``bin``: ``wavenumber`` q, the mean over the waves of the bin, rad/m;
-        ``power_spectral_density`` C(q), m^4; ``wave_count`` N, the number of waves.
+def ring_density(
+    surface: Surface, q: np.ndarray, power: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Wavenumber, rad/m, density (4), m^4, and number of waves of each ring of :func:`wave_power`.
 
     Notes
     -----
@@ -90,38 +83,16 @@ def power_spectral_density(surface: Surface) -> Dataset:
 
     .. math::
         C_q = L_x L_y\, |\hat h_q|^2, \qquad
-        \langle (h - \bar h)^2 \rangle = \frac{1}{L_x L_y} \sum_\text{bins} N\, C
+        \langle (h - \bar h)^2 \rangle = \frac{1}{L_x L_y} \sum_\text{rings} N\, C
         \approx \frac{1}{2\pi} \int_0^\infty q\, C(q)\, dq.    \tag{4}
 
-    The sum is exact: waves in the corners are kept, in incomplete rings. A density whose
-    integral over the plane of q is the mean square height is :math:`C / 4\pi^2`.
+    The sum is exact: waves in the corners are kept, in incomplete rings.
 
     References
     ----------
     .. [1] T. D. B. Jacobs, T. Junge and L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017)
        013001, doi:10.1088/2051-672X/aa51f8.
     """
-    import xarray as xr
-
-    wavenumber, density, number = ring_density(surface, *wave_power(surface))
-    told = {"units": "m4", "long_name": "radially averaged power spectral density"}
-    waves = {"units": "1", "long_name": "number of waves in the bin"}
-    return xr.Dataset(
-        {
-            "power_spectral_density": ("bin", density, told),
-            "wave_count": ("bin", np.rint(number).astype(int), waves),
-        },
-        coords={
-            "bin": np.arange(number.size),
-            "wavenumber": ("bin", wavenumber, {"units": "rad m-1", "long_name": "wavenumber"}),
-        },
-    )
-
-
-def ring_density(
-    surface: Surface, q: np.ndarray, power: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Wavenumber, rad/m, density (4), m^4, and number of waves of each ring."""
     rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
     weights = _weights(surface).ravel()
     number = np.bincount(rings, weights)
