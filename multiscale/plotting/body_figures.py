@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.element_faces import outer_faces
+from multiscale.plotting.figure import set_box
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     corners = result["corners"].to_numpy().astype(int)
@@ -54,11 +54,7 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
             linewidths=0.2,
         )
     )
-    low, high = points.min(axis=0), points.max(axis=0)
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(tuple(high - low))
-    for axis, length in zip((ax.xaxis, ax.yaxis, ax.zaxis), high - low, strict=True):
-        axis.set_major_locator(MaxNLocator(max(1, round(5.0 * length / float(np.max(high - low))))))
+    set_box(ax, points.min(axis=0), points.max(axis=0))
     ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
     ax.view_init(elev=24.0, azim=-50.0)
     mappable = ScalarMappable(scale, colormaps["viridis"])

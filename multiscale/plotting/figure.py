@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 else:  # a name for annotations, without what takes long to load
     Axes = Any
 
@@ -31,6 +32,7 @@ __all__ = [
     "plot_energy_parts",
     "save_figure",
     "save_figures",
+    "set_box",
 ]
 
 DOTS_PER_INCH = 150
@@ -55,6 +57,10 @@ TICKS = {
 """Labelled parts of a decade on logarithmic axes, by the number of decades below which they are."""
 
 DECADES, MOST_TICKS = max(TICKS), 30
+
+SPACE_TICKS, FLATTEST, SPACE_ZOOM = 5, 0.05, 0.9
+"""Ticks on the longest edge of a box in space, least ratio of its edges, and its size over the size
+that matplotlib chooses."""
 
 WIDE_ASPECT = 1.5
 """Width over height of axes above which a colour bar stands below them."""
@@ -137,6 +143,31 @@ def plot_energy_parts(
     ax.set(xlabel="time (s)", ylabel="energy (J)")
     ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     return ax
+
+
+def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
+    """Show a box in true proportions, with ticks as far apart on short edges as on long ones.
+
+    Parameters
+    ----------
+    ax : Axes3D
+        Axes in space.
+    low, high : ndarray, shape (3,)
+        Corners of the box, in the unit of the axes.
+    """
+    from matplotlib.ticker import FixedLocator, MaxNLocator
+
+    lengths = high - low
+    for axis, ratio, middle in zip(
+        (ax.xaxis, ax.yaxis, ax.zaxis), lengths / lengths.max(), 0.5 * (low + high), strict=True
+    ):
+        ticks = round(SPACE_TICKS * float(ratio))
+        axis.set_major_locator(
+            MaxNLocator(ticks) if ticks else FixedLocator([float(f"{middle:.1g}")])
+        )
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    # a flat structure stays visible, and labels inside the figure
+    ax.set_box_aspect(np.maximum(lengths, FLATTEST * lengths.max()), zoom=SPACE_ZOOM)
 
 
 def _label_logarithms(axis: "Axis") -> None:

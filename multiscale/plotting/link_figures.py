@@ -12,6 +12,7 @@ from multiscale.plotting.figure import (
     new_figure,
     plot_energy_parts,
     save_figure,
+    set_box,
 )
 from multiscale.schema import Dataset
 
@@ -54,7 +55,6 @@ def plot_deformed_links(
         Step; the last one if not given.
     scale : float, factor of the displacements
     """
-    from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     one = result.isel(step=step)
@@ -74,13 +74,10 @@ def plot_deformed_links(
                 lines[slack], colors="black", linestyles="dashed", linewidths=0.8, label="slack"
             )
         )
-        ax.legend()
-    low, high = moved.min(axis=0), moved.max(axis=0)
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(np.maximum(high - low, 0.05 * np.ptp(moved)))
-    ax.zaxis.set_major_locator(MaxNLocator(2))
+        ax.legend(loc="lower left")
+    set_box(ax, moved.min(axis=0), moved.max(axis=0))
     ax.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-    ax.figure.colorbar(taut, ax=ax, label="tension (kN)", shrink=0.6)
+    ax.figure.colorbar(taut, ax=ax, label="tension (kN)", shrink=0.6, pad=0.12)
     name, symbol, unit = _step_coordinate(result)
     ax.set_title(f"{symbol} = {float(one[name]):.3g}{unit}, displacements times {scale:g}")
     return ax
