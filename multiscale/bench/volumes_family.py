@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.bench.trials import BenchFamily, Trial, judge_by
 from multiscale.micro.damage import effective_stiffness, voxelise, youngs_modulus_along
-from multiscale.micro.damage.recipe import Recipe
+from multiscale.micro.damage.cavity_packing import Recipe
 
 __all__ = ["mean_modulus", "plan_volumes"]
 

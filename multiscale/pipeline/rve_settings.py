@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.micro.damage import Cavities, penny_cracks, spheres
-from multiscale.micro.damage.recipe import Recipe
+from multiscale.micro.damage.cavity_packing import Recipe
 from multiscale.micro.damage.shapes import Shapes
 from multiscale.pipeline.toml_model import (
     Count,

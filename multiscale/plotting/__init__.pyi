@@ -1,4 +1,8 @@
+from multiscale.plotting.body_figures import MOST_DRAWN as MOST_DRAWN
+from multiscale.plotting.body_figures import load_pictures as load_pictures
 from multiscale.plotting.body_figures import plot_body_stress as plot_body_stress
+from multiscale.plotting.body_figures import plot_bolt_forces as plot_bolt_forces
+from multiscale.plotting.body_figures import plot_load_paths as plot_load_paths
 from multiscale.plotting.budget_figures import plot_error_budget as plot_error_budget
 from multiscale.plotting.damage_figures import plot_damage_sphere as plot_damage_sphere
 from multiscale.plotting.damage_figures import plot_element_field as plot_element_field
@@ -9,11 +13,6 @@ from multiscale.plotting.grain_figures import plot_biaxial_curve as plot_biaxial
 from multiscale.plotting.grain_figures import plot_contact_error as plot_contact_error
 from multiscale.plotting.grain_figures import plot_force_network as plot_force_network
 from multiscale.plotting.grain_figures import plot_grain_energies as plot_grain_energies
-from multiscale.plotting.growth_figures import plot_growth as plot_growth
-from multiscale.plotting.interface_figures import MOST_DRAWN as MOST_DRAWN
-from multiscale.plotting.interface_figures import load_pictures as load_pictures
-from multiscale.plotting.interface_figures import plot_bolt_forces as plot_bolt_forces
-from multiscale.plotting.interface_figures import plot_load_paths as plot_load_paths
 from multiscale.plotting.joint_figures import draw_joint as draw_joint
 from multiscale.plotting.joint_figures import joint_pictures as joint_pictures
 from multiscale.plotting.joint_figures import plot_amplitudes as plot_amplitudes
@@ -59,5 +58,6 @@ from multiscale.plotting.vibration_figures import plot_mode_shape as plot_mode_s
 from multiscale.plotting.vibration_figures import plot_vibrating_joint as plot_vibrating_joint
 from multiscale.plotting.vibration_figures import vibration_pictures as vibration_pictures
 from multiscale.plotting.work_precision_figures import draw_work_precision as draw_work_precision
+from multiscale.plotting.work_precision_figures import plot_growth as plot_growth
 from multiscale.plotting.work_precision_figures import plot_history as plot_history
 from multiscale.plotting.work_precision_figures import plot_work_precision as plot_work_precision

@@ -2,6 +2,7 @@ from multiscale.io.images import VoxelImage as VoxelImage
 from multiscale.laws.bulk.moduli import youngs_modulus_along as youngs_modulus_along
 from multiscale.micro.damage.cavities import Cavities as Cavities
 from multiscale.micro.damage.cavities import voxelise as voxelise
+from multiscale.micro.damage.cavity_packing import Recipe as Recipe
 from multiscale.micro.damage.cavity_packing import boolean_spheres as boolean_spheres
 from multiscale.micro.damage.cavity_packing import random_spheres as random_spheres
 from multiscale.micro.damage.crack_growth import Microcracks as Microcracks
@@ -12,7 +13,6 @@ from multiscale.micro.damage.fatigue import woehler_curve as woehler_curve
 from multiscale.micro.damage.fatigue_material import FatigueMaterial as FatigueMaterial
 from multiscale.micro.damage.fatigue_material import StressBlock as StressBlock
 from multiscale.micro.damage.meshed_volume import mesh_stiffness as mesh_stiffness
-from multiscale.micro.damage.recipe import Recipe as Recipe
 from multiscale.micro.damage.rve import effective_stiffness as effective_stiffness
 from multiscale.micro.damage.sections import max_damage as max_damage
 from multiscale.micro.damage.sections import plane_damage as plane_damage

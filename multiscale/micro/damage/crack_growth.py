@@ -91,7 +91,7 @@ class Microcracks:
 
         Parameters
         ----------
-        rve : Cavities, a periodic cube with circular cracks alone, of a :class:`~.recipe.Recipe`
+        rve : Cavities, a periodic cube with circular cracks alone, of a :class:`~.Recipe`
         **solid : float, the other parameters of the class
 
         Raises

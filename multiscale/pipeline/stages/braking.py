@@ -1,6 +1,6 @@
 """Stage: a tread block brakes on the road, by the law of friction."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
 from time import perf_counter
@@ -24,17 +24,27 @@ from multiscale.pipeline.stage import (
     with_sample_band,
 )
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
-from multiscale.pipeline.tyre_budget import with_braking_budget
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
-from multiscale.upscaling import cell_share, fit_law, law_from_dataset, observe
+from multiscale.upscaling import (
+    cell_share,
+    estimate_grid_error,
+    fit_law,
+    law_from_dataset,
+    observe,
+    with_budget,
+)
+from multiscale.upscaling.budget import NO_PART, NO_STATED, assemble_budget
+from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, STATED, Term
 from multiscale.upscaling.reading import frictions_at
+from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
 __all__ = ["BRAKING", "braking_answer", "solve_treads"]
 
+OTHERS = "not known: {} were solved; run the case with {} in [cell], and compare"
 
 TELLING = 0.05
 """Error of the law over the peak of the friction, from which a user is told."""
@@ -104,7 +114,7 @@ def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     result = with_load_shares(result, shares, ends, extrapolate=case.law.extrapolate)
     ratio = float(np.prod(elements) / np.prod(fewer)) ** (1.0 / 3.0)
     coarse_force = {ratio: np.array(coarser)} if ratio > 1.0 else {}
-    result = with_braking_budget(result, law, coarse_force)
+    result = _with_budget(result, law, coarse_force)
     total = result["error_total"].where(result["known"] == 1)
     edge = min(case.tread.length, case.tread.width)
     return result.assign(error_total=total).assign_attrs(
@@ -253,6 +263,60 @@ def _tabulate(result: Dataset) -> Table:
         force = f"{float(step['braking_force']):.4g}"
         rows.append((*at, force, band, f"{float(step['braking_coefficient']):.3g}"))
     return head, rows
+
+
+def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarray]) -> Dataset:
+    """Return the result of a tread block with the error budget of its braking force.
+
+    Parameters
+    ----------
+    result : Dataset, follows ``MACRO_RESULT``, with samples of the force if the law has any
+    law : Dataset, the bell of friction, with its misfit
+    coarser : mapping of float to ndarray, shape (steps,)
+        From the ratio of the elements' sizes to the force, N, on larger ones; may be empty.
+
+    Notes
+    -----
+    - *sampling*: from the standard deviation over samples of the law;
+    - *fit*: from the root mean square by which the bell misses the cells;
+    - *macro discretisation*: :func:`multiscale.upscaling.estimate_grid_error`.
+    """
+    force = np.abs(result["braking_force"].to_numpy())
+    nothing = np.zeros((1, force.size))
+    missed = float(law.attrs["rms_error_over_peak"]) * float(law["peak_coefficient"])
+    fit = NORMAL * missed / np.abs(result["braking_coefficient"].to_numpy())
+    terms = {
+        "sampling": Term(
+            "not known: the law has no samples; give them in [law], and 3 or more realisations in "
+            "[sliding]"
+        ),
+        "fit": Term("root mean square by which the bell misses the cells", fit),
+        "cell size": Term(OTHERS.format("cells of one size", "another size")),
+        "micro discretisation": Term(OTHERS.format("cells on one grid", "other points")),
+        "increments": Term("nothing: rubber does not flow", nothing),
+        "small slopes": Term("not known: the half-space of the rubber takes slopes as small"),
+        "surface": Term(
+            "nothing: the roads are made from a spectrum, which the cells hold whole", nothing
+        ),
+        "friction bed": NORMAL_ALONE,
+        "scale separation": Term(
+            "not known: the pressure of the footprint is taken as even over the waves of the road"
+        ),
+        FEW_CELLS: NO_PART,
+        STATED: NO_STATED,
+        "macro discretisation": Term(
+            "not known: elements of twice the size do not fit; give smaller ones in [tread]"
+        ),
+    }
+    if result.sizes.get("sample", 0) > 1:
+        samples = result["braking_force_sample"].to_numpy()
+        scatter = NORMAL * np.std(samples, axis=0, ddof=1) / force
+        terms["sampling"] = Term(f"{len(samples)} bootstrap samples of the law", scatter)
+    if coarser:
+        estimate = estimate_grid_error(force, coarser)
+        terms["macro discretisation"] = Term(estimate.how, estimate.half_width / force)
+    budget = assemble_budget(terms, ("braking_force",), None, steps=force.size)
+    return with_budget(result, budget)
 
 
 BRAKING = Stage(
