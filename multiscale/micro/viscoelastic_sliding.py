@@ -42,6 +42,11 @@ class RelaxingSolid:
     times : tuple of float
         Their relaxation times :math:`\tau_i > 0` at the reference temperature, s.
 
+    Raises
+    ------
+    CaseError
+        If a value is outside its range, or there are not as many moduli as times.
+
     Notes
     -----
     .. math:: E(\omega) = E_\infty + \sum_i E_i\, \frac{i\omega a_T\tau_i}{1 + i\omega a_T\tau_i}

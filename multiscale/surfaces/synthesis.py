@@ -24,6 +24,11 @@ class Anisotropy:
         mean square slope across the lay over the slope along it.
     direction : float
         Angle of the lay, the direction of ridges and grooves, to the x axis, rad.
+
+    Raises
+    ------
+    CaseError
+        If the ratio is below 1.
     """
 
     ratio: float

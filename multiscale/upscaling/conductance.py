@@ -79,7 +79,7 @@ def with_conductance(
 def conductances(law: Dataset, pressure: np.ndarray) -> dict[str, np.ndarray]:
     """Return the conductances of a law at pressures of the interface, Pa, as far as it has them.
 
-    By names of :data:`CONDUCTANCES`, shape (steps,), W m-2 K-1 and S m-2.
+    By names of :data:`CONDUCTANCES`, of the shape of the pressures, W m-2 K-1 and S m-2.
     """
     normal = law_from_dataset(law)
     stiffness = normal.stiffness(normal.gap_at(pressure))

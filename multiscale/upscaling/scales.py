@@ -92,6 +92,11 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
     area : ndarray, shape (points,), what a point stands for, m²
     cell_size : float, edge of a cell, m
 
+    Returns
+    -------
+    ndarray, shape (...)
+        Number n of eq. (1), dimensionless; NaN where there is no weight.
+
     Notes
     -----
     The law is a random field, whose mean over a cell of the area :math:`a` has the coefficient of
@@ -101,7 +106,7 @@ def effective_cells(weight: np.ndarray, area: np.ndarray, cell_size: float) -> n
     .. math:: n = \frac{(\int w\, \mathrm{d}A)^2}{a \int w^2\, \mathrm{d}A},    \tag{1}
 
     the area over a under even weight. Waves of the weight shorter than a cell count too, which
-    makes n too small; NaN where there is no weight.
+    makes n too small.
     """
     square = np.sum(weight**2 * area, axis=-1)
     whole = np.sum(weight * area, axis=-1)

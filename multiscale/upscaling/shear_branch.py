@@ -113,8 +113,15 @@ def _put_shear(
 def with_sliding(law: Dataset, sliding: Dataset) -> Dataset:
     """Add the friction coefficient of large sliding over the pressure to a law.
 
-    ``sliding`` follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`; it is refused
-    if no pressure has a steady coefficient.
+    Parameters
+    ----------
+    law : Dataset, follows ``INTERFACE_LAW``
+    sliding : Dataset, follows ``SLIDING_RESPONSE``, of :func:`multiscale.micro.slide_cell`
+
+    Raises
+    ------
+    CaseError
+        If no pressure has a steady coefficient.
     """
     SLIDING_RESPONSE.check(sliding)
     steady = sliding["steady_friction"].to_numpy()

@@ -176,6 +176,11 @@ class PlaneWall(Wall):
     mass : float, mass of a loaded plane, kg; infinite if the plane is fixed or moved
     force : float
         Force on a loaded plane along its normal, N: positive presses it against the grains.
+
+    Raises
+    ------
+    CaseError
+        If the mass is not positive, or a force is not finite or acts on an infinite mass.
     """
 
     mass: float = np.inf
@@ -209,7 +214,7 @@ class CylinderWall(Wall):
 
     Parameters
     ----------
-    radius : float, inner radius, m
+    radius : float, inner radius, m; refused if it is not positive
     """
 
     radius: float = np.nan

@@ -35,7 +35,7 @@ def compact(
     Parameters
     ----------
     radii : ndarray, shape (grains,), radii of the grains, m
-    pressure : float, pressure on the cell, Pa
+    pressure : float, pressure on the cell, Pa; refused if it is not positive
     law : ContactLaw
     planar : bool, whether the grains are discs, 1 m thick, instead of spheres
     density : float, density of the grains, kg/m3
@@ -119,7 +119,7 @@ def shear_layer(
     radii, law, density, seed
         As for :func:`compact`.
     size : tuple of float, periods along x and y, m
-    pressure, speed : float, pressure on the upper plate, Pa, and its speed along x, m/s
+    pressure, speed : float, pressure on the upper plate, Pa, positive, and its speed along x, m/s
     wall_friction : float, optional
         Friction coefficient of the plates; the coefficient of the grains if not given.
 

@@ -81,11 +81,11 @@ def boolean_spheres(
     seed: int,
     spread: float = 0.0,
 ) -> Cavities:
-    r"""Spherical cavities at independent places, which may overlap; see :func:`random_spheres`.
+    r"""Spherical cavities at independent places, which may overlap.
 
     Their number is drawn from Poisson's distribution with the mean :math:`-V \ln(1-\phi) / v` for
     the porosity :math:`\phi` and the mean volume :math:`v` of a sphere, which makes the expected
-    volume fraction the porosity, from 0 to below 1.
+    volume fraction the porosity, from 0 to below 1. Arguments as for :func:`random_spheres`.
     """
     check_box(size)
     rng = np.random.default_rng(seed)

@@ -203,7 +203,7 @@ Shapes = Ellipsoids | Cylinders | Cracks
 
 
 def spheres(centre: np.ndarray, radius: float | np.ndarray) -> Ellipsoids:
-    """Spherical cavities; a radius that is not positive is refused."""
+    """Spherical cavities; centres, shape (n, 3), m, and radii, m, which must be positive."""
     centre = _points(centre)
     radius = _positive("radius", radius, len(centre))
     return Ellipsoids(centre, radius[:, None, None] * np.eye(3))
@@ -242,6 +242,11 @@ def cylinders(
 ) -> Cylinders:
     """Circular cylindrical cavities; an infinite length goes through the whole volume.
 
+    Parameters
+    ----------
+    centre, axis : ndarray, shape (n, 3), m, and of any length
+    radius, length : float or ndarray, shape (n,), m
+
     Raises
     ------
     CaseError
@@ -259,7 +264,13 @@ def cylinders(
 def penny_cracks(
     centre: np.ndarray, normal: np.ndarray | Sequence[float], radius: float | np.ndarray
 ) -> Cracks:
-    """Circular flat cracks; a radius that is not positive and a normal of zero are refused."""
+    """Circular flat cracks; a radius that is not positive and a normal of zero are refused.
+
+    Parameters
+    ----------
+    centre, normal : ndarray, shape (n, 3), m, and of any length
+    radius : float or ndarray, shape (n,), m
+    """
     centre = _points(centre)
     radius = _positive("radius", radius, len(centre))
     across = perpendicular(_directions("normal", normal, len(centre)))
