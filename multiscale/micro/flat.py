@@ -91,8 +91,8 @@ def solve_flat(
     projected conjugate gradients take.
 
     Steps of the forces are transformed in single precision, and only nodes near contact take part.
-    Each time that the residual has fallen to 3/100, and at the end, :math:`C \lambda` is computed
-    anew in double precision, and all nodes are looked at.
+    Each time that the residual of these nodes has fallen to 3/100, and at the end,
+    :math:`C \lambda` is computed anew in double precision, and all nodes are looked at.
 
     References
     ----------
@@ -145,8 +145,9 @@ def solve_flat(
             found = _project(*state, delta, direction, node, unit, spread)
             slope, length, distance, carried = found[:, 1:].sum(axis=0).tolist()
             deepest = float(found[:, 0].max())
-            residual = max(distance / (carried or 1.0), deepest, delta - room) / scale
-            if fresh or residual > bound:
+            among_near = max(distance / (carried or 1.0), deepest) / scale
+            residual = max(among_near, (delta - room) / scale)
+            if fresh or among_near > bound:
                 break
         residuals.append(residual)
         if fresh:

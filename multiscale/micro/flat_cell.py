@@ -18,9 +18,6 @@ __all__ = ["assemble_flat_cell", "flat_gap"]
 
 TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
 
-FAR = 100.0
-"""Ratio of loads above which the forces of one load are no start for the other."""
-
 
 def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
     """Heights of the obstacle at first touch, m, area of a node, m², symbol of the compliance, m/N.
@@ -68,12 +65,12 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
-        guess = None if start is None else start.force
-        if guess is not None and load is not None and load > FAR * float(np.sum(guess)):
-            guess = None
+        guess = None
         with threads(thread_count() if gap.size >= MANY else 1):
-            if guess is None and load is not None:
+            if load is not None:
                 guess = coarse_start(flat, gap, closing, load=load, cap=cap)
+            if guess is None and start is not None:
+                guess = start.force
             found = solve_flat(
                 respond,
                 gap,
