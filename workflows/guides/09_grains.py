@@ -41,7 +41,7 @@ print(granulate.coordination(ends, 100, rattlers_below=2))
 #
 # Energy. Kinetic energy and the energy in overlaps grow by up to 1e-6 of all the work in a step
 # with a compliance of 0.02, and by 2e-5 with 0.05. Grains with restitution bounce within a step of
-# their impact and overlap as little as others. Grains without any loss, or nearly so, win energy
+# their impact and overlap as little as others. Grains without any loss, or nearly so, gain energy
 # where several meet in a step, and most without friction: of all the work in a step up to 1.5 %
 # with restitution 1 and friction .5, 5 % without friction, and with restitution 0.9 1e-4 and 0.4 %,
 # in a deposit of 100 spheres of 1 cm with steps of 2 ms. With accuracy=0.05 the 5 % become 0.7 %.
