@@ -39,7 +39,7 @@ class StatedAsperities(Settings):
     heights: tuple[Height, ...] = Field(
         (),
         description="Rising heights of asperities above the plane from which the gap counts, m, "
-        "in place of `rms_height`; the highest touches first.",
+        "in place of `rms_height`; contact begins at the highest.",
     )
     weights: tuple[Factor, ...] = Field(
         (), description="Probability density at every one of `heights`, in any unit."

@@ -107,8 +107,8 @@ class MeshedBody(Material):
     )
     coarser: Path | None = Field(
         None,
-        description="Mesh of the same body with about twice the element size, which tells the "
-        "error of the mesh; it is not known if not given.",
+        description="Mesh of the same body with about twice the element size, for the error of "
+        "the mesh, which is unknown without it.",
     )
     volume: str = Field(
         "", description="Named volume of the mesh that is the body; the whole mesh if not given."

@@ -156,8 +156,9 @@ class CellSettings(GridSettings):
     )
     sides: Literal["periodic", "sliding", "displacement", "traction"] | None = Field(
         None,
-        description="What the sides of a mesh do: `periodic` if not given, `sliding` in their own "
-        "planes, or uniform `displacement` or `traction`, an upper and a lower bound.",
+        description="Condition on the sides of a mesh: `periodic` if not given, `sliding` in "
+        "their own planes, or uniform `displacement` or `traction`, an upper and a "
+        "lower bound.",
     )
     pores: CellPores | None = None
 
@@ -249,8 +250,8 @@ class ShearSettings(Settings):
     cycle: bool = Field(
         True,
         description="Whether they also go through a closed cycle of partial slip, in four more "
-        "steps at each pressure and direction; without it the error of the loss of a joint is not "
-        "known.",
+        "steps at each pressure and direction; without it the error of the loss of a "
+        "joint is unknown.",
     )
 
     _rise = field_validator("pressures")(must_rise)
@@ -278,21 +279,21 @@ class MicroSettings(Settings):
     coarser: Natural = Field(
         0,
         description="Number of the first cells that are also solved on half of their points, "
-        "pressed and, with [micro.shear], sheared, which tells the error of the grid; one costs an "
-        "eighth of a cell.",
+        "pressed and, with [micro.shear], sheared, for the error of the grid; each "
+        "costs an eighth of a cell.",
     )
     control: Literal["flat", False] | None = Field(
         None,
-        description="Whether flat cells on the same surfaces and on further ones are control "
-        "variates of the cells, which takes most of the sampling error out of the law. If not "
-        "given, dearer cells have them, on surfaces made from a spectrum and from 4 realisations "
-        "on, and so does a planner; `false` turns them off.",
+        description="Whether flat cells on the same and on further surfaces are control variates "
+        "of the cells, which takes most of the sampling error out of the law. By "
+        "default cells that are not flat have them, on synthetic surfaces and from 4 "
+        "realisations on, and so does a planner; `false` turns them off.",
     )
     control_realisations: Positive | None = Field(
         None,
-        description="Number of these flat cells. If not given, as many as are best for the time, "
-        "by the correlation of both kinds of cells, but for about the time that the "
-        "cells take, and 256, at most.",
+        description="Number of these flat cells. By default the best number for the time, by the "
+        "correlation of both kinds of cells, with at most about the time of the "
+        "cells, and at most 256.",
     )
     spots: bool = Field(
         False, description="Whether the response keeps area and force of every contact spot."
@@ -475,14 +476,14 @@ class SlideSettings(Settings):
 
 
 class AccuracySettings(Settings):
-    """How sure the answer has to be; the rest of the case is then where a planner starts from."""
+    """Target for the error; the other tables are then the start of a planner."""
 
     target: Number = Field(
         gt=0.0, le=0.5, description='Largest relative total of the error budget, such as `"2 %"`.'
     )
     quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = Field(
         "joint_stiffness",
-        description="What the target is for, at every preload; the last three at every pressure.",
+        description="Answer with this error, at every preload; the last three at every pressure.",
     )
 
     @field_validator("target", mode="before")

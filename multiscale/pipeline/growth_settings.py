@@ -36,8 +36,8 @@ class GrowthSettings(Settings):
     pull: Literal["x", "y", "z"] = Field("z", description="Axis of the tension.")
     through: bool = Field(
         False,
-        description="Whether a crack that reaches another one grows on as if it were alone; its "
-        "volume has no softening law otherwise.",
+        description="Whether a crack that reaches another crack grows on as if it were alone; "
+        "otherwise its volume has no softening law.",
     )
 
     @model_validator(mode="after")

@@ -123,13 +123,13 @@ class JointLaw(LawSource):
 
     friction: Factor | None = Field(
         None,
-        description="Coefficient of Coulomb's law; if not given, the law tells it, from cells that "
-        "are sheared, or else from a cell that slides, at the last preload.",
+        description="Friction coefficient of Coulomb's law; if not given, the law has it, from "
+        "sheared cells, or else from a sliding cell at the last preload.",
     )
     stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
         None,
         description="Tangential over normal stiffness, of springs slipping in turn; if not given, "
-        "the law tells it, or it is 2 (1 - nu)/(2 - nu), which a caution says.",
+        "the ratio of the law, or else 2 (1 - nu)/(2 - nu), with a caution.",
     )
 
     def tell_missing(self, known: Collection[str], strict: bool, where: str = "[interface]") -> str:

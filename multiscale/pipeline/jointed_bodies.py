@@ -264,7 +264,7 @@ class StackedBlocks(RoughBodies):
     kind: Literal["stacked_blocks"]
     size: Edges = Field(description="Lengths of a block along x, y and z, m.")
     elements: Elements = Field(description="Hexahedra of a block along x, y and z.")
-    blocks: Count = Field(2, ge=2, description="Number of blocks, one on the other.")
+    blocks: Count = Field(2, ge=2, description="Number of blocks, stacked along z.")
 
     @property
     def joints(self) -> int:

@@ -114,8 +114,8 @@ class InstrumentSurface(Settings):
         None,
         min_length=1,
         max_length=2,
-        description="Edge lengths along x and y, or the length of a line scan, m, instead of those "
-        "of the file.",
+        description="Edge lengths along x and y, or the length of a line scan, m, in place of the "
+        "size in the file.",
     )
     unit: UnitOfLength | None = Field(
         None,
@@ -128,8 +128,8 @@ class InstrumentSurface(Settings):
     )
     profile: Literal["isotropic", "one_directional"] | None = Field(
         None,
-        description="How a line scan stands for a surface: `isotropic` ones with its spectrum, or "
-        "grooves along y with the scan across them.",
+        description="Surface made from a line scan: `isotropic` with its spectrum, or grooves "
+        "along y with the scan across them.",
     )
     detrend_order: Count = Field(
         2,
@@ -189,7 +189,7 @@ class CoatingSettings(Settings):
 
 
 class RoughBody(Settings):
-    """One of the two bodies."""
+    """A body of the interface."""
 
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")

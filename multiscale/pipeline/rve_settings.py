@@ -63,7 +63,7 @@ class Crack(Pore):
 
 
 class RecipeSettings(Settings):
-    """A law of random volumes, of which several are drawn."""
+    """Statistics of random volumes."""
 
     porosity: Factor = Field(0.0, description="Volume fraction of spherical pores.")
     pore_radius: Length | None = Field(None, description="Median radius of the pores, m.")
@@ -165,12 +165,14 @@ class RveSettings(Settings):
     )
     sections: Positive = Field(33, description="Plane sections for each normal.")
     slab: Annotated[Coordinate, Field(ge=0.0)] = Field(
-        0.0, description="Thickness about a section in which cracks count, m; 0 counts those cut."
+        0.0,
+        description="Thickness about a section in which cracks count, m; with 0 only cracks "
+        "cut by the section count.",
     )
     accept: Annotated[Number, Field(gt=0.0, lt=1.0)] = Field(
         0.05,
-        description="Largest distance of the bounds, and scatter, of a volume that is called "
-        "representative, over its stiffness.",
+        description="Largest distance of the bounds, and largest scatter, of a representative "
+        "volume, over its stiffness.",
     )
 
     @field_validator("size", mode="before")

@@ -127,9 +127,13 @@ class Case(Settings):
     """
 
     title: str = Field(description="Title of report and tables.")
-    elastic: bool = Field(False, description="Confirms real contact pressures that no metal bears.")
+    elastic: bool = Field(
+        False,
+        description="Confirms an elastic answer at real contact pressures above the strength of "
+        "metals.",
+    )
     strict: bool = Field(
-        False, description="Refuses joints of which anything tangential would be assumed."
+        False, description="Refuses joints with an assumed friction or stiffness ratio."
     )
     body_1: RoughBody = ABSENT
     body_2: RoughBody = ABSENT

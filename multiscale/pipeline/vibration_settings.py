@@ -54,9 +54,9 @@ class VibrationSettings(Settings):
     )
     cycle: Literal["masing", "full"] = Field(
         "masing",
-        description="Whether the loss of a cycle follows by Masing's rule from the loading curve, "
-        "in both directions, or a full cycle is solved at every amplitude. Where contact opens, "
-        "or the preload leaves shear, full cycles are solved in any case.",
+        description="Loss of a cycle by Masing's rule from the loading curve, in both directions, "
+        "or from a full cycle at every amplitude. Where contact opens, or the preload "
+        "leaves shear, full cycles are solved in any case.",
     )
     steps: Positive = Field(
         10, description="Steps from the middle of a full cycle to its amplitude."
@@ -66,8 +66,8 @@ class VibrationSettings(Settings):
     )
     slabs: Annotated[Count, Field(ge=8, le=10_000)] = Field(
         512,
-        description="Slabs of the beds of sliders: few of them lose the small slip of small "
-        "amplitudes.",
+        description="Slabs of the beds of sliders: with few slabs the small slip of small "
+        "amplitudes is lost.",
     )
 
     _rise = field_validator("amplitudes", "modal_amplitudes")(must_rise)

@@ -6,6 +6,7 @@ from the root of a checkout renews ``microcases/manual/keys_*.md`` and their lis
 ``microcases/README.md``.
 """
 
+import json
 import re
 from collections.abc import Iterator
 from inspect import getdoc
@@ -262,9 +263,7 @@ def _value(hint: Any) -> str:
     kind, metadata = _parts(hint)
     bounds = _bounds(metadata)
     if get_origin(kind) is Literal:
-        marks = ['"' if isinstance(value, str) else "" for value in get_args(kind)]
-        said = zip(marks, get_args(kind), strict=True)
-        return " or ".join(f"`{mark}{value}{mark}`" for mark, value in said)
+        return " or ".join(f"`{json.dumps(value)}`" for value in get_args(kind))  # as in TOML
     if get_origin(kind) in (Union, UnionType):
         return " or ".join(_value(one) for one in get_args(kind) if one is not NoneType)
     if get_origin(kind) is tuple:
