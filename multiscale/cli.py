@@ -372,7 +372,7 @@ def inspect_command(
     ] = 2,
     case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
 ) -> None:
-    """Say what a measured surface holds, and propose cells that stand for it."""
+    """Describe a measured surface, and propose cells with the same roughness."""
     edges = to_lengths(size) if size else None
     one = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
     gc.set_threshold(GARBAGE)
@@ -411,11 +411,11 @@ def damage_command(
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Run folder.")] = Path("damage"),
     youngs_modulus: Annotated[
-        str, typer.Option(help='Of the solid of an image, such as "71 GPa".')
+        str, typer.Option(help='For an image: modulus of its solid, such as "71 GPa".')
     ] = "",
-    poissons_ratio: Annotated[float, typer.Option(help="Of the solid of an image.")] = 0.3,
+    poissons_ratio: Annotated[float, typer.Option(help="For an image: of its solid.")] = 0.3,
     voxel_size: Annotated[
-        str, typer.Option(help='Edge of a voxel, such as "5 um", if the image does not say it.')
+        str, typer.Option(help='Edge of a voxel, such as "5 um", if the image has none.')
     ] = "",
     void_value: Annotated[float, typer.Option(help="Value of void voxels of the image.")] = 0.0,
     quick: QuickOption = False,
@@ -424,7 +424,7 @@ def damage_command(
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Say how pores and cracks of a volume damage its sections and soften it."""
+    """Compute damage of sections and stiffness of a volume with pores and cracks."""
     from multiscale.io import make_folder
     from multiscale.pipeline import Case, case_of_image, load_case, requirements, run
     from multiscale.report import show_run
@@ -509,7 +509,7 @@ def stability_command(
     ),
     jobs: JobsOption = 0,
 ) -> None:
-    """Run every stiff and extreme case: converged, refused with a sentence, or failed."""
+    """Run every stiff and extreme case: each converges, is refused, or fails."""
     from multiscale.bench.stability import check_stability, stability_cases, tabulate_stability
     from multiscale.io import write_dataset
     from multiscale.schema import STABILITY
