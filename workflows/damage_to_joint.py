@@ -4,7 +4,7 @@ Damage on plane sections (eq (1)) and effective stiffness of a volume with pores
 of the joint have the stiffness. The stress of the weakest section, cycled far below the yield
 stress, lets weak inclusions flow until they crack, one after the other, and take their shares of
 the section with them. The law of the interface comes from elastic cells of milled faces, whose
-roughness is stated. Cases with [fatigue] follow the elements of bodies so.
+roughness is stated. In cases, [fatigue] does the same for the elements of bodies.
 
     python workflows/damage_to_joint.py -o damage [--quick]
 

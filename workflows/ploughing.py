@@ -1,9 +1,8 @@
 """Two rough bodies slide over each other: friction against pressure and sliding distance.
 
 A soft steel surface is ploughed by a hard elastic one. Both are deformable, at large strain, with
-a local friction coefficient at each point of contact; what the cell resists more than that is
-ploughing: work that plastic flow takes. The first pass flattens the soft summits, later ones find
-less to plough.
+a local friction coefficient at each point of contact; the rest of the resistance is ploughing, the
+work of plastic flow. The first pass flattens the soft summits, so that later passes plough less.
 
     python workflows/ploughing.py -o ploughing [--quick]
 

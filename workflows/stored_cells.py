@@ -1,7 +1,7 @@
 """The cells that the planner starts from, solved for four self-affine spectra.
 
-Cells of one, two and four longest waves on a coarse grid tell the scatter and the bias by their
-size, the smallest of them on finer grids the error of the grid.
+Cells of one, two and four longest waves on a coarse grid give the scatter and the bias by their
+size, and the smallest cells on finer grids the error of the grid.
 
     python workflows/stored_cells.py -o multiscale/pipeline [--quick]
 
