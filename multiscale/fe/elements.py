@@ -88,7 +88,7 @@ def elements_of_basis(basis: "CellBasis", *, mean_volume: bool) -> Elements:
     unknowns = d * basis.element_dofs.T[:, :, None] + np.arange(d)
     return Elements(
         np.ascontiguousarray(gradient.transpose(2, 3, 0, 1)),
-        np.asarray(basis.dx),
+        np.ascontiguousarray(basis.dx),
         unknowns.reshape(shape[0], -1),
         d * basis.N,
         mean_volume,

@@ -95,63 +95,61 @@ def _integrate_polygons(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pairs of triangles or quadrilaterals and their blocks of (1)."""
     unit = n1 / np.linalg.norm(n1, axis=1, keepdims=True)
-    one, two = _facing_pairs(x1, x2, unit, n2, reach)
-    own, other = _clip_pairs(x1, x2, unit, one, two, POINTS, WEIGHTS)
+    one, two = np.nonzero(_facing(_circles(x1), _circles(x2), unit, n2, reach))
+    first = x1[:, 1] - x1[:, 0]
+    first = first - np.sum(first * unit, axis=1, keepdims=True) * unit
+    first = first / np.linalg.norm(first, axis=1, keepdims=True)
+    plane = np.stack([first, np.cross(unit, first)], axis=2)
+    flat1, flat2 = ((x - x1[one, :1]) @ plane[one] for x in (x1[one], x2[two]))
+    own, other = _clip_pairs(flat1, flat2, POINTS, WEIGHTS)
     kept = np.abs(own).sum(axis=(1, 2)) > 0.0
     return one[kept], two[kept], own[kept], other[kept]
 
 
-@compiled
-def _facing_pairs(x1, x2, unit, n2, reach):  # type: ignore[no-untyped-def]
-    """Pairs whose projections may overlap: their circles do."""
-    one, two = [], []
-    c1, c2 = np.zeros((len(x1), 3)), np.zeros((len(x2), 3))
-    r1, r2 = np.zeros(len(x1)), np.zeros(len(x2))
-    for x, c, r in ((x1, c1, r1), (x2, c2, r2)):
-        for f in range(len(x)):
-            for corner in range(x.shape[1]):
-                c[f] += x[f, corner] / x.shape[1]
-            for corner in range(x.shape[1]):
-                r[f] = max(r[f], np.sqrt(np.sum((x[f, corner] - c[f]) ** 2)))
-    for f in range(len(x1)):
-        for g in range(len(x2)):
-            away = c2[g] - c1[f]
-            height = away[0] * unit[f, 0] + away[1] * unit[f, 1] + away[2] * unit[f, 2]
-            flat = np.sum(away**2) - height**2
-            facing = unit[f, 0] * n2[g, 0] + unit[f, 1] * n2[g, 1] + unit[f, 2] * n2[g, 2]
-            if facing < 0.0 and abs(height) <= reach and flat <= (r1[f] + r2[g]) ** 2:
-                one.append(f)
-                two.append(g)
-    return np.array(one, dtype=np.int64), np.array(two, dtype=np.int64)
+def _circles(x: np.ndarray) -> np.ndarray:
+    """Centre and radius of circles about facets, m, shape (facets, 4)."""
+    centre = x.mean(axis=1)
+    radius = np.linalg.norm(x - centre[:, None], axis=2).max(axis=1)
+    return np.concatenate([centre, radius[:, None]], axis=1)
 
 
 @compiled
-def _clip_pairs(x1, x2, unit, one, two, points, weights):  # type: ignore[no-untyped-def]
-    """Blocks of (1) for every pair of facets."""
-    m1, m2 = x1.shape[1], x2.shape[1]
-    own, other = np.zeros((len(one), m1, m1)), np.zeros((len(one), m1, m2))
-    N1, N2 = np.empty(m1), np.empty(m2)
-    for pair in range(len(one)):
-        f, g = one[pair], two[pair]
-        first = x1[f, 1] - x1[f, 0]
-        first = first - np.sum(first * unit[f]) * unit[f]
-        first = first / np.sqrt(np.sum(first**2))
-        second = np.cross(unit[f], first)
-        flat1, flat2 = np.empty((m1, 2)), np.empty((m2, 2))
-        for flat, x in ((flat1, x1[f]), (flat2, x2[g])):
-            for corner in range(len(x)):
-                arm = x[corner] - x1[f, 0]
-                flat[corner, 0], flat[corner, 1] = np.sum(arm * first), np.sum(arm * second)
-        piece = _clip(flat2, flat1)
-        whole = abs(_area(flat1))
-        if len(piece) < 3 or abs(_area(piece)) <= SLIVER * whole:
+def _facing(c1, c2, unit, n2, reach):  # type: ignore[no-untyped-def]
+    """Whether the projections of two facets may overlap: their circles do."""
+    found = np.zeros((len(c1), len(c2)), dtype=np.bool_)
+    for f in range(len(c1)):
+        for g in range(len(c2)):
+            height = square = facing = 0.0
+            for k in range(3):
+                away = c2[g, k] - c1[f, k]
+                height += away * unit[f, k]
+                square += away * away
+                facing += unit[f, k] * n2[g, k]
+            size = c1[f, 3] + c2[g, 3]
+            near = abs(height) <= reach and square - height * height <= size * size
+            found[f, g] = near and facing < 0.0
+    return found
+
+
+@compiled
+def _clip_pairs(flat1, flat2, points, weights):  # type: ignore[no-untyped-def]
+    """Blocks of (1) for every pair of facets in the plane of the first, (pairs, corners, 2)."""
+    m1, m2 = flat1.shape[1], flat2.shape[1]
+    own, other = np.zeros((len(flat1), m1, m1)), np.zeros((len(flat1), m1, m2))
+    N1, N2, y = np.empty(m1), np.empty(m2), np.empty(2)
+    piece, spare = np.empty((16, 2)), np.empty((16, 2))
+    for pair in range(len(flat1)):
+        n = _clip(flat2[pair], flat1[pair], piece, spare)
+        if abs(_area(piece, n)) <= SLIVER * abs(_area(flat1[pair], m1)):
             continue
-        for k in range(1, len(piece) - 1):
+        for k in range(1, n - 1):
             area = 0.5 * abs(_cross(piece[0], piece[k], piece[k + 1]))
             for p in range(len(weights)):
-                y = points[p, 0] * piece[0] + points[p, 1] * piece[k] + points[p, 2] * piece[k + 1]
-                _shape(flat1, y, N1)
-                _shape(flat2, y, N2)
+                for a in range(2):
+                    y[a] = points[p, 0] * piece[0, a] + points[p, 1] * piece[k, a]
+                    y[a] += points[p, 2] * piece[k + 1, a]
+                _shape(flat1[pair], y, N1)
+                _shape(flat2[pair], y, N2)
                 for a in range(m1):
                     for b in range(m1):
                         own[pair, a, b] += weights[p] * area * N1[a] * N1[b]
@@ -161,26 +159,32 @@ def _clip_pairs(x1, x2, unit, one, two, points, weights):  # type: ignore[no-unt
 
 
 @compiled
-def _clip(polygon, window):  # type: ignore[no-untyped-def]
-    """Part of a polygon inside a convex counter-clockwise window (Sutherland and Hodgman)."""
-    kept = np.empty((16, 2))
+def _clip(polygon, window, kept, new):  # type: ignore[no-untyped-def]
+    """Write the part of a polygon inside a convex counter-clockwise window to ``kept``.
+
+    Returns its number of corners, by the method of Sutherland and Hodgman.
+    """
     n = len(polygon)
-    kept[:n] = polygon
+    for k in range(n):  # a slice would have the compiler write its error message
+        kept[k, 0], kept[k, 1] = polygon[k, 0], polygon[k, 1]
     for edge in range(len(window)):
         a, b = window[edge], window[(edge + 1) % len(window)]
-        new = np.empty((16, 2))
         m = 0
         for k in range(n):
             p, q = kept[k], kept[(k + 1) % n]
             side_p, side_q = _cross(a, b, p), _cross(a, b, q)
             if side_p >= 0.0:
-                new[m] = p
+                new[m, 0], new[m, 1] = p[0], p[1]
                 m += 1
             if (side_p > 0.0 and side_q < 0.0) or (side_p < 0.0 and side_q > 0.0):
-                new[m] = p + side_p / (side_p - side_q) * (q - p)
+                share = side_p / (side_p - side_q)
+                new[m, 0] = p[0] + share * (q[0] - p[0])
+                new[m, 1] = p[1] + share * (q[1] - p[1])
                 m += 1
-        kept, n = new, m
-    return kept[:n]
+        n = m
+        for k in range(n):
+            kept[k, 0], kept[k, 1] = new[k, 0], new[k, 1]
+    return n
 
 
 @compiled
@@ -190,10 +194,10 @@ def _cross(a, b, c):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _area(polygon):  # type: ignore[no-untyped-def]
-    """Signed area of a polygon."""
+def _area(polygon, n):  # type: ignore[no-untyped-def]
+    """Signed area of a polygon of n corners."""
     total = 0.0
-    for k in range(1, len(polygon) - 1):
+    for k in range(1, n - 1):
         total += 0.5 * _cross(polygon[0], polygon[k], polygon[k + 1])
     return total
 

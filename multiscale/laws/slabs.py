@@ -1,10 +1,10 @@
 """Kernels of the bed of sliders: equations (a) to (d) of :class:`Sliders`, point by point.
 
 ``edges``, shape (3, slabs), holds gap, pressure and stiffness at the upper edge of every slab on
-the elastic curve. ``start`` and ``end`` of a step, shape (5, points), hold gap, pressure and
+the elastic curve. ``start`` and ``end`` of a step, shape (5, 1, points), hold gap, pressure and
 stiffness of every point on this curve, and the scales of force and length. Of springs that have no
 common curve, such as asperities, they hold load and stiffness of every spring and the derivatives
-of both by the gap, shape (4, springs, points), and edges and slope are not used.
+of both by the gap, shape (4, springs, points); there are no edges, and the slope is not used.
 """
 
 import numpy as np
@@ -27,18 +27,18 @@ MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
 @compiled
 def _slab(i, place, c, edges):  # type: ignore[no-untyped-def]
     """Return load and stiffness (a) of slab i at point c."""
-    if place.ndim == 3:
+    if edges.shape[1] == 0:
         return place[0, i, c], place[1, i, c]
-    gap, upper = place[0, c], edges[0, i]
+    gap, upper = place[0, 0, c], edges[0, i]
     if gap >= upper:
         return 0.0, 0.0
-    h, p, K = gap, place[1, c], place[2, c]
+    h, p, K = gap, place[1, 0, c], place[2, 0, c]
     if i > 0 and gap < edges[0, i - 1]:
         h, p, K = edges[0, i - 1], edges[1, i - 1], edges[2, i - 1]
     w = max(K - edges[2, i], 0.0)
     N = p - edges[1, i] - edges[2, i] * (upper - h) + w * (h - gap)  # (a)
     N = min(max(N, w * (h - gap)), w * (upper - gap))  # bounds violated by rounding only
-    return place[3, c] * N, place[3, c] / place[4, c] * w
+    return place[3, 0, c] * N, place[3, 0, c] / place[4, 0, c] * w
 
 
 @compiled
@@ -47,11 +47,11 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     N0, w0 = _slab(i, start, c, edges)
     N, w = _slab(i, end, c, edges)
     keep = w / loaded if loaded > w else 1.0
-    if end.ndim == 3:
+    if edges.shape[1] == 0:
         return N, w, keep, min(0.5 * (w0 + w), w), 0.5 if w0 < w else 1.0
-    fall = (start[0, c] - end[0, c]) * end[4, c]
-    flows = start[3, c] != end[3, c]
-    if flows or abs(start[0, c] - end[0, c]) * end[2, c] <= ROUNDING_CHANGE * end[1, c]:
+    fall = (start[0, 0, c] - end[0, 0, c]) * end[4, 0, c]
+    flows = start[3, 0, c] != end[3, 0, c]
+    if flows or abs(start[0, 0, c] - end[0, 0, c]) * end[2, 0, c] <= ROUNDING_CHANGE * end[1, 0, c]:
         return N, w, keep, min(0.5 * (w0 + w), w), 0.5 if w0 < w else 1.0
     if fall <= 0.0:
         return N, w, keep, w, 1.0
@@ -81,14 +81,14 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
             if w == 0.0:  # open
                 new[i, c] = new[slabs + i, c] = new[2 * slabs + i, c] = 0.0
                 continue
-            if end.ndim == 3:
+            if edges.shape[1] == 0:
                 dN, dw = end[2, i, c], end[3, i, c]
                 dm = part * dw
             else:
-                held = i == 0 or end[0, c] >= edges[0, i - 1]
+                held = i == 0 or end[0, 0, c] >= edges[0, i - 1]
                 dw = w * slope[2, c] + (slope[0, c] if held else 0.0)
                 dN = N * slope[1, c] if slope[1, c] != 0.0 else -w
-                fall = (start[0, c] - end[0, c]) * end[4, c]
+                fall = (start[0, 0, c] - end[0, 0, c]) * end[4, 0, c]
                 dm = part * dw if part > 0.0 else (dN + m) / fall
             lost = dw / l0 if l0 > w else 0.0
             fx, fy = (

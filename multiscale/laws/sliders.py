@@ -215,7 +215,7 @@ class Sliders(InterfaceLaw):
             _flat(state[own:]),
             start,
             end,
-            self._slope(_flat(jump), _flat(state[:own]), start, end),
+            self._slope(_flat(jump), _flat(state[:own]), start[:, 0], end[:, 0]),
             self._edges,
             self.friction,
             self.stiffness_ratio,
@@ -292,12 +292,12 @@ class Sliders(InterfaceLaw):
         return self.normal.elastic_curve(*self._pressures)[0]
 
     def _place(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Return gap, pressure and stiffness on the elastic curve, and its scales, (5, points)."""
+        """Return gap, pressure, stiffness on the elastic curve, and its scales, (5, 1, points)."""
         gap, force, length = self.normal.on_curve(jump + self.normal.gap, state)
         place = np.empty((5, *jump.shape))
         place[:3] = gap, self._curve.pressure(gap), self._curve.stiffness(gap)
         place[3], place[4] = force, length
-        return place.reshape(5, -1)
+        return place.reshape(5, 1, -1)
 
     @np.errstate(invalid="ignore")  # a trial jump may be where the law has no numbers
     def _slope(

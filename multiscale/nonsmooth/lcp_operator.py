@@ -31,8 +31,11 @@ class Entries:
 
     @cached_property
     def rows(self) -> csr_array:
-        """The matrix by rows, without stored zeros."""
-        return csr_array(self.matrix)
+        """The matrix by rows, without stored zeros; numbered alike, for one kernel."""
+        rows = csr_array(self.matrix)
+        rows.indices = rows.indices.astype(np.int32, copy=False)
+        rows.indptr = rows.indptr.astype(np.int32, copy=False)
+        return rows
 
     @cached_property
     def absolute(self) -> csr_array | np.ndarray:

@@ -168,7 +168,7 @@ def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
             n = _arc_ellipse(M, cx, cy, centre[j], inverse[j], breaks, n)
     breaks[n], breaks[n + 1] = 0.0, 2.0 * np.pi
     n += 2
-    breaks[:n].sort()
+    _sort(breaks, n)
     det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
     total = 0.0
     for b in range(n - 1):
@@ -256,8 +256,19 @@ def _crossings(  # type: ignore[no-untyped-def]
                 if 0.0 < t < 1.0:
                     breaks[n] = t
                     n += 1
-    breaks[:n].sort()
+    _sort(breaks, n)
     return n
+
+
+@compiled
+def _sort(values, n):  # type: ignore[no-untyped-def]
+    """Sort the first n values, which are few; the sort of NumPy takes seconds to compile."""
+    for k in range(1, n):
+        value, j = values[k], k
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
 
 
 @compiled
