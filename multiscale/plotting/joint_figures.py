@@ -276,7 +276,8 @@ def plot_amplitudes(
     ax.set(xlabel="amplitude of the shear (MPa)", ylabel=label)
     bands = f"; bands: {BANDS_SAID}" if f"{quantity}_one_part" in result else ""
     ax.set_title(f"closed cycles{bands}", fontsize="medium")
-    ax.legend(fontsize="small")
+    falls = quantity == "secant_stiffness"
+    ax.legend(fontsize="small", loc="lower left" if falls else "upper left")
     return ax
 
 
