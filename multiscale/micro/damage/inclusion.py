@@ -124,6 +124,12 @@ def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # ty
 
 
 @compiled
+def _mean(s):  # type: ignore[no-untyped-def]
+    """Mean normal stress, by a sum of its own: that of NumPy makes numba load scipy.linalg."""
+    return (s[0] + s[1] + s[2]) / 3.0
+
+
+@compiled
 def _equivalent(s):  # type: ignore[no-untyped-def]
     """Mises norm of a deviator."""
     direct = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
@@ -138,7 +144,7 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
     b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
     start = state[14:].copy()
     xi, change, middle, flow = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    mean, mean_change = np.sum(start[:3]) / 3.0, np.sum(target[:3] - start[:3]) / 3.0
+    mean, mean_change = _mean(start), _mean(target) - _mean(start)
     loss = 1.0 - b * state[0] * material[FEEDBACK]
     for i in range(6):
         hydro, hydro_change = (mean, mean_change) if i < 3 else (0.0, 0.0)
@@ -157,7 +163,7 @@ def _follow_segment(state, target, material, substeps):  # type: ignore[no-untyp
         t = begin + (1.0 - begin) * (step + 1.0) / substeps
         feedback = state[0] * material[FEEDBACK]
         effective_stress(state, start, target, t, material, shear, b, new)
-        mean, mean_change = np.sum(old[:3]) / 3.0, np.sum(new[:3] - old[:3]) / 3.0
+        mean, mean_change = _mean(old), _mean(new) - _mean(old)
         for i in range(6):
             xi[i] = old[i] - (mean if i < 3 else 0.0) - state[8 + i]
             change[i] = new[i] - old[i] - (mean_change if i < 3 else 0.0)
@@ -249,7 +255,7 @@ def effective_stress(state, start, target, t, material, shear, b, out):  # type:
     a = (1.0 + nu) / (3.0 * (1.0 - nu))
     for i in range(6):
         out[i] = start[i] + t * (target[i] - start[i])
-    mean = (out[0] + out[1] + out[2]) / 3.0
+    mean = _mean(out)
     for i in range(6):
         deviator = out[i] - (mean if i < 3 else 0.0)
         out[i] = (deviator - 2.0 * shear * (1.0 - b) * state[2 + i]) / (1.0 - b * D)
@@ -279,7 +285,7 @@ def damage_rate(stress, damage, material):  # type: ignore[no-untyped-def]
 @compiled
 def _principal(s):  # type: ignore[no-untyped-def]
     """Principal values of a symmetric tensor by its invariants."""
-    mean = (s[0] + s[1] + s[2]) / 3.0
+    mean = _mean(s)
     x, y, z = s[0] - mean, s[1] - mean, s[2] - mean
     second = 0.5 * (x * x + y * y + z * z) + s[3] ** 2 + s[4] ** 2 + s[5] ** 2
     if second <= 1e-30 * mean * mean or second == 0.0:

@@ -326,7 +326,7 @@ def _arc_ellipse(M, cx, cy, other, W, breaks, n):  # type: ignore[no-untyped-def
     for z in np.linalg.eigvals(companion):
         if abs(abs(z) - 1.0) > 0.1:
             continue
-        t = np.angle(z)
+        t = np.arctan2(z.imag, z.real)
         for _ in range(3):  # Newton steps on the real circle; an additional place does no harm
             slope = C * np.cos(t) - B * np.sin(t) + 2.0 * (E * np.cos(2 * t) - D * np.sin(2 * t))
             value = A + B * np.cos(t) + C * np.sin(t) + D * np.cos(2 * t) + E * np.sin(2 * t)

@@ -5,7 +5,7 @@ through the volume along the normal, see :mod:`~multiscale.micro.damage.rve`; an
 the planes of a random medium falls towards its porosity as the volume grows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections 
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
 EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
 N_STARTS = 4  # number of worst sections from which the local search starts
+MOST_STEPS, SMALLEST_SHARE, LEAST_GAIN = 100, 1e-7, 1e-12  # of the local search
 
 
 def plane_damage(
@@ -234,22 +235,17 @@ def _offsets(
     With an edge of the box as normal and more sections than voxels, several planes lie in one
     layer of voxels; all of them count.
     """
-    from scipy.optimize import brentq
-
     from multiscale.micro.damage.voxel_sections import box_section
-
-    half = 0.5 * float(np.abs(normal) @ rve.size)
-
-    def excess(t: float) -> float:
-        area = box_section(rve.size, normal, np.array([0.0, t * half]))
-        return float(area[1] - smallest * area[0])
 
     if closed:
         largest = 0.5 / float(np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size)))
-    elif excess(1.0 - 1e-9) >= 0.0:  # along an edge of the box all sections are equal
-        largest = half
     else:
-        largest = half * float(brentq(excess, 0.0, 1.0, xtol=1e-12))
+        smaller, largest = 0.0, 0.5 * float(np.abs(normal) @ rve.size)
+        least = smallest * box_section(rve.size, normal, np.zeros(1))
+        while largest - smaller > 1e-12 * largest:  # along an edge of the box all are large enough
+            middle = 0.5 * (smaller + largest)
+            enough = box_section(rve.size, normal, np.array([middle])) >= least
+            smaller, largest = (middle, largest) if enough else (smaller, middle)
     return largest * (2.0 * (np.arange(sections) + 0.5) / sections - 1.0)
 
 
@@ -265,8 +261,6 @@ def _refine(
     starts: int,
 ) -> tuple[float, np.ndarray, float]:
     """Maximise damage locally from the worst sections found; closed planes keep their normal."""
-    from scipy.optimize import minimize
-
     from multiscale.micro.damage.voxel_sections import box_section
 
     step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1)) or 0.1 * min(
@@ -285,23 +279,42 @@ def _refine(
             turn = x[:-1] @ frame if len(x) == 3 else 0.0
             return _unit(normals[row] + turn), float(offset[row, peak[row]] + step * x[-1])
 
-        def negative(x: np.ndarray) -> float:
+        def value(x: np.ndarray) -> float:
             n, d = plane(x)
             if not closed:
                 centre, area = box_section(rve.size, n, np.array([0.0, d]))
                 if area < smallest * centre:
                     return 0.0
-            value = float(plane_damage(rve, n, d, slab=slab, closed=closed))
-            return -value if np.isfinite(value) else 0.0
+            found = float(plane_damage(rve, n, d, slab=slab, closed=closed))
+            return found if np.isfinite(found) else 0.0
 
-        start = np.zeros(1 if closed else 3)
-        edges = np.eye(len(start)) * (1.0 if closed else [[0.1], [0.1], [1.0]])
-        simplex = np.vstack([start, edges])
-        options = {"initial_simplex": simplex, "xatol": 1e-7, "fatol": 1e-12, "maxfev": 400}
-        found = minimize(negative, start, method="Nelder-Mead", options=options)
-        if -found.fun > best[0]:
-            best = (float(-found.fun), *plane(found.x))
+        x, found = _climb(value, np.array([1.0] if closed else [0.1, 0.1, 1.0]))
+        if found > best[0]:
+            best = (found, *plane(x))
     return best
+
+
+def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.ndarray, float]:
+    """Climb from the origin by steps along the axes, which get shorter where none leads up.
+
+    References
+    ----------
+    .. [1] T. G. Kolda, R. M. Lewis and V. Torczon, SIAM Rev. 45 (2003) 385-482,
+       doi:10.1137/S003614450242889. Compass search, algorithm 1.
+    """
+    place, top, share = np.zeros(len(step)), value(np.zeros(len(step))), 1.0
+    ways = [*np.diag(step), *np.diag(-step)]
+    for _ in range(MOST_STEPS):
+        for way in ways:
+            found = value(place + share * way)
+            if found > top + LEAST_GAIN:
+                place, top = place + share * way, found
+                break
+        else:
+            share *= 0.25
+            if share < SMALLEST_SHARE:
+                break
+    return place, top
 
 
 def _check_volume(rve: object) -> None:
