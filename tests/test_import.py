@@ -54,6 +54,24 @@ def test_a_dataset_is_made_of_arrays_without_the_libraries_of_other_arrays():
     assert loaded.isdisjoint({"pint", "dask.array"})
 
 
+@pytest.mark.parametrize(
+    "program",
+    [
+        "c = d.Cavities((1.0, 1.0, 1.0), [d.spheres([[0.5, 0.5, 0.5]], 0.3)]); d.max_damage(c)",
+        "d.two_scale_fatigue([210e6, -210e6], d.FatigueMaterial(2e11, 0.3, 2e8, 5e5))",
+        "s = m.Surface([[0.0, 1e-3], [1e-3, 0.0]], (1.0, 1.0)); "
+        "m.solve_cell(m.Cell(s, 1.0, 4, 1.0, 0.3, geometry='flat'), m.Path(pressure=(1e-4,)))",
+    ],
+    ids=["sections", "fatigue", "flat cell"],
+)
+def test_small_problems_are_solved_without_parts_of_scipy_that_they_do_not_need(program):
+    """Each takes as long to load as the solution; the first process may have to compile."""
+    program = f"import multiscale.micro as m, multiscale.micro.damage as d; {program}"
+    loaded = [modules_after(program) for _ in range(2)][-1]
+    assert {"numba", "xarray"} <= loaded
+    assert loaded.isdisjoint({"scipy.linalg", "scipy.optimize", "scipy.sparse"})
+
+
 @pytest.mark.parametrize("first", ["multiscale, numba", "numba, multiscale"])
 def test_kernels_run_on_openmp_where_there_is_one(first):
     """With TBB a fork of a process whose kernels have run can take minutes."""

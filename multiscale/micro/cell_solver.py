@@ -14,7 +14,6 @@ from multiscale.errors import CaseError
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import CellProblem, ContactState, average_contact
-from multiscale.micro.gap_flow import gap_flow, open_gap
 from multiscale.micro.path import Path
 from multiscale.schema import MICRO_RESPONSE, Dataset
 
@@ -225,6 +224,8 @@ def _let_through(step: dict[str, Any], spacing: tuple[float, float] | None) -> d
     """Return what the gap of a step lets through along x and y; nothing if the step failed."""
     if "gap" not in step or spacing is None:
         return {}
+    from multiscale.micro.gap_flow import gap_flow, open_gap
+
     free = open_gap(step["gap"].T, step["pressure"].T)
     flows = [gap_flow(free, spacing, axis) for axis in (0, 1)]
     return {

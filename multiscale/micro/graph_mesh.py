@@ -30,16 +30,16 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
     ndarray, shape (layers + 1,)
         From 0 at the base to :math:`H`, m.
     """
-    from scipy.optimize import brentq
-
     if top_thickness * layers >= depth:
         return np.linspace(0.0, depth, layers + 1)
 
-    def excess(ratio: float) -> float:
-        return float(np.sum(ratio ** np.arange(layers)) * top_thickness / depth - 1.0)
-
-    ratio = brentq(excess, 1.0, (depth / top_thickness) ** (1.0 / (layers - 1)) + 1.0, xtol=1e-14)
-    thickness = ratio ** np.arange(layers)[::-1]
+    power, total = np.arange(layers), depth / top_thickness
+    ratio, step = total ** (1.0 / (layers - 1)), np.inf  # too large, so that Newton falls to it
+    while step > 1e-15 * ratio:
+        thickness = ratio**power
+        step = (thickness.sum() - total) / (power @ thickness / ratio)
+        ratio -= step
+    thickness = ratio ** power[::-1]
     planes = np.concatenate([[0.0], np.cumsum(thickness)])
     return np.asarray(planes * (depth / planes[-1]))
 

@@ -15,8 +15,6 @@ stresses of the deformed body and are the coefficients of its tractions in the d
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from multiscale.micro.averages import to_components
 
@@ -57,6 +55,9 @@ def spot_averages(
         ``spot_traction_by_normal``, shape (spots, 3), Pa, normal first. Their sums are the real
         contact area and the averaged traction.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     first, second = neighbours
     joined = active[first] & active[second]
     size = 2 * (active.size,)

@@ -152,7 +152,7 @@ class _LockedCache:
         Numba brings them before it looks into the cache, which takes as long as numba itself. Where
         a kernel is missing its compiler brings them.
         """
-        from numba.core.runtime import rtsys
+        from numba.core.runtime.nrt import rtsys
 
         rtsys.initialize(target)
         with self._files._guard_against_spurious_io_errors():

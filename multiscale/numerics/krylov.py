@@ -4,7 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse.linalg import LinearOperator, gcrotmk
 
 __all__ = ["conjugate_gradients", "minimal_residual"]
 
@@ -81,6 +80,8 @@ def minimal_residual(
     >>> x.round(6)
     array([1.  , 0.5 , 0.25])
     """
+    from scipy.sparse.linalg import LinearOperator, gcrotmk
+
     iterations = 0
 
     def counted(vector: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ from multiscale.errors import ConvergenceError
 from multiscale.io.images import VoxelImage
 from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.cavities import Cavities, voxelise
-from multiscale.micro.damage.meshed_volume import mesh_stiffness
 from multiscale.micro.damage.rve import SIDES, STRAINS, effective_stiffness
 from multiscale.micro.damage.sections import max_damage, section_normals
 from multiscale.schema import RVE, RVE_VOLUMES, Dataset
@@ -65,6 +64,8 @@ def measure_volume(
     def solve(sides: str, *, halved: bool) -> np.ndarray:
         if element_size is not None and isinstance(rve, Cavities):
             size = (1.0 + halved) * element_size
+            from multiscale.micro.damage.meshed_volume import mesh_stiffness
+
             solution = mesh_stiffness(
                 rve, youngs_modulus, poissons_ratio, element_size=size, sides=sides
             )
