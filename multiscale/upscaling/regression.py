@@ -20,7 +20,9 @@ REFUSED = 1e6  # relative error of a law that cannot be made
 DIFFERENCE = 1e-7  # of a coordinate, for the derivative
 SMALLEST = 1e-300
 SETTLED = 1e-8  # largest step, in the coordinates, of a problem that is settled
-MAX_ITERATIONS = 40
+FLAT = 1e-12  # fall of the squares by a step, over them, of a problem that is settled
+LEAST_DAMPING = 1e-12  # keeps (1) regular where the data do not tell parameters apart
+MAX_ITERATIONS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,10 +265,12 @@ def _solve_many(
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]  # (1)
         trial = residual(x + step)
         small = np.max(np.abs(step), axis=1) <= SETTLED
-        better = np.sum(trial**2, axis=1) <= np.sum(r**2, axis=1)
+        squares, changed = (np.sum(one**2, axis=1) for one in (r, trial))
+        better = changed <= squares
+        small |= better & (squares - changed <= FLAT * squares)
         x = np.where((better & ~settled)[:, None], x + step, x)
         r = np.where((better & ~settled)[:, None], trial, r)
-        damping *= np.where(better, 0.1, 10.0)
+        damping = np.maximum(damping * np.where(better, 0.1, 10.0), LEAST_DAMPING)
         settled |= small
         if np.all(settled):
             break

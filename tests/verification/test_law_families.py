@@ -181,6 +181,15 @@ def test_samples_fitted_at_once_are_those_fitted_one_by_one(
         np.testing.assert_allclose(many, one, rtol=1e-5)
 
 
+def test_friction_that_no_speed_changes_has_samples_of_a_law_with_a_speed():
+    """Parameters that the data do not tell apart: no system of equations is singular."""
+    speed, random = np.geomspace(1e-3, 10.0, 12), np.random.default_rng(seed=4)
+    values = 0.4 * (1.0 + 0.02 * random.standard_normal((5, speed.size)))
+    seen = observe("friction_coefficient", (np.full(speed.size, 1e5), speed), values)
+    fit = fit_law(seen, family="decaying", n_samples=20, seed=4)
+    assert fitted_law(fit).coefficient(1e5, speed).mean() == pytest.approx(0.4, rel=0.01)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("family", "quantity", "conditions", "law", "names"), CASES, ids=IDS)
 def test_bands_cover_the_true_law(family, quantity, conditions, law, names):
