@@ -20,7 +20,7 @@ from multiscale.schema import Dataset
 from multiscale.units import Unit, stiffness_unit
 
 if TYPE_CHECKING:
-    from matplotlib.collections import EllipseCollection
+    from matplotlib.collections import Collection
     from matplotlib.colors import Colormap
 
 __all__ = [
@@ -41,6 +41,9 @@ ZONE_COLOURS = ("0.8", "C0", "C3")
 
 LEGEND_BELOW = 0.45
 """Distance of the legend of the zones below the axes, inches."""
+
+BESIDE = 0.05
+"""Width of the bodies that is drawn beside a joint, over its longer edge."""
 
 LEVEL = 1e-6
 """Height, relative to a body, up to which corners lie on its top."""
@@ -72,8 +75,7 @@ def plot_joint_plan(
 ) -> Axes:
     """Plot the open, sticking and slipping zones of a joint in plan, its pressure or its loss.
 
-    Each point is a disc of the area that it stands for, seen along the normal of the joint. The
-    outlines of the tops of the parts are drawn if the result has their elements.
+    The joint is seen along its normal, as :func:`draw_points` draws it.
 
     Parameters
     ----------
@@ -130,10 +132,11 @@ def _zones() -> "Colormap":
     return ListedColormap(list(ZONE_COLOURS))
 
 
-def draw_points(
-    result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes
-) -> "EllipseCollection":
-    """Draw some points of a joint as discs of their area, seen along its normal, and return them.
+def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes) -> "Collection":
+    """Draw the values at some points of a joint, seen along its normal, and return the artist.
+
+    Each point colours its part of the faces of one body, or, where the points are the corners of
+    no faces, a disc of the area that it stands for.
 
     Parameters
     ----------
@@ -142,26 +145,61 @@ def draw_points(
     points : ndarray of int
     value : ndarray, shape (points,), what the colours show
     """
-    from matplotlib.collections import EllipseCollection
+    from matplotlib.collections import EllipseCollection, PolyCollection
 
     axes, names = _seen(result, points)
-    across = 1e3 * np.sqrt(4.0 / np.pi * result["point_area"].values[points])
-    dots = EllipseCollection(
-        across,
-        across,
-        0.0,
-        units="xy",
-        offsets=1e3 * result["point_position"].values[points] @ axes[1:].T,
-        offset_transform=ax.transData,
-        array=value,
-    )
+    faces = _faces(result, points)
+    place = 1e3 * result["point_position"].values[points] @ axes[1:].T
+    drawn: Collection
+    if faces.size:
+        corner = place[faces]  # (faces, corners, 2)
+        edge = 0.5 * (corner + np.roll(corner, -1, axis=1))
+        centre = np.broadcast_to(corner.mean(axis=1, keepdims=True), corner.shape)
+        parts = np.stack([corner, edge, centre, np.roll(edge, 1, axis=1)], axis=2)
+        colours = value[faces.ravel()]
+        drawn = PolyCollection(
+            list(parts.reshape(-1, 4, 2)), array=colours, edgecolors="face", linewidths=0.6
+        )
+    else:
+        across = 1e3 * np.sqrt(4.0 / np.pi * result["point_area"].values[points])
+        drawn = EllipseCollection(
+            across,
+            across,
+            0.0,
+            units="xy",
+            offsets=place,
+            offset_transform=ax.transData,
+            array=value,
+        )
     for line in _outlines(result, axes):
-        ax.plot(*(1e3 * line), color="black", linewidth=0.8, zorder=3)
-    ax.add_collection(dots)
+        ax.plot(*(1e3 * line), color="black", linewidth=0.8, solid_capstyle="butt", zorder=3)
+    ax.add_collection(drawn)
     ax.set_aspect("equal")
-    ax.autoscale_view()
+    seen = drawn.get_datalim(ax.transData)
+    seen = seen.padded(BESIDE * max(seen.width, seen.height))
+    ax.set(xlim=seen.intervalx, ylim=seen.intervaly)  # bodies may be far larger
     ax.set(xlabel=f"{names[0]} (mm)", ylabel=f"{names[1]} (mm)")
-    return dots
+    return drawn
+
+
+def _faces(result: Dataset, points: np.ndarray) -> np.ndarray:
+    """Faces of a body whose corners are all of some points, (faces, corners), by their numbers.
+
+    None if no body has such faces.
+    """
+    if "corners" not in result:
+        return np.empty((0, 3), dtype=int)
+    place = np.concatenate([result["point_position"].values[points], result["position"].values])
+    _, same = np.unique(place, axis=0, return_inverse=True)
+    number = np.full(same.size, -1)
+    number[same[: points.size]] = np.arange(points.size)
+    faces = number[same[points.size :]][list_faces(result["corners"].values)]
+    for body in np.unique(result["element_body"].values):
+        own = faces[result["element_body"].values == body].reshape(-1, faces.shape[2])
+        own = own[np.all(own >= 0, axis=1)]
+        if np.unique(own).size == points.size:
+            return np.asarray(own)
+    return np.empty((0, 3), dtype=int)
 
 
 def _seen(result: Dataset, points: np.ndarray) -> tuple[np.ndarray, tuple[str, str]]:

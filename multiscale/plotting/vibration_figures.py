@@ -20,9 +20,6 @@ __all__ = ["plot_backbone", "plot_mode_shape", "plot_vibrating_joint", "vibratio
 LEAN = 0.12
 """Largest displacement in a figure of a mode, relative to the longest edge of the structure."""
 
-BESIDE = 0.05
-"""What is seen of bodies beside their joint, relative to its longest edge."""
-
 QUANTITIES = {"frequency": Unit("Hz", 1.0), "damping": Unit("% of critical", 100.0)}
 """Quantities of backbones and their units."""
 
@@ -113,10 +110,6 @@ def plot_vibrating_joint(
     value = unit.scale * result[quantity].values[0, step, mine]
     dots = draw_points(result, mine, value, ax)
     dots.set_clim(0.0, max(float(np.nanmax(value)), np.finfo(float).tiny))
-    seen = np.asarray(dots.get_offsets())
-    margin = BESIDE * np.ptp(seen, axis=0).max()
-    low, high = seen.min(axis=0) - margin, seen.max(axis=0) + margin
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))  # bodies may be far larger
     add_colour_bar(dots, ax, f"{name} ({unit.name})")
     along = length_unit(result["largest_displacement"].values[[step]])
     size = along.scale * float(result["largest_displacement"][step])

@@ -10,23 +10,43 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.plotting import draw_joint, plot_hysteresis, plot_joint_plan
 
 
 @pytest.fixture(scope="module")
-def result():
+def blocks():
     law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
-    blocks = stacked_blocks((0.03, 0.02, 0.01), (3, 2, 1), [Elastic(70e9, 0.3)] * 2, [law])
+    return stacked_blocks((0.03, 0.02, 0.01), (3, 2, 1), [Elastic(70e9, 0.3)] * 2, [law])
+
+
+@pytest.fixture(scope="module")
+def meshed(blocks, result):
+    return add_body_fields(result, blocks.bodies)
+
+
+@pytest.fixture(scope="module")
+def result(blocks):
     loading = JointLoading((2e6, 10e6), shear=1.5e6, cycles=1, steps=3)
     return load_joint(blocks, loading, method=LatinMethod(tolerance=1e-6))
 
 
-def test_zones_hold_every_point_in_millimetres_and_name_their_share(result):
+def test_discs_stand_at_points_in_millimetres_where_the_faces_of_bodies_are_not_known(result):
     ax = plot_joint_plan(result, step=4, ax=Figure().add_subplot())
-    points = np.concatenate([dots.get_offsets() for dots in ax.collections])
     position = 1e3 * result["point_position"].values[:, :2]
-    np.testing.assert_allclose(np.sort(points, axis=0), np.sort(position, axis=0))
+    np.testing.assert_allclose(ax.collections[0].get_offsets(), position)
+
+
+def test_zones_cover_the_joint_in_millimetres_and_name_their_share(result, meshed):
+    ax = plot_joint_plan(meshed, step=4, ax=Figure().add_subplot())
+    (parts,) = ax.collections
+    area = np.zeros(3)
+    for path, state in zip(parts.get_paths(), parts.get_array(), strict=True):
+        (x, y), (x1, y1) = path.vertices[:-1].T, path.vertices[1:].T
+        area[int(state)] += 0.5 * abs(np.sum(x * y1 - x1 * y))
+    state, weight = result["contact_state"].values[4], result["point_area"].values
+    each = [1e6 * weight[state == k].sum() for k in range(3)]
+    np.testing.assert_allclose(area, each, rtol=1e-9, atol=1e-9)  # mm2
     shares = [100.0 * float(result[f"{name}_fraction"][4]) for name in ("open", "stick", "slip")]
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == [
