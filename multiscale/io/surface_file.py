@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.units import readable
 
 if TYPE_CHECKING:
     from multiscale.surfaces import Surface
@@ -396,12 +397,10 @@ def _say_channel(entry: Any) -> str:
     points = " x ".join(map(str, entry.nb_grid_pts))
     unit = entry.unit[0] if isinstance(entry.unit, tuple) else entry.unit
     kind = entry.data_kind.value if not isinstance(entry.unit, tuple) else "other"
-    size = (
-        "no size"
-        if entry.physical_sizes is None
-        else " x ".join(f"{float(edge):.6g}" for edge in entry.physical_sizes)
-    )
-    return f"{entry.index} ({entry.name!r}): {kind}, {points} points, {size} {unit or '(no unit)'}"
+    unit = unit or "(no unit)"
+    edges = [f"{float(edge):.6g} {unit}" for edge in entry.physical_sizes or ()]
+    size = " x ".join(map(readable, edges)) or f"no size {unit}"
+    return f"{entry.index} ({entry.name!r}): {kind}, {points} points, {size}"
 
 
 def _pick_channel(path: Path, reader: Any, channel: int | str | None) -> Any:

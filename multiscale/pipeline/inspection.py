@@ -10,7 +10,7 @@ from multiscale.io import open_topography, write_bytes
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
-from multiscale.pipeline.surface_rows import tabulate_statistics
+from multiscale.pipeline.surface_rows import say_reliable_waves, tabulate_statistics
 from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.surface_figures import (
@@ -26,6 +26,7 @@ __all__ = ["INSPECTION", "inspect_surface"]
 
 PLAUSIBLE_SLOPES = (1e-5, 3.0)
 FILLED = 0.1  # share of undefined points that needs a caution
+SPIKED = 30.0  # kurtosis of heights that needs a caution; 3 is Gaussian
 SELF_AFFINE = 0.4  # decades between spectrum and fit that need a caution
 
 
@@ -72,7 +73,10 @@ def inspect_surface(
     proposal, held = "", ""
     try:
         proposed = propose_case(
-            surface, settings, waves, shortest_reliable=float(told["shortest_reliable"])
+            surface,
+            settings,
+            waves,
+            reliable=(float(told["shortest_reliable"]), float(told["longest_reliable"])),
         )
     except CaseError as error:
         cautions.append(f"no case is proposed: {error}")
@@ -117,13 +121,16 @@ def _doubts(told: Dataset) -> Iterator[str]:
             f"{100.0 * filled:.0f} % of the points are undefined; spectrum, Hurst exponent and lay "
             f"count them as filled"
         )
+    if (kurtosis := float(told["kurtosis"])) > SPIKED:
+        yield (
+            f"few points have most of the rms height, as the kurtosis of {kurtosis:.3g} tells: "
+            f"remove spikes, dust and holes that are not of the surface, or measure another place"
+        )
     if float(told["fit_deviation"]) > SELF_AFFINE:
         yield (
             f"the spectrum is {float(told['fit_deviation']):.2g} decades off the self-affine fit, "
             f"so that Hurst exponent and roll-off describe it poorly"
         )
-    if not float(told["longest_reliable"]) > float(told["shortest_reliable"]):
-        yield "no wave is reliable: the map has too few points"
 
 
 def _lines(found: Datasets) -> list[str]:
@@ -166,13 +173,12 @@ def _summary(found: Datasets) -> Summary:
     """Say in a sentence how rough the surface is, and which waves are known."""
     told = found[INSPECTION.name]
     height, slope = readable(f"{float(told['rms_height']):.3g} m"), float(told["rms_slope"])
-    ends = (readable(f"{float(told[f'{end}_reliable']):.3g} m") for end in ("shortest", "longest"))
     return Summary(
         told.attrs["title"],
         "How rough is this surface, and which cells stand for it?",
         [
             f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "
-            f"waves from {' to '.join(ends)} are reliable.",
+            f"reliable waves: {say_reliable_waves(told)}.",
             *([told.attrs["held"]] if told.attrs["held"] else []),
         ],
     )

@@ -46,7 +46,7 @@ class Proposal:
 
 
 def propose_case(
-    whole: Surface, settings: InstrumentSurface, waves: Spectrum, *, shortest_reliable: float
+    whole: Surface, settings: InstrumentSurface, waves: Spectrum, *, reliable: tuple[float, float]
 ) -> Proposal:
     """Propose cells for a measured surface that hold its height and its slope alike.
 
@@ -55,7 +55,7 @@ def propose_case(
     whole : Surface, map or line scan, without trend
     settings : InstrumentSurface, surface table as far as the user has given it
     waves : Spectrum, spectrum of the surface, not periodic
-    shortest_reliable : float, shortest reliable wave, m
+    reliable : tuple of float, shortest and longest reliable wave, m
 
     Returns
     -------
@@ -67,9 +67,11 @@ def propose_case(
     Raises
     ------
     CaseError
-        If the map holds no window of enough points.
+        If no wave is reliable, or the map holds no window of enough points.
     """
-    finest = max(shortest_reliable, waves.cutoff_holding(SLOPE_HELD, order=2))
+    if not reliable[0] < reliable[1]:
+        raise CaseError("the map has too few points for any reliable wave")
+    finest = max(reliable[0], waves.cutoff_holding(SLOPE_HELD, order=2))
     mirrored = 1.0 if settings.profile == "isotropic" else 2.0
     refusal = CaseError("the map holds no window of roughness")
     for count in REALISATIONS:

@@ -5,10 +5,16 @@ import numpy as np
 from multiscale.schema import Dataset
 from multiscale.units import readable
 
-__all__ = ["tabulate_statistics"]
+__all__ = ["say_reliable_waves", "tabulate_statistics"]
 
 LAY = 1.5
 """Ratio of slopes from which a surface has a lay."""
+
+
+def say_reliable_waves(told: Dataset) -> str:
+    """Return both ends of the reliable waves of a surface, or "none"."""
+    ends = [float(told[f"{end}_reliable"]) for end in ("shortest", "longest")]
+    return " to ".join(readable(f"{end:.3g} m") for end in ends) if ends[0] < ends[1] else "none"
 
 
 def tabulate_statistics(told: Dataset, *, measured: bool) -> list[tuple[str, str]]:
@@ -27,10 +33,10 @@ def tabulate_statistics(told: Dataset, *, measured: bool) -> list[tuple[str, str
     is_map = int(told["dimensions"]) == 2
     of_measured = [
         ("undefined points", f"{100.0 * float(told['filled_share']):.3g} %"),
-        ("reliable waves", f"{say('shortest_reliable')} to {say('longest_reliable')}"),
+        ("reliable waves", say_reliable_waves(told)),
         ("Hurst exponent", say("hurst_exponent", "1", 2)),
         ("spectrum flat above", say("roll_off")),
-        ("rms distance of the spectrum from this fit", f"{say('fit_deviation', '1', 2)} decades"),
+        ("decades from the spectrum to this fit, rms", say("fit_deviation", "1", 2)),
     ]
     bearing = (  # heights of which a tenth, a half and nine tenths of the surface lie above
         readable(f"{np.interp(at, told['bearing_share'], told['bearing_height']):.3g} m")

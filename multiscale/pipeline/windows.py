@@ -1,7 +1,9 @@
 """Windows of a measured map as surfaces of cells, and what is left of its roughness in them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import floor
 
 import numpy as np
 
@@ -98,9 +100,9 @@ def cut_windows(
     pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
     if min(pixels) < FEWEST_PIXELS:
         raise CaseError(
-            f"a window of {size[0]:.3g} x {size[1]:.3g} m has only {min(pixels)} measured points "
-            f"across, where {settings.file.name} has one each {max(whole.spacing):.3g} m; make the "
-            f"cell at least {FEWEST_PIXELS * max(whole.spacing) / share:.3g} m large"
+            f"a window of {_lengths(size)} has only {min(pixels)} measured points across, where "
+            f"{settings.file.name} has one each {_length(max(whole.spacing))}; make the cell at "
+            f"least {_length(FEWEST_PIXELS * max(whole.spacing) / share)} large"
         )
     corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
     if len(corners) < needed:
@@ -113,8 +115,8 @@ def cut_windows(
     surfaces = [resample(low_pass(piece, cutoff), cell.points) for piece in periodic]
     if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
         raise CaseError(
-            f"{settings.file.name} has a window without waves of {cutoff:.3g} m and more; give a "
-            f"finer grid with a shorter short_cutoff"
+            f"{settings.file.name} has a window without waves of {_length(cutoff)} and more; give "
+            f"a finer grid with a shorter short_cutoff"
         )
     of_map = of_map or spectrum([whole], periodic=False)
     of_pieces = spectrum(pieces, periodic=False)
@@ -128,7 +130,7 @@ def cut_windows(
         tuple(piece.filled_share for piece in pieces),
         f"{_length(cutoff)}, {chosen}",
         (
-            *_losses(stages, of_map, of_periodic, cell, share, chosen),
+            *_losses(stages, of_map, of_periodic, whole.size, cell, share, chosen),
             *_herringbone(settings, whole, cutoff),
         ),
     )
@@ -151,14 +153,14 @@ def _cutoff(
     least = max(2.0 * spacing, 2.0 / float(np.hypot(1.0 / pixel[0], 1.0 / pixel[1])))  # diagonal
     if cutoff < least:
         raise CaseError(
-            f"short_cutoff {cutoff:.3g} m is finer than the grid; with {spacing:.3g} m between its "
-            f"points and {max(pixel):.3g} m between the measured ones it must be at least "
-            f"{least:.3g} m, better {resolved:.3g} m"
+            f"short_cutoff {_length(cutoff)} is finer than the grid; with {_length(spacing)} "
+            f"between its points and {_length(max(pixel))} between the measured ones it must be at "
+            f"least {_length(least)}, better {_length(resolved)}"
         )
     if cutoff > 0.5 * min(cell.size):
         raise CaseError(
-            f"short_cutoff {cutoff:.3g} m leaves no roughness in a cell of {min(cell.size):.3g} m; "
-            f"it must be at most half as long as the cell"
+            f"short_cutoff {_length(cutoff)} leaves no roughness in a cell of "
+            f"{_length(min(cell.size))}; it must be at most half as long as the cell"
         )
     return cutoff, chosen
 
@@ -202,9 +204,9 @@ def _too_few(
         else ""
     )
     said = (
-        f"{settings.file.name} measures {whole.size[0]:.3g} x {whole.size[1]:.3g} m and holds "
-        f"{found} separate windows of {size[0]:.3g} x {size[1]:.3g} m{within}, but {count} are "
-        f"needed; {'ask for fewer realisations' if found else 'make the cell smaller'}"
+        f"{settings.file.name} measures {_lengths(whole.size)} and holds {found} separate "
+        f"window{'s' * (found != 1)} of {_lengths(size)}{within}, but {count} are needed; "
+        f"{'ask for fewer realisations' if found else 'make the cell smaller'}"
     )
     scale = 1.0
     while True:
@@ -217,8 +219,8 @@ def _too_few(
         if enough >= count:
             double = 2.0 if settings.periodic == "mirror" else 1.0
             said += (
-                f", or make the cell {double * smaller[0]:.3g} x {double * smaller[1]:.3g} m, "
-                f"for which there are {enough} windows"
+                f", or make the cell {_lengths([double * edge for edge in smaller])}, for which "
+                f"there are {enough} windows"
             )
             break
     return said + (", or allow more by filled in the surface table" if within else "")
@@ -228,6 +230,7 @@ def _losses(
     stages: tuple[Roughness, Roughness, Roughness],
     of_map: Spectrum,
     of_periodic: Spectrum,
+    size: tuple[float, float],
     cell: CellSettings,
     window_share: float,
     chosen: str,
@@ -244,10 +247,12 @@ def _losses(
         lost = []
         if pieces < HELD * whole:
             edge = of_map.length_holding(HELD) / window_share
+            separate = np.prod([floor(one / (window_share * edge)) for one in size])
             lost.append(
                 f"its windows hold {pieces / whole:.2g}, "
                 + (
-                    f"where cells of {_length(edge)} have room for the waves of {HELD:g}"
+                    f"where cells of {_length(edge)}, of whose windows the map holds {separate}, "
+                    f"have room for the waves of {HELD:g}"
                     if order == 0 and edge > max(cell.size)
                     else "as the map is rougher elsewhere: more realisations cover more of it"
                 )
@@ -285,6 +290,11 @@ def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> 
         f"herringbone of {degrees:.0f} and {180.0 - degrees:.0f} degrees: measure the map along "
         f'its lay, or set periodic = "window"'
     ]
+
+
+def _lengths(edges: Sequence[float]) -> str:
+    """Write edges as a case file may have them."""
+    return " x ".join(map(_length, edges))
 
 
 def _length(value: float) -> str:

@@ -321,3 +321,27 @@ def test_cells_of_a_line_scan_have_the_spectrum_that_is_shown(reference_data):
     told = inspect_surface(reference_data / "topography" / "dektak-1.csv")
     shown = f"fitted with a Hurst exponent of {float(told['hurst_exponent']):.2g} and"
     assert shown in told.attrs["cautions"]
+
+
+def test_a_map_of_few_points_has_no_reliable_wave_and_no_case(store, command):
+    heights = 1e-6 * np.random.default_rng(4).standard_normal((7, 4))
+    status, said, cautions = command(
+        "inspect", store(heights), "--size", "7 um x 4 um", "--unit", "m"
+    )
+    assert status == 0
+    rows = {line[: line.find("  ")]: line.split("  ")[-1] for line in said.splitlines()}
+    assert rows["reliable waves"] == "none"
+    assert "not known decades" not in said
+    assert "no case is proposed: the map has too few points for any reliable wave" in cautions
+    assert "short_cutoff" not in cautions  # which nobody has given
+
+
+def test_spikes_that_make_the_rms_height_are_a_caution(store, rough):
+    spiked = rough.copy()
+    spiked[::90, ::90] += 4e-5
+    clean, dusty = (
+        inspect_surface(store(heights), size=(384e-6, 320e-6), unit=1.0)
+        for heights in (rough, spiked)
+    )
+    assert "kurtosis" not in clean.attrs["cautions"]
+    assert "remove spikes, dust and holes that are not of the surface" in dusty.attrs["cautions"]
