@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -180,7 +181,8 @@ def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None 
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
     lies, whose interface holds only so many cells. Of answers for each cycle the last one has
-    intervals, which the budget has at the last step. No answer lies below zero. ``along`` names
+    intervals, which the budget has at the last step. No answer lies below zero, and no joint is
+    stiffer than its bodies: its interface, in series with them, has the error. ``along`` names
     variable and place of answers that are one of several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
@@ -195,7 +197,10 @@ def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None 
             value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])
-            values[f"{name}_{kind}"] = limits(value, half)
+            share: Any = 1.0
+            if name == "joint_stiffness":
+                share = value / result["interface_stiffness"].to_numpy()
+            values[f"{name}_{kind}"] = limits(value, half, share)
     return MACRO_RESULT.assign(result, values)
 
 
@@ -204,9 +209,14 @@ def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
     return {"mean_law": mean_law_error(budget), "one_part": budget["error_total"].to_numpy()}
 
 
-def limits(value: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return both ends of intervals, shape (2, ...), none below zero; the error is relative."""
-    return np.maximum(np.stack([value * (1.0 - error), value * (1.0 + error)]), 0.0)
+def limits(value: np.ndarray, error: np.ndarray, share: "np.ndarray | float" = 1.0) -> np.ndarray:
+    """Return both ends of intervals, shape (2, ...), none below zero; the error is relative.
+
+    If the answer is a stiffness in series, one part with this share of the compliance has the
+    error, and the ends are those of the series.
+    """
+    part = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)
+    return np.asarray(value * part / (share + (1.0 - share) * part))
 
 
 def over_steps(budget: Dataset, steps: np.ndarray, count: int) -> Dataset:

@@ -12,7 +12,7 @@ from multiscale.pipeline.rows import list_facts, round_by, tabulate
 from multiscale.pipeline.stages.joint import JOINT, solve_joint
 from multiscale.schema import INTERFACE_LAW
 from multiscale.studies.rough_structure import Answer, checked
-from multiscale.upscaling import assume_shear, hysteretic_from_dataset
+from multiscale.upscaling import assume_shear, hysteretic_from_dataset, with_intervals
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa
 
@@ -49,6 +49,21 @@ def test_interface_and_bodies_stand_beside_the_joint_each_with_its_error(result)
     total = known["error_total"]
     np.testing.assert_array_equal(total.sel(quantity="solid_stiffness"), 0.0)
     assert np.all(total.sel(quantity="interface_stiffness") > total.sel(quantity="joint_stiffness"))
+
+
+@pytest.mark.parametrize("error", [0.01, 0.6, 1.3])
+def test_ends_of_an_interval_are_springs_in_series_too(result, error):
+    """No joint is stiffer than its bodies, however uncertain its interface is."""
+    known = result.isel(step=slice(2))
+    joint, K, solid = (known[f"{name}_stiffness"] for name in ("joint", "interface", "solid"))
+    total = known["error_total"].copy()
+    total.loc["interface_stiffness"] = error
+    total.loc["joint_stiffness"] = error * joint / K  # to first order
+    known = with_intervals(known.assign(error_total=total))
+    ends = K.values * np.maximum([[1.0 - error], [1.0 + error]], 0.0)
+    np.testing.assert_allclose(known["interface_stiffness_one_part"], ends)
+    series = ends * solid.values / (ends + solid.values)
+    np.testing.assert_allclose(known["joint_stiffness_one_part"], series)
 
 
 def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):

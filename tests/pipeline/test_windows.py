@@ -138,8 +138,8 @@ def test_mostly_filled_windows_are_refused_with_the_size_that_is_not(cut):
         cut(noise(shape), "200 um", 64, **given)
     said = str(error.value)
     assert "or allow more by filled in the surface table" in said
-    size = float(said.split("make the cell ")[1].split(" x ")[0])
-    surfaces, held = cut(noise(shape), f"{size} m", 64, **given)
+    size = said.split("make the cell ")[1].split(" x ")[0]
+    surfaces, held = cut(noise(shape), size, 64, **given)
     assert len(surfaces) == 4
     assert max(held.filled) <= 0.1
 
