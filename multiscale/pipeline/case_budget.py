@@ -54,7 +54,8 @@ def case_budget(
         "sampling": f"one realisation tells nothing of the scatter; give realisations = "
         f"{FEWEST_REALISATIONS} or more in [micro]",
         "cell size": f"cells of one size were solved; {other_size}",
-        "micro discretisation": "cells on one grid were solved; give coarser = 1 in [micro]",
+        "micro discretisation": "cells on one grid were solved; give coarser = 1 in [micro], "
+        "which --quick leaves out",
         "scale separation": "it depends on the pressure of the structure, which a law alone does "
         "not have",
     }

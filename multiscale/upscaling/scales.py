@@ -74,10 +74,14 @@ def compare_scales(
             raise CaseError(f"{name} must be positive and finite, got {value:g}")
     cautions = []
     if cell_size / macro_length > FARTHEST_CELL:
+        length, cell = (readable(f"{one:.3g} m") for one in (macro_length, cell_size))
         cautions.append(
-            f"the pressure varies over {readable(f'{macro_length:.3g} m')}, less than the cell of "
-            f"{readable(f'{cell_size:.3g} m')}: no point of the structure is loaded as the cell "
-            f"was; resolve the longest waves in the structure, and let the cell begin where it ends"
+            f"the interface is {length} wide, less than the cell of {cell}: it has edges, which "
+            f"periodic cells have not; take smaller cells, or a wider interface"
+            if extent is None
+            else f"the pressure varies over {length}, less than the cell of {cell}: no point of "
+            f"the structure is loaded as the cell was; resolve the longest waves in the "
+            f"structure, and let the cell begin where it ends"
         )
     return ScaleSeparation(wavelength / macro_length, cell_size / whole, tuple(cautions))
 

@@ -58,9 +58,10 @@ def test_scales_that_are_apart_pass_without_caution():
 
 
 def test_scales_that_are_not_apart_are_reported():
-    scales = compare_scales(1e-3, 4e-3, 2e-3)
-    assert len(scales.cautions) == 1
-    assert "less than the cell of 4 mm" in scales.cautions[0]
+    (even,) = compare_scales(1e-3, 4e-3, 2e-3).cautions
+    assert "the interface is 2 mm wide, less than the cell of 4 mm: it has edges" in even
+    (varying,) = compare_scales(1e-3, 4e-3, 2e-3, extent=8e-3).cautions
+    assert "the pressure varies over 2 mm, less than the cell of 4 mm" in varying
     with pytest.raises(CaseError, match="macro_length must be positive and finite, got 0"):
         compare_scales(1.0, 1.0, 0.0)
 
