@@ -6,10 +6,11 @@ import platform
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +19,6 @@ from multiscale import __version__
 from multiscale.errors import SchemaError
 from multiscale.io.files import write_bytes
 from multiscale.io.global_heap import is_endless
-from multiscale.io.netcdf import decode_dataset, encode_dataset
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SCHEMAS, Schema
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ def write_dataset(
     MultiscaleError
         If the file cannot be written.
     """
+    import xarray as xr
+
     schema.check(dataset)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     whole = dataset.assign_attrs(
@@ -71,7 +73,12 @@ def write_dataset(
         environment=_environment(),
         **attributes,
     )
-    write_bytes(path, encode_dataset(whole))
+    content = BytesIO()
+    # to_netcdf would import dask where it is installed, and ask a cluster for a lock on these bytes
+    store = xr.backends.H5NetCDFStore.open(content, mode="w", lock=False)
+    with closing(store):
+        whole.dump_to_store(store)
+    write_bytes(path, content.getvalue())
 
 
 @cache
@@ -125,11 +132,20 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
 
 def _load(path: Path) -> "xr.Dataset | None":
     """Load a file; None if it is damaged. Then h5py and xarray raise exceptions of many kinds."""
+    import xarray as xr
+
+    hook, dataset = sys.unraisablehook, None
+    # h5netcdf fails again when it deletes a file it cannot open
+    sys.unraisablehook = lambda _: None
     try:
-        return None if is_endless(path) else decode_dataset(path)
+        if is_endless(path):
+            return None
+        dataset = xr.load_dataset(path, engine="h5netcdf")
     except Exception as error:
         logger.debug("%s: %s", path, error)
-        return None
+    finally:
+        sys.unraisablehook = hook
+    return dataset
 
 
 def open_response(path: str | PathLike[str]) -> "xr.Dataset":

@@ -9,7 +9,6 @@ import xarray as xr
 
 from multiscale.errors import MultiscaleError, SchemaError
 from multiscale.io import open_dataset, open_run, write_bytes, write_dataset
-from multiscale.io.netcdf import decode_dataset, encode_dataset
 from multiscale.schema import FIELDS, MICRO_RESPONSE, SCHEMAS, WORK_PRECISION
 
 
@@ -44,17 +43,6 @@ def test_every_schema_can_be_built_and_round_trips(schema, tmp_path):
     xr.testing.assert_equal(read, written)
     for variable in schema.variables | schema.optional:
         assert read[variable].attrs["units"] == (schema.variables | schema.optional)[variable].units
-
-
-def test_files_are_those_of_xarray_both_ways(response, tmp_path):
-    ours, theirs = tmp_path / "ours.nc", tmp_path / "theirs.nc"
-    texts = {"name": ("step", ["a", "µ", ""]), "one": ((), "word")}
-    response = response.assign(texts).set_coords("nominal_pressure")
-    response["traction"][0, 0, 0] = np.nan
-    ours.write_bytes(encode_dataset(response))
-    response.to_netcdf(theirs, engine="h5netcdf")
-    for found in (decode_dataset(ours), decode_dataset(theirs), xr.load_dataset(ours)):
-        xr.testing.assert_identical(found, response)
 
 
 def test_a_file_tells_where_it_comes_from(response, tmp_path):
