@@ -14,7 +14,7 @@ __all__ = ["CellPart", "cell_needs"]
 
 _LANES = 32  # elements along y in one batch of the kernels
 _KRYLOV = 15  # directions, each with its image
-_VECTORS = 5  # displacement-sized arrays alive at the peak of a contact solve, the last step's too
+_VECTORS = 4  # displacement-sized arrays alive at the peak of a contact solve, the last step's too
 
 # measured s of one core for a load step, for each unknown: within a factor of two or three
 _FLAT, _EXPANDED = 1.1e-6, 1.8e-6  # each point counts as an unknown
@@ -286,10 +286,10 @@ def _layer_memory(layer: PeriodicLayer, friction_coefficient: float) -> int:
     nx, ny = layer.surface.heights.shape
     mixed = layer.law.finite_strain and layer.mean_dilatation
     vector = nx * layer.layers * (4 if mixed else 3) * ny
-    factors = nx * layer.layers * 15 * (ny // 2 + 1)
+    factors = (nx // 2 + 1) * layer.layers * 12 * (ny // 2 + 1)
     if not layer.law.finite_strain and friction_coefficient == 0.0:
         if layer.nearly_incompressible:  # tilted, in double precision
-            return int(8 * ((_VECTORS + 2) * vector + factors))
+            return int(8 * ((_VECTORS + 3) * vector + factors))
         return int(8 * ((_VECTORS + 0.5) * vector + 0.5 * factors))
     points = 8 * nx * layer.layers * _LANES * -(-ny // _LANES)
     rows = 24 + 2 * layer.law.n_state if layer.law.finite_strain else 0  # 48 of half the size

@@ -26,15 +26,15 @@ from multiscale.numerics.vectors import advance, dot, turn
 __all__ = ["ElasticBody", "solve_elastic_contact"]
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
-_INNER = (
-    1e-4  # tolerance of the surface problems inside the preconditioner, which costs no iteration
-)
+_INNER = 1e-4  # tolerance of the surface problems inside the preconditioner: costs no iteration
 _BLOCKS = 5  # exchanges of all wrong nodes that may pass without fewer of them
 _LINEAR_LIMIT = 5000  # conjugate-gradient iterations on all active sets of a solve together
 _PATIENCE = 300  # of them without a smaller residual: rounding has the last word; 50 to 100 are
 # usual where Poisson's ratio is .4999 on slopes of one half
 _SMALLER = 0.9  # times the least residual so far
-_ROUNDING = np.finfo(float).eps  # residual below which the recurrence means nothing
+_ROUNDING = (
+    64.0  # times the precision: share of a residual below which its recurrence means nothing
+)
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,9 @@ class ElasticBody:
         :math:`\lambda \mapsto C_0 \lambda = N K_0^{-1} N^t \lambda`.
     surface_stiffness : callable, an approximate inverse of ``compliance``, symmetric and positive
     shape : tuple of int
+    dtype : type
+        Precision of the iterations, which end in double precision in any case: ``np.float32``
+        where :math:`K_0^{-1}` has no more, and ``apply`` takes it.
     """
 
     apply: Callable[..., np.ndarray]
@@ -69,6 +72,7 @@ class ElasticBody:
     compliance: Callable[[np.ndarray], np.ndarray]
     surface_stiffness: Callable[[np.ndarray], np.ndarray]
     shape: tuple[int, ...]
+    dtype: type[np.floating] = np.float64
 
 
 def solve_elastic_contact(
@@ -126,69 +130,70 @@ def solve_elastic_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
-    out_of_balance, room = np.zeros(body.shape), np.empty((2, *body.shape))
-    body.add(out_of_balance, start.force)  # what the step before was in balance with
-    u = start.displacement.copy()
     flat = solve_flat(
         body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
     )
-    reference, delta = flat.value, flat.approach
-    active = reference + start.force - start.reference_force > 0.0
+    unit = float(np.linalg.norm(flat.value))  # of forces: from here on nothing can underflow
+    delta, gap = flat.approach / unit, gap / unit
+    load = None if load is None else load / unit
+    force, reference = start.force / unit, flat.value / unit
+    active = reference + force - start.reference_force / unit > 0.0
     active = active if active.any() else reference > 0.0
-
-    def balance() -> None:
-        np.negative(body.apply(u, out_of_balance), out=out_of_balance)
+    u, room = start.displacement / unit, np.empty((2, *body.shape), body.dtype)
+    out_of_balance = np.zeros(body.shape, body.dtype)  # beside the contact forces before
 
     residuals: list[float] = []
     n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
-    status = Status.MAX_ITERATIONS
-    stage = _LinearStage(body, closing, active, load)
+    status, rounding = Status.MAX_ITERATIONS, _ROUNDING * float(np.finfo(body.dtype).eps)
+    drift = rounding  # of the residual away from its recurrence
+    stage = _LinearStage(body, gap, closing, active, load, tolerance)
     for _ in range(max_iterations):
-        force = stage.split(out_of_balance)
+        force, square = stage.split(out_of_balance, force)
         if changed:  # move onto the constraints of the new active set
-            z, shift = stage.precondition(
-                out_of_balance,
-                force,
-                room[0],
-                np.where(active, gap - closing * delta - body.trace(u), 0.0),
-            )
-            u += z
+            distance = np.where(active, gap - closing * delta - body.trace(u), 0.0)
+            z, shift = stage.precondition(out_of_balance, force, room[0], distance)
             delta += shift
-            body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
-            balance()
-            force = stage.split(out_of_balance)
-        target = (
-            tolerance if sharp else max(tolerance, _LOOSE * stage.residual(out_of_balance, force))
-        )
-        delta, iterations = stage.conjugate_gradients(
-            u, delta, out_of_balance, force, room, target, _LINEAR_LIMIT - n_linear
+            distance -= np.where(active, closing * shift + body.trace(z), 0.0)
+            body.add(z, distance)
+            advance(1.0, _flat(z), _flat(u), _flat(body.apply(z, room[1])), _flat(out_of_balance))
+            force, square = stage.split(out_of_balance, force)
+        delta, residual, iterations = stage.conjugate_gradients(
+            u,
+            delta,
+            out_of_balance,
+            force,
+            room,
+            square,
+            0.0 if sharp else _LOOSE,
+            _LINEAR_LIMIT - n_linear,
         )
         n_linear += iterations
-
-        # active nodes that pull and inactive ones that penetrate, beyond the tolerance
-        penetration = closing * delta + body.trace(u) - gap
-        pull, deep = (tolerance * float(np.max(one)) for one in (force, np.abs(penetration)))
-        wrong = np.where(active, force < -pull, penetration > deep)
+        wrong = stage.wrong(u, delta, force)
         n_wrong = int(np.count_nonzero(wrong))
-        if n_wrong == 0 and stage.residual(out_of_balance, force) <= tolerance:
-            balance()  # what the recurrence says must be true of u itself
-            force = stage.split(out_of_balance)
-        residuals.append(stage.residual(out_of_balance, force))
-        if not np.isfinite(residuals[-1]):
+        if n_wrong == 0 or drift > tolerance:
+            # what the recurrence says must be true of u itself
+            body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
+            pushed = body.apply(u, np.frombuffer(room, count=u.size).reshape(u.shape))
+            np.negative(pushed, out=out_of_balance, casting="same_kind")
+            force = np.where(active, -body.trace(pushed), 0.0)
+            _, square = stage.split(out_of_balance, np.zeros_like(gap))
+            residual = stage.residual(square, force)
+            drift = rounding * residual
+        residuals.append(residual)
+        if not np.isfinite(residual):
             status = Status.NOT_FINITE
             break
-        if n_wrong == 0 and residuals[-1] <= tolerance:
+        if n_wrong == 0 and residual <= tolerance:
             status = Status.CONVERGED
             break
         if n_linear >= _LINEAR_LIMIT:
             status = Status.WORK_SPENT
             break
 
-        if sharp and n_wrong == 0 and len(residuals) > 1 and residuals[-1] > 0.5 * residuals[-2]:
+        if n_wrong == 0 and len(residuals) > 1 and residual > 0.5 * residuals[-2]:
             status = Status.STALLED
             break
-        body.add(out_of_balance, force)
-        changed, sharp = n_wrong > 0, sharp or n_wrong == 0
+        changed = n_wrong > 0
         if n_wrong < fewest:
             fewest, patience = n_wrong, _BLOCKS
         else:
@@ -201,10 +206,18 @@ def solve_elastic_contact(
             if load is not None and not active.any():  # somewhere the load must go
                 distance = gap - closing * delta - body.trace(u)
                 active = distance == distance.min()
-            stage = _LinearStage(body, closing, active, load)
+            stage = _LinearStage(body, gap, closing, active, load, tolerance)
 
+    u *= unit
     return ContactState(
-        u, np.maximum(force, 0.0), delta, active, reference, status, tuple(residuals), n_linear
+        u,
+        unit * np.maximum(force, 0.0),
+        unit * delta,
+        active,
+        flat.value,
+        status,
+        tuple(residuals),
+        n_linear,
     )
 
 
@@ -213,26 +226,42 @@ class _LinearStage:
     """The linear problem on one active set, in the displacements that satisfy the constraints."""
 
     body: ElasticBody
+    gap: np.ndarray
     closing: np.ndarray
     active: np.ndarray
     load: float | None
+    tolerance: float
 
-    def split(self, out_of_balance: np.ndarray) -> np.ndarray:
-        """Take the contact forces out of the forces out of balance, in place, and return them."""
-        force = np.where(self.active, self.body.trace(out_of_balance), 0.0)
-        self.body.add(out_of_balance, -force)
+    def split(self, out_of_balance: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, float]:
+        """Let contact nodes alone carry forces, and all of what is out of balance at them.
+
+        Returns the contact forces, and the square of what is left out of balance.
+        """
+        self.body.add(out_of_balance, np.where(self.active, 0.0, force))
+        carried = np.where(self.active, force, 0.0) + self.take(out_of_balance)
+        return carried, dot(_flat(out_of_balance), _flat(out_of_balance))
+
+    def take(self, vector: np.ndarray) -> np.ndarray:
+        """Take the part at the contact nodes out of forces, in place, and return it."""
+        force = np.where(self.active, self.body.trace(vector), 0.0)
+        self.body.add(vector, -force)
         return force
+
+    def wrong(self, u: np.ndarray, delta: float, force: np.ndarray) -> np.ndarray:
+        """Active nodes that pull and inactive ones that penetrate, beyond the tolerance."""
+        depth = self.closing * delta + self.body.trace(u) - self.gap
+        pull, deep = (self.tolerance * float(np.max(one)) for one in (force, np.abs(depth)))
+        return np.where(self.active, force < -pull, depth > deep)
 
     def missing_load(self, force: np.ndarray) -> float:
         """Return the load not yet carried, N; 0 if the approach is prescribed."""
         return 0.0 if self.load is None else self.load - float(np.vdot(self.closing, force))
 
-    def residual(self, out_of_balance: np.ndarray, force: np.ndarray) -> float:
+    def residual(self, square: float, force: np.ndarray) -> float:
         """Return forces out of balance over contact forces, or the load's error if larger."""
         scale = float(np.linalg.norm(force)) or 1.0
         missing = self.missing_load(force) / self.load if self.load else 0.0
-        unbalanced = _flat(out_of_balance)
-        return max(float(np.sqrt(dot(unbalanced, unbalanced))) / scale, abs(missing))
+        return max(float(np.sqrt(square)) / scale, abs(missing))
 
     def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve C_AA l = d on the active nodes by conjugate gradients, in single precision."""
@@ -285,23 +314,30 @@ class _LinearStage:
         out_of_balance: np.ndarray,
         force: np.ndarray,
         room: np.ndarray,
-        target: float,
+        square: float,
+        loose: float,
         most: int,
-    ) -> tuple[float, int]:
-        """Reduce the residual to ``target``; ``u`` and the forces are changed in place.
+    ) -> tuple[float, float, int]:
+        """Reduce the residual by ``loose``, or to the tolerance as long as no node is wrong.
 
-        ``room`` takes the direction p and, one after the other, z and q.
+        ``u`` and the forces are changed in place. ``room`` takes the direction p and, one after the
+        other, z and q. Returns the approach, the residual and the number of iterations.
         """
         p, p_delta, rz_old = room[1], 0.0, np.inf
         p[:] = 0.0
-        best, patience = np.inf, _PATIENCE
-        for iteration in range(most):
-            residual = self.residual(out_of_balance, force)
+        best, patience, iteration = np.inf, _PATIENCE, 0
+        residual = self.residual(square, force)
+        last = max(self.tolerance, _ROUNDING * float(np.finfo(p.dtype).eps) * residual)
+        target = max(last, loose * residual)
+        while True:
+            residual = self.residual(square, force)
+            if residual <= target and not np.any(self.wrong(u, delta, force)):
+                target = last
             patience -= 1
             if residual < _SMALLER * best:
                 best, patience = residual, _PATIENCE
-            if not residual > max(target, _ROUNDING) or patience == 0:
-                return delta, iteration
+            if iteration == most or not residual > target or patience == 0:
+                return delta, residual, iteration
             z, shift = self.precondition(out_of_balance, force, room[0])
             # the rounding and the inner tolerance must not move the constrained nodes
             self.body.add(z, np.where(self.active, -self.closing * shift - self.body.trace(z), 0.0))
@@ -309,17 +345,17 @@ class _LinearStage:
             turn(rz / rz_old, _flat(p), _flat(z))
             p_delta = shift + (rz / rz_old) * p_delta
             q = self.body.apply(p, room[0])
-            reaction = self.split(q)  # the contact forces change by -alpha times this
+            reaction = self.take(q)  # the contact forces change by -alpha times this
             along = float(np.vdot(self.closing, reaction))
             curvature = dot(_flat(p), _flat(q)) - along * p_delta
             if curvature == 0.0:  # the residual is rounding, which moves nothing
-                return delta, iteration
+                return delta, residual, iteration
             alpha = rz / curvature
-            advance(alpha, _flat(p), _flat(u), _flat(q), _flat(out_of_balance))
+            square = advance(alpha, _flat(p), _flat(u), _flat(q), _flat(out_of_balance))
             force -= alpha * reaction
             delta += alpha * p_delta
             rz_old = rz
-        return delta, most
+            iteration += 1
 
 
 def _flat(vector: np.ndarray) -> np.ndarray:

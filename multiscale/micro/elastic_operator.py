@@ -13,7 +13,12 @@ from collections.abc import Callable
 import numpy as np
 
 from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.hexahedron import BATCH, FAR, NEAR, element_geometry, lateral_heights
+from multiscale.micro.hexahedron import (
+    BATCH,
+    element_geometry,
+    lateral_heights,
+    shape_functions,
+)
 from multiscale.numerics.compiled import compiled, prange
 
 __all__ = ["stiffness_operator"]
@@ -24,9 +29,10 @@ STRIPS = 8  # strips of elements that follow each other on one thread, at least
 
 
 @compiled(fastmath=True)
-def _plane_rows(plane, sides, start, lanes, dx, dy, line, rows):  # type: ignore[no-untyped-def]
+def _plane_rows(plane, sides, start, lanes, per_x, per_y, line, rows):  # type: ignore[no-untyped-def]
     """Derive and interpolate a field of shape (nx, 3, ny) at the lateral Gauss points."""
     ny = plane.shape[2]
+    NEAR, FAR = shape_functions(rows)
     last = (start + lanes) % ny
     far = line[BATCH + 1 :]
     for k in range(3):
@@ -37,9 +43,9 @@ def _plane_rows(plane, sides, start, lanes, dx, dy, line, rows):  # type: ignore
         to = rows[k * ROWS :]
         for v in range(lanes):
             a, b, c, d = line[v], line[v + 1], far[v], far[v + 1]
-            p, q = (c - a) / dx, (d - b) / dx
+            p, q = per_x * (c - a), per_x * (d - b)
             to[v], to[BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
-            p, q = (b - a) / dy, (d - c) / dy
+            p, q = per_y * (b - a), per_y * (d - c)
             to[2 * BATCH + v], to[3 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
             p, q = NEAR * a + FAR * c, NEAR * b + FAR * d
             to[4 * BATCH + v], to[5 * BATCH + v] = NEAR * p + FAR * q, FAR * p + NEAR * q
@@ -48,19 +54,20 @@ def _plane_rows(plane, sides, start, lanes, dx, dy, line, rows):  # type: ignore
 
 
 @compiled(fastmath=True)
-def _add_plane(rows, sides, start, lanes, dx, dy, line, plane):  # type: ignore[no-untyped-def]
+def _add_plane(rows, sides, start, lanes, per_x, per_y, line, plane):  # type: ignore[no-untyped-def]
     """Add nodal forces to a field of shape (nx, 3, ny), the transpose of :func:`_plane_rows`."""
     ny = plane.shape[2]
+    NEAR, FAR = shape_functions(rows)
     last = (start + lanes) % ny
     far, next_line = line[BATCH + 1 :], line[2 * BATCH + 2 :]
     next_far = line[3 * BATCH + 3 :]
     for k in range(3):
         of = rows[k * ROWS :]
         for v in range(lanes):
-            p = (NEAR * of[v] + FAR * of[BATCH + v]) / dx
-            q = (FAR * of[v] + NEAR * of[BATCH + v]) / dx
-            r = (NEAR * of[2 * BATCH + v] + FAR * of[3 * BATCH + v]) / dy
-            s = (FAR * of[2 * BATCH + v] + NEAR * of[3 * BATCH + v]) / dy
+            p = per_x * (NEAR * of[v] + FAR * of[BATCH + v])
+            q = per_x * (FAR * of[v] + NEAR * of[BATCH + v])
+            r = per_y * (NEAR * of[2 * BATCH + v] + FAR * of[3 * BATCH + v])
+            s = per_y * (FAR * of[2 * BATCH + v] + NEAR * of[3 * BATCH + v])
             e = NEAR * of[4 * BATCH + v] + FAR * of[5 * BATCH + v]
             f = FAR * of[4 * BATCH + v] + NEAR * of[5 * BATCH + v]
             g = NEAR * of[6 * BATCH + v] + FAR * of[7 * BATCH + v]
@@ -82,6 +89,7 @@ def _add_plane(rows, sides, start, lanes, dx, dy, line, plane):  # type: ignore[
 @compiled(fastmath=True)
 def _edge_derivatives(low, up, grad, lanes):  # type: ignore[no-untyped-def]
     """Find twelve edge derivatives of each component from the rows below and above elements."""
+    NEAR, FAR = shape_functions(grad)
     for k in range(3):
         a, b, to = low[k * ROWS :], up[k * ROWS :], grad[k * EDGES :]
         for r in range(4):
@@ -95,6 +103,7 @@ def _edge_derivatives(low, up, grad, lanes):  # type: ignore[no-untyped-def]
 @compiled(fastmath=True)
 def _add_edge_fluxes(flux, low, up, lanes):  # type: ignore[no-untyped-def]
     """Add to the rows below the elements and set those above: the transpose."""
+    NEAR, FAR = shape_functions(flux)
     for k in range(3):
         of, a, b = flux[k * EDGES :], low[k * ROWS :], up[k * ROWS :]
         for r in range(4):
@@ -109,8 +118,8 @@ def _add_edge_fluxes(flux, low, up, lanes):  # type: ignore[no-untyped-def]
 @compiled(fastmath=True)
 def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-untyped-def]
     """Volume average of the divergence over each element."""
-    for v in range(lanes):
-        mean[v], volume[v] = 0.0, 0.0
+    twice = mean.dtype.type(2.0)
+    mean[:], volume[:] = 0.0, 0.0
     for qx in range(2):
         for qy in range(2):
             x, y = 2 * qy * BATCH, (4 + 2 * qx) * BATCH
@@ -122,9 +131,9 @@ def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-un
                 slope_y = geometry[y + 4 * BATCH + v] + geometry[y + 5 * BATCH + v]
                 lateral = grad[x + v] + grad[x + BATCH + v]
                 lateral += grad[y + EDGES + v] + grad[y + EDGES + BATCH + v]
-                by_z = 2.0 * grad[z + 2 * EDGES + v] - slope_x * grad[z + v]
+                by_z = twice * grad[z + 2 * EDGES + v] - slope_x * grad[z + v]
                 mean[v] += height * lateral + by_z - slope_y * grad[z + EDGES + v]
-                volume[v] += 2.0 * height
+                volume[v] += twice * height
     for v in range(lanes):
         mean[v] /= volume[v]
 
@@ -137,15 +146,14 @@ def _add_stress(x, y, grad, flux, by_z, slopes, law):  # type: ignore[no-untyped
     """
     uz, vz, wz = by_z
     slope_x, slope_y = slopes
-    lame, shear, mean, blend = law
+    lame, shear, bulk, mean = law
     ux, uy = grad[x] - slope_x * uz, grad[y] - slope_y * uz
     vx, vy = grad[x + EDGES] - slope_x * vz, grad[y + EDGES] - slope_y * vz
     wx, wy = grad[x + 2 * EDGES] - slope_x * wz, grad[y + 2 * EDGES] - slope_y * wz
     trace = ux + vy + wz
-    change = blend * (mean - trace)
-    pressure = lame * (trace + change) + shear * (change / 1.5)
-    xx, yy = pressure + 2.0 * shear * ux, pressure + 2.0 * shear * vy
-    zz = pressure + 2.0 * shear * wz
+    pressure = lame * trace + bulk * (mean - trace)
+    twice = shear + shear
+    xx, yy, zz = pressure + twice * ux, pressure + twice * vy, pressure + twice * wz
     xy, yz, xz = shear * (uy + vx), shear * (vz + wy), shear * (uz + wx)
     flux[x] += xx
     flux[x + EDGES] += xy
@@ -159,15 +167,15 @@ def _add_stress(x, y, grad, flux, by_z, slopes, law):  # type: ignore[no-untyped
 
 
 @compiled(fastmath=True, forceinline=True)
-def _column(  # type: ignore[no-untyped-def]
-    qx, qy, grad, flux, geometry, lame, shear, mean, blend, area, lanes
-):
+def _column(qx, qy, grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyped-def]
     """Add the fluxes of the two Gauss points above each other at constant (qx, qy)."""
     x, y, z = 2 * qy * BATCH, (4 + 2 * qx) * BATCH, (8 + 2 * qx + qy) * BATCH
+    one = geometry.dtype.type(1.0)
     for v in range(lanes):
         height = geometry[z - 8 * BATCH + v]
-        inverse = 1.0 / height
-        law = area * height * lame[v], area * height * shear[v], mean[v], blend
+        inverse = one / height
+        lame, shear, bulk = moduli[v], moduli[BATCH + v], moduli[2 * BATCH + v]
+        law = height * lame, height * shear, height * bulk, mean[v]
         by_z = (
             inverse * grad[z + v],
             inverse * grad[z + EDGES + v],
@@ -184,24 +192,22 @@ def _column(  # type: ignore[no-untyped-def]
 
 
 @compiled(fastmath=True)
-def _fluxes(  # type: ignore[no-untyped-def]
-    grad, flux, geometry, lame, shear, mean, blend, area, lanes
-):
+def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyped-def]
     """Stress at the eight Gauss points, pulled back to the edge derivatives.
 
     ``geometry`` holds, for each lane, the element height at the four lateral Gauss points
     (rows 0-3), the slopes of the node surfaces in x at (qy, qz) (rows 4-7) and in y at
     (qx, qz) (rows 8-11). ``grad`` and ``flux`` have 12 rows for each component: derivatives along
-    x at (qy, qz), along y at (qx, qz), along z at (qx, qy). The divergence goes over to its
-    ``mean`` over the element (B-bar) as ``blend`` goes to 1.
+    x at (qy, qz), along y at (qx, qz), along z at (qx, qy). ``moduli`` are Lame's parameters, and
+    the bulk modulus where the divergence goes over to its ``mean`` over the element (B-bar).
     """
     for k in range(3):
         flux[k * EDGES : k * EDGES + 8 * BATCH] = 0.0
     # offsets that the compiler knows: with loops it does not see that the rows are apart
-    _column(0, 0, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
-    _column(0, 1, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
-    _column(1, 0, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
-    _column(1, 1, grad, flux, geometry, lame, shear, mean, blend, area, lanes)
+    _column(0, 0, grad, flux, geometry, moduli, mean, lanes)
+    _column(0, 1, grad, flux, geometry, moduli, mean, lanes)
+    _column(1, 0, grad, flux, geometry, moduli, mean, lanes)
+    _column(1, 1, grad, flux, geometry, moduli, mean, lanes)
 
 
 @compiled(parallel=True, fastmath=True)
@@ -216,7 +222,8 @@ def _apply(  # type: ignore[no-untyped-def]
     """
     nx, layers, _, ny = u.shape
     along_x, along_y = int(lame.shape[0] > 1), int(lame.shape[2] > 1)
-    area = dx * dy / 8.0
+    area, real = dx * dy / 8.0, u.dtype
+    per_x, per_y = real.type(1.0 / dx), real.type(1.0 / dy)
     chunks = max(1, nx // STRIPS)
     for last in range(2):
         for chunk in prange(chunks):
@@ -226,12 +233,12 @@ def _apply(  # type: ignore[no-untyped-def]
             else:
                 out[begin:end] = 0.0
                 end -= 1
-            line = np.empty(4 * (BATCH + 1))
-            u_rows, f_rows = np.empty((2, 3 * ROWS)), np.empty((2, 3 * ROWS))
-            grad, flux = np.empty(3 * EDGES), np.empty(3 * EDGES)
-            geometry, lateral = np.empty(12 * BATCH), np.empty(8 * BATCH)
-            first, second = np.empty(BATCH), np.empty(BATCH)
-            mean, volume = np.zeros(BATCH), np.empty(BATCH)
+            line = np.empty(4 * (BATCH + 1), real)
+            u_rows, f_rows = np.empty((2, 3 * ROWS), real), np.empty((2, 3 * ROWS), real)
+            grad, flux = np.empty(3 * EDGES, real), np.empty(3 * EDGES, real)
+            geometry, lateral = np.empty(12 * BATCH, real), np.empty(8 * BATCH, real)
+            moduli = np.empty(3 * BATCH, real)
+            mean, volume = np.zeros(BATCH, real), np.empty(BATCH, real)
             for i in range(begin, end):
                 sides = (i, (i + 1) % nx)
                 for start in range(0, ny, BATCH):
@@ -250,19 +257,22 @@ def _apply(  # type: ignore[no-untyped-def]
                             lanes,
                         )
                         for v in range(lanes):
-                            first[v] = lame[i * along_x, layer, (start + v) * along_y]
-                            second[v] = shear[i * along_x, layer, (start + v) * along_y]
-                        _plane_rows(u[:, layer], sides, start, lanes, dx, dy, line, u_rows[up])
+                            at = i * along_x, layer, (start + v) * along_y
+                            moduli[v], moduli[BATCH + v] = area * lame[at], area * shear[at]
+                            moduli[2 * BATCH + v] = blend * area * (lame[at] + shear[at] / 1.5)
+                        _plane_rows(
+                            u[:, layer], sides, start, lanes, per_x, per_y, line, u_rows[up]
+                        )
                         _edge_derivatives(u_rows[low], u_rows[up], grad, lanes)
                         if blend > 0.0:
                             _mean_dilatation(grad, geometry, mean, volume, lanes)
-                        _fluxes(grad, flux, geometry, first, second, mean, blend, area, lanes)
+                        _fluxes(grad, flux, geometry, moduli, mean, lanes)
                         _add_edge_fluxes(flux, f_rows[low], f_rows[up], lanes)
                         if layer > 0:
                             below = out[:, layer - 1]
-                            _add_plane(f_rows[low], sides, start, lanes, dx, dy, line, below)
+                            _add_plane(f_rows[low], sides, start, lanes, per_x, per_y, line, below)
                     top = out[:, layers - 1]
-                    _add_plane(f_rows[layers % 2], sides, start, lanes, dx, dy, line, top)
+                    _add_plane(f_rows[layers % 2], sides, start, lanes, per_x, per_y, line, top)
 
 
 def stiffness_operator(

@@ -36,7 +36,8 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     mesh = GraphMesh(surface, cell.planes)
     lame, shear = cell.moduli
     # iterations with single precision are as many; nearly incompressible cells need all digits
-    reference = flat_reference(cell, mesh, np.float64 if cell.nearly_incompressible else np.float32)
+    dtype = np.float64 if cell.nearly_incompressible else np.float32
+    reference = flat_reference(cell, mesh, dtype)
     if cell.obstacle is None:  # its heights at first touch, and its normals (x, 3, y)
         obstacle, normal = np.full((nx, ny), surface.heights.max()), np.zeros((nx, 3, ny))
         normal[:, 2] = 1.0
@@ -66,6 +67,7 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
         compliance=compliance,
         surface_stiffness=stiffness,
         shape=(nx, cell.layers, 3, ny),
+        dtype=dtype,
     )
 
     closing = normal[:, 2]

@@ -23,11 +23,18 @@ __all__ = [
     "gather",
     "lateral_heights",
     "scatter",
+    "shape_functions",
 ]
 
 BATCH = 32  # elements along y in one batch; the arrays of one batch stay in the first two caches
 X, Y, Z = 4 * BATCH, 2 * BATCH, BATCH  # distances of corner values along x, y and z
 NEAR, FAR = 0.5 + 0.5 / np.sqrt(3.0), 0.5 - 0.5 / np.sqrt(3.0)  # linear shape functions
+
+
+@compiled(fastmath=True, forceinline=True)
+def shape_functions(like):  # type: ignore[no-untyped-def]
+    """:data:`NEAR` and :data:`FAR` in the precision of an array."""
+    return like.dtype.type(NEAR), like.dtype.type(FAR)
 
 
 @compiled(fastmath=True)
@@ -88,11 +95,13 @@ def lateral_heights(heights, i, i1, start, dx, dy, lateral, lanes):  # type: ign
 @compiled(fastmath=True)
 def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[no-untyped-def]
     """Element heights and slopes of the vertical map z = Z + phi h at the Gauss points."""
-    near, far = NEAR * f0 + FAR * f1, FAR * f0 + NEAR * f1
+    real = geometry.dtype.type
+    near, far = real(NEAR * f0 + FAR * f1), real(FAR * f0 + NEAR * f1)
+    thickness, stretch = real(z1 - z0), real(f1 - f0)
     for q in range(4):
         height, slope, to = q * BATCH, (4 + q) * BATCH, (4 + 2 * q) * BATCH
         for v in range(lanes):
-            geometry[height + v] = z1 - z0 + (f1 - f0) * lateral[height + v]
+            geometry[height + v] = thickness + stretch * lateral[height + v]
             geometry[to + v] = near * lateral[slope + v]
             geometry[to + BATCH + v] = far * lateral[slope + v]
 

@@ -2,7 +2,22 @@ r"""Exact inverse of the flat, laterally homogeneous, periodic layered cell in O
 
 On a flat mesh with moduli that vary with depth only, the stiffness is block circulant in x and y.
 A lateral Fourier transform leaves one block-tridiagonal system of 3 x 3 blocks per wavenumber.
-Multiplying the in-plane components by the imaginary unit makes every block real and symmetric.
+Multiplying the in-plane components by the imaginary unit makes every block real. With
+
+.. math:: s = \frac{4 \sin^2 \theta/2}{h}, \quad m = h (1 - \tfrac23 \sin^2 \theta/2), \quad
+    \bar m = h \cos^2 \theta/2, \quad t = \sin \theta
+
+for the wave angles along x and along y, the block between two node planes is
+
+.. math::
+    K_{xx} &= s_x (a\, m_y + b\, \bar m_y) + m_x (c\, s_y + d\, m_y), \quad
+    K_{xy} = g\, t_x t_y, \quad K_{xz} = t_x (p\, m_y + q\, \bar m_y), \\
+    K_{zz} &= e\, m_x m_y + f\, \bar m_x \bar m_y + c\, (s_x m_y + m_x s_y),    \tag{1}
+
+likewise :math:`K_{yy}` and :math:`K_{yz}`. It is symmetric within a plane; from a plane to the one
+above, :math:`K_{zx} = -K_{xz}` and :math:`K_{zy} = -K_{yz}`. The factors a to q come from integrals
+over the depth of the layers between, those of means from the mean dilatation (B-bar). The block of
+the opposite wave along x is its mirror image.
 """
 
 from collections.abc import Callable
@@ -15,117 +30,65 @@ import scipy
 
 from multiscale.numerics.compiled import compiled, prange, thread_count
 
-__all__ = ["LateralInverse", "SurfaceFilter", "brick_stiffness", "factorise_flat_cell"]
+__all__ = ["LateralInverse", "SurfaceFilter", "factorise_flat_cell"]
 
 SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
 MANY = 2**16  # points of a surface from which contact on it takes several threads
 WAVES = 64  # along x whose factors are computed at once in double precision
 
 
-def brick_stiffness(
-    edges: tuple[float, float, float], lame: float, shear: float, *, mean_dilatation: bool = False
-) -> np.ndarray:
-    r"""Stiffness of a trilinear brick with 2 x 2 x 2 Gauss points.
+@compiled(fastmath=True, forceinline=True)
+def _block(between, x, k, y, j):  # type: ignore[no-untyped-def]
+    """Stiffness between two node planes for a wave, (1): entries xx, xy, xz, yy, yz and zz."""
+    a, b, c, d, e = between[0], between[1], between[2], between[3], between[4]
+    f, g, p, q = between[5], between[6], between[7], between[8]
+    stiff_x, mass_x, mean_x, sine_x = x[0, k], x[1, k], x[2, k], x[3, k]
+    stiff_y, mass_y, mean_y, sine_y = y[0, j], y[1, j], y[2, j], y[3, j]
+    across = stiff_x * mass_y + mass_x * stiff_y
+    return (
+        stiff_x * (a * mass_y + b * mean_y) + mass_x * (c * stiff_y + d * mass_y),
+        g * sine_x * sine_y,
+        sine_x * (p * mass_y + q * mean_y),
+        stiff_y * (a * mass_x + b * mean_x) + mass_y * (c * stiff_x + d * mass_x),
+        sine_y * (p * mass_x + q * mean_x),
+        e * mass_x * mass_y + f * mean_x * mean_y + c * across,
+    )
 
-    Parameters
-    ----------
-    edges : tuple of float, lengths along x, y and z, m
-    lame, shear : float
-        Lame's parameters, Pa.
-    mean_dilatation : bool, whether the divergence is averaged over the element (B-bar)
 
-    Returns
-    -------
-    ndarray, shape (2, 2, 2, 3, 2, 2, 2, 3)
-        :math:`K_{abc\,i,\,a'b'c'\,j}` with the corner's place along x, y, z and the component, N/m.
-    """
-    # one-dimensional integrals of N N', N dN' and dN dN' on the unit edge
-    mass = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-    mixed = np.array([[-0.5, 0.5], [-0.5, 0.5]])
-    stiff = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    volume = float(np.prod(edges))
-
-    def integral(i: int, j: int) -> np.ndarray:
-        """Integrate dN_a/dx_i dN_b/dx_j over the brick."""
-        both = {(True, True): stiff, (True, False): mixed.T, (False, True): mixed}
-        factors = [both.get((k == i, k == j), mass) for k in range(3)]
-        product = np.einsum("ad,be,cf->abcdef", *factors)
-        return np.asarray(product * volume / (edges[i] * edges[j]))
-
-    forms = np.array([[integral(i, j) for j in range(3)] for i in range(3)])
-    stiffness = lame * forms + shear * np.swapaxes(forms, 0, 1)
-    for i in range(3):
-        stiffness[i, i] += shear * np.trace(forms)
-    if mean_dilatation:
-        sign, ones = np.array([-1.0, 1.0]), np.ones(2)
-        rows = [[sign if k == i else ones for k in range(3)] for i in range(3)]
-        gradient = np.array(
-            [np.einsum("a,b,c->abc", *rows[i]) * volume / (4.0 * edges[i]) for i in range(3)]
-        )
-        mean = np.einsum("iabc,jdef->ijabcdef", gradient, gradient) / volume
-        stiffness += (lame + 2.0 * shear / 3.0) * (mean - forms)
-    return np.asarray(np.moveaxis(stiffness, (0, 1), (3, 7)))
+@compiled(fastmath=True, forceinline=True)
+def _times(matrix, x, y, z):  # type: ignore[no-untyped-def]
+    """Multiply a symmetric matrix of six entries by a vector."""
+    xx, xy, xz, yy, yz, zz = matrix
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 @compiled(parallel=True, fastmath=True)
-def _factorise(stencil, nx, ny, first, inverse, upper):  # type: ignore[no-untyped-def]
-    """Block factorisation for the wavenumbers along x from ``first`` on.
-
-    The entries are ``stencil[layer, c, c', dx, dy, i, j]``.
-    """
-    layers, m = stencil.shape[0], ny // 2 + 1
+def _factorise(own, above, x, y, inverse):  # type: ignore[no-untyped-def]
+    """Invert the pivots of the block factorisation, from the base up."""
     for k in prange(inverse.shape[0]):
-        cosine, sine = np.empty((3, 3)), np.empty((3, 3))
-        diagonal, previous = np.empty((3, 3)), np.empty((3, 3))
-        pivot, product = np.empty((3, 3)), np.empty((3, 3))
-        for j in range(m):
-            for a in range(3):
-                for b in range(3):
-                    angle = 2.0 * np.pi * ((first + k) * (a - 1) / nx + j * (b - 1) / ny)
-                    cosine[a, b], sine[a, b] = np.cos(angle), np.sin(angle)
-            for layer in range(layers):  # node plane between the layers layer and layer + 1
-                for r in range(3):
-                    for c in range(3):
-                        own, above = 0.0, 0.0
-                        for a in range(3):
-                            for b in range(3):
-                                phase = cosine[a, b]
-                                if r < 2 and c == 2:
-                                    phase = sine[a, b]
-                                elif r == 2 and c < 2:
-                                    phase = -sine[a, b]
-                                own += stencil[layer, 1, 1, a, b, r, c] * phase
-                                if layer + 1 < layers:
-                                    own += stencil[layer + 1, 0, 0, a, b, r, c] * phase
-                                    above += stencil[layer + 1, 0, 1, a, b, r, c] * phase
-                        diagonal[r, c] = own
-                        upper[k, layer, 3 * r + c, j] = above
+        for layer in range(inverse.shape[1]):  # node plane between this layer and the next
+            pivot = inverse[k, layer]
+            for j in range(inverse.shape[3]):
+                xx, xy, xz, yy, yz, zz = _block(own[layer], x, k, y, j)
                 if layer > 0:
-                    for r in range(3):
-                        for c in range(3):
-                            previous[r, c] = upper[k, layer - 1, 3 * r + c, j]
-                    product[:] = 0.0
-                    for r in range(3):
-                        for s in range(3):
-                            for c in range(3):
-                                product[r, c] += pivot[r, s] * previous[s, c]
-                    for r in range(3):
-                        for s in range(3):
-                            for c in range(3):
-                                diagonal[r, c] -= previous[s, r] * product[s, c]
-                xx, yy, zz = diagonal[0, 0], diagonal[1, 1], diagonal[2, 2]
-                xy = 0.5 * (diagonal[0, 1] + diagonal[1, 0])
-                xz = 0.5 * (diagonal[0, 2] + diagonal[2, 0])
-                yz = 0.5 * (diagonal[1, 2] + diagonal[2, 1])
+                    d = inverse[k, layer - 1, :, j]
+                    d = d[0], d[1], d[2], d[3], d[4], d[5]
+                    u = _block(above[layer - 1], x, k, y, j)
+                    a, b, c = _times(d, u[0], u[1], -u[2])
+                    xx -= u[0] * a + u[1] * b - u[2] * c
+                    xy -= u[1] * a + u[3] * b - u[4] * c
+                    xz -= u[2] * a + u[4] * b + u[5] * c
+                    a, b, c = _times(d, u[1], u[3], -u[4])
+                    yy -= u[1] * a + u[3] * b - u[4] * c
+                    yz -= u[2] * a + u[4] * b + u[5] * c
+                    a, b, c = _times(d, u[2], u[4], u[5])
+                    zz -= u[2] * a + u[4] * b + u[5] * c
                 a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
                 scale = 1.0 / (xx * a + xy * b + xz * c)
-                pivot[0, 0], pivot[0, 1], pivot[0, 2] = scale * a, scale * b, scale * c
-                pivot[1, 1], pivot[1, 2] = scale * (xx * zz - xz * xz), scale * (xy * xz - xx * yz)
-                pivot[2, 2] = scale * (xx * yy - xy * xy)
-                pivot[1, 0], pivot[2, 0], pivot[2, 1] = pivot[0, 1], pivot[0, 2], pivot[1, 2]
-                entries = inverse[k, layer]
-                entries[0, j], entries[1, j], entries[2, j] = pivot[0, 0], pivot[0, 1], pivot[0, 2]
-                entries[3, j], entries[4, j], entries[5, j] = pivot[1, 1], pivot[1, 2], pivot[2, 2]
+                pivot[0, j], pivot[1, j], pivot[2, j] = scale * a, scale * b, scale * c
+                pivot[3, j] = scale * (xx * zz - xz * xz)
+                pivot[4, j] = scale * (xy * xz - xx * yz)
+                pivot[5, j] = scale * (xx * yy - xy * xy)
 
 
 @compiled(fastmath=True, forceinline=True)
@@ -139,56 +102,78 @@ def _rotate(values, sign, m):  # type: ignore[no-untyped-def]
             row[2 * j + 1] = sign * real
 
 
+@compiled(fastmath=True, forceinline=True)
+def _row(k, nx, inverse):  # type: ignore[no-untyped-def]
+    """Row of a wave along x, or of its mirror image, and the sign of what is odd in x."""
+    row, real = np.int64(k), inverse.dtype.type
+    return (row, real(1.0)) if 2 * row <= nx else (nx - row, real(-1.0))
+
+
+@compiled(fastmath=True, forceinline=True)
+def _pivot(d, sign, v):  # type: ignore[no-untyped-def]
+    """Inverse pivot of a wave, from that of itself or of its mirror image."""
+    return d[0, v], sign * d[1, v], sign * d[2, v], d[3, v], d[4, v], d[5, v]
+
+
 @compiled(parallel=True, fastmath=True)
-def _forward(inverse, upper, values):  # type: ignore[no-untyped-def]
+def _forward(inverse, above, x, y, values):  # type: ignore[no-untyped-def]
     """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
 
-    The last axis of ``values`` interleaves real and imaginary parts; the blocks are real.
+    The last axis of all arrays interleaves real and imaginary parts; the blocks are real. Loops
+    write where they do not read, for which they are vectorised.
     """
-    nx, layers, _, m = inverse.shape
+    nx, layers, _, m = values.shape
     for k in prange(nx):
+        row, sign = _row(k, nx, inverse)
+        passed, reduced = np.zeros((3, m), values.dtype), np.empty((3, m), values.dtype)
         for layer in range(layers):
-            d = inverse[k, layer]
-            now = values[k, layer]
-            _rotate(now, -1.0, m)
-            if layer > 0:
-                w, old = upper[k, layer - 1], values[k, layer - 1]
-                for j in range(m):
-                    for part in range(2):
-                        v = 2 * j + part
-                        x, y, z = old[0, v], old[1, v], old[2, v]
-                        now[0, v] -= w[0, j] * x + w[3, j] * y + w[6, j] * z
-                        now[1, v] -= w[1, j] * x + w[4, j] * y + w[7, j] * z
-                        now[2, v] -= w[2, j] * x + w[5, j] * y + w[8, j] * z
-            for j in range(m):
-                for part in range(2):
-                    v = 2 * j + part
-                    x, y, z = now[0, v], now[1, v], now[2, v]
-                    now[0, v] = d[0, j] * x + d[1, j] * y + d[2, j] * z
-                    now[1, v] = d[1, j] * x + d[3, j] * y + d[4, j] * z
-                    now[2, v] = d[2, j] * x + d[4, j] * y + d[5, j] * z
+            now, d = values[k, layer], inverse[row, layer]
+            _rotate(now, -1.0, m // 2)
+            for v in range(m):
+                x0, y0, z0 = (
+                    now[0, v] - passed[0, v],
+                    now[1, v] - passed[1, v],
+                    now[2, v] - passed[2, v],
+                )
+                reduced[0, v], reduced[1, v], reduced[2, v] = _times(_pivot(d, sign, v), x0, y0, z0)
+            now[:] = reduced
+            if layer + 1 < layers:
+                between = above[layer]
+                for v in range(m):
+                    w = _block(between, x, k, y, v)
+                    a, b, c = reduced[0, v], reduced[1, v], reduced[2, v]
+                    passed[0, v] = w[0] * a + w[1] * b - w[2] * c
+                    passed[1, v] = w[1] * a + w[3] * b - w[4] * c
+                    passed[2, v] = w[2] * a + w[4] * b + w[5] * c
 
 
 @compiled(parallel=True, fastmath=True)
-def _backward(inverse, upper, values):  # type: ignore[no-untyped-def]
+def _backward(inverse, above, x, y, values):  # type: ignore[no-untyped-def]
     """Substitute downwards from the surface."""
-    nx, layers, _, m = inverse.shape
+    nx, layers, _, m = values.shape
     for k in prange(nx):
+        row, sign = _row(k, nx, inverse)
         for layer in range(layers - 2, -1, -1):
-            d, w = inverse[k, layer], upper[k, layer]
-            now, above = values[k, layer], values[k, layer + 1]
-            for j in range(m):
-                for part in range(2):
-                    v = 2 * j + part
-                    x, y, z = above[0, v], above[1, v], above[2, v]
-                    a = w[0, j] * x + w[1, j] * y + w[2, j] * z
-                    b = w[3, j] * x + w[4, j] * y + w[5, j] * z
-                    c = w[6, j] * x + w[7, j] * y + w[8, j] * z
-                    now[0, v] -= d[0, j] * a + d[1, j] * b + d[2, j] * c
-                    now[1, v] -= d[1, j] * a + d[3, j] * b + d[4, j] * c
-                    now[2, v] -= d[2, j] * a + d[4, j] * b + d[5, j] * c
-            _rotate(above, 1.0, m)
-        _rotate(values[k, 0], 1.0, m)
+            now, old, d, between = (
+                values[k, layer],
+                values[k, layer + 1],
+                inverse[row, layer],
+                above[layer],
+            )
+            for v in range(m):
+                w = _block(between, x, k, y, v)
+                a, b, c = old[0, v], old[1, v], old[2, v]
+                a, b, c = _times(
+                    _pivot(d, sign, v),
+                    w[0] * a + w[1] * b + w[2] * c,
+                    w[1] * a + w[3] * b + w[4] * c,
+                    w[5] * c - w[2] * a - w[4] * b,
+                )
+                now[0, v] -= a
+                now[1, v] -= b
+                now[2, v] -= c
+            _rotate(old, 1.0, m // 2)
+        _rotate(values[k, 0], 1.0, m // 2)
 
 
 @dataclass(frozen=True)
@@ -198,9 +183,11 @@ class LateralInverse:
     Attributes
     ----------
     shape : tuple of int, points in x, layers, points in y
-    inverse, upper : ndarray
-        Inverse pivots (6 entries of a symmetric block) and coupling blocks to the plane above,
-        shapes ``(nx, layers, 6, ny // 2 + 1)`` and ``(nx, layers, 9, ny // 2 + 1)``.
+    inverse : ndarray, shape (nx // 2 + 1, layers, 6, 2 (ny // 2 + 1))
+        Inverse pivots, 6 entries of a symmetric block, twice for real and imaginary parts.
+    coupling : tuple of ndarray
+        Factors of (1) from each node plane to the plane above, and the waves along x and along y,
+        these twice: shapes (layers - 1, 9), (4, nx) and (4, 2 (ny // 2 + 1)).
     threads : int, threads of the Fourier transforms over the whole cell
     scale : float
         Stiffness by which the factors are divided, N/m, so that they fit single precision.
@@ -208,7 +195,7 @@ class LateralInverse:
 
     shape: tuple[int, int, int]
     inverse: np.ndarray
-    upper: np.ndarray
+    coupling: tuple[np.ndarray, np.ndarray, np.ndarray]
     threads: int
     scale: float = 1.0
 
@@ -219,7 +206,16 @@ class LateralInverse:
         The entries xx, xy, xz, yy, yz, zz of a real symmetric matrix per wavenumber, for the
         in-plane components multiplied by the imaginary unit.
         """
-        return np.moveaxis(self.inverse[:, -1].astype(float), 1, 0) / self.scale
+        return self._pivots.astype(float) / self.scale
+
+    @cached_property
+    def _pivots(self) -> np.ndarray:
+        """Inverse pivots at the surface, for all waves."""
+        nx = self.shape[0]
+        rows = np.arange(nx)
+        pivots = self.inverse[np.minimum(rows, nx - rows), -1, :, ::2]
+        pivots[nx // 2 + 1 :, 1:3] *= -1.0
+        return np.ascontiguousarray(np.moveaxis(pivots, 1, 0))
 
     def solve(
         self,
@@ -255,13 +251,12 @@ class LateralInverse:
             size = float(np.linalg.norm(force)) or 1.0
             self._over_slabs(partial(self._transform, force, 1.0 / size))
             scipy.fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
-            _forward(self.inverse, self.upper, values)
+            _forward(self.inverse, *self.coupling, values)
         if correct is not None:
-            surface = transform[:, -1].astype(complex)  # in units, which may be beyond single range
-            moved = self._to_points(surface) * (size / self.scale)
-            added = self._to_wavenumbers(correct(moved)) * (self.scale / size)
-            transform[:, -1] += _multiply_symbol(self.surface_compliance, added)
-        _backward(self.inverse, self.upper, values)
+            moved = self._to_points(transform[:, -1]) * np.float64(size / self.scale)
+            added = (correct(moved) / size).astype(self.inverse.dtype)
+            transform[:, -1] += _multiply_symbol(self._pivots, self._to_wavenumbers(added))
+        _backward(self.inverse, *self.coupling, values)
         scipy.fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
         found = np.empty((nx, layers, 3, ny), dtype) if out is None else out
         self._over_slabs(partial(self._transform_back, size / self.scale, found))
@@ -270,7 +265,7 @@ class LateralInverse:
     @cached_property
     def _workspace(self) -> np.ndarray:
         """Transforms of the whole cell, written by every solve."""
-        (nx, layers, _), m = self.shape, self.inverse.shape[3]
+        (nx, layers, _), m = self.shape, self.inverse.shape[3] // 2
         return np.empty((nx, layers, 3, m), np.result_type(self.inverse.dtype, np.complex64))
 
     def _over_slabs(self, work: Callable[[slice], None]) -> None:
@@ -316,7 +311,7 @@ class LateralInverse:
         return np.asarray(np.stack([a, b, c, *rest]) / (xx * a + xy * b + xz * c))
 
     def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
-        transform = scipy.fft.rfft2(values, axes=(0, 2))
+        transform = scipy.fft.rfft2(values, axes=(0, 2), workers=self.threads)
         transform[:, :2] *= -1j
         return np.asarray(transform)
 
@@ -324,7 +319,7 @@ class LateralInverse:
         turned = transform.copy()
         turned[:, :2] *= 1j
         nx, _, ny = self.shape
-        return np.asarray(scipy.fft.irfft2(turned, s=(nx, ny), axes=(0, 2)))
+        return np.asarray(scipy.fft.irfft2(turned, s=(nx, ny), axes=(0, 2), workers=self.threads))
 
 
 def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -419,27 +414,62 @@ def factorise_flat_cell(
     planes : ndarray, shape (layers + 1,), heights of the node planes, m
     lame, shear : ndarray, shape (layers,)
         Lame's parameters of each layer, Pa.
-    mean_dilatation : bool, as in :func:`brick_stiffness`
+    mean_dilatation : bool, whether the divergence is averaged over each element (B-bar)
     dtype : type
         ``np.float32`` halves the memory of the factors and takes a third off the time of a solve,
         whose relative error is then about 1e-6; forces and compliances are scaled to its range.
     """
     (nx, ny), layers = shape, len(planes) - 1
-    # stiffness between the nodes of each layer, by their lateral distance
-    stencil = np.zeros((layers, 2, 2, 3, 3, 3, 3))
-    for layer in range(layers):
-        edges = (*spacing, planes[layer + 1] - planes[layer])
-        brick = brick_stiffness(edges, lame[layer], shear[layer], mean_dilatation=mean_dilatation)
-        for a, b, d, e in np.ndindex(2, 2, 2, 2):  # from corner (a, b) to corner (d, e)
-            block = brick[a, b, :, :, d, e, :, :]  # (c, i, c', j)
-            stencil[layer, :, :, d - a + 1, e - b + 1] += np.moveaxis(block, 1, 2)
-    m = ny // 2 + 1
-    inverse = np.empty((nx, layers, 6, m), dtype)
-    upper = np.empty((nx, layers, 9, m), dtype)
-    scale = float(np.max(np.abs(stencil)))
-    for first in range(0, nx, WAVES):
-        waves = slice(first, min(first + WAVES, nx))
-        pivots, blocks = (np.empty((waves.stop - first, *of.shape[1:])) for of in (inverse, upper))
-        _factorise(stencil / scale, nx, ny, first, pivots, blocks)
-        inverse[waves], upper[waves] = pivots, blocks
-    return LateralInverse((nx, layers, ny), inverse, upper, thread_count(), scale)
+    thickness = np.diff(planes)[:, None, None]
+    lame, shear = lame[:, None, None], shear[:, None, None]
+    bulk = lame + 2.0 * shear / 3.0 if mean_dilatation else 0.0 * lame
+    rest = lame - bulk
+    # one-dimensional integrals of N N', of means of N and N', of dN dN' and of N dN' in a layer
+    mass = thickness * np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
+    mean = thickness * np.full((2, 2), 0.25)
+    stiff = np.array([[1.0, -1.0], [-1.0, 1.0]]) / thickness
+    mixed = np.array([[-0.5, 0.5], [-0.5, 0.5]])
+    factors = np.stack(
+        [
+            (rest + 2.0 * shear) * mass,
+            bulk * mean,
+            shear * mass,
+            shear * stiff,
+            (rest + 2.0 * shear) * stiff,
+            bulk * stiff,
+            (rest + shear) * mass + bulk * mean,
+            shear * mixed.T - rest * mixed,
+            -bulk * mixed,
+        ],
+        axis=-1,
+    )
+    own, above = factors[:, 1, 1], factors[1:, 0, 1]
+    own[:-1] += factors[1:, 0, 0]
+    scale = float(np.max(own[:, 4] + own[:, 5])) * spacing[0] * spacing[1]
+    waves = [
+        _waves(n, step, count)
+        for n, step, count in zip(shape, spacing, (nx, ny // 2 + 1), strict=True)
+    ]
+    inverse = np.empty((nx // 2 + 1, layers, 6, 2 * (ny // 2 + 1)), dtype)
+    for first in range(0, len(inverse), WAVES):
+        part = slice(first, first + WAVES)
+        pivots = np.empty(inverse[part, ..., ::2].shape)
+        _factorise(own / scale, above / scale, waves[0][:, part], waves[1], pivots)
+        inverse[part, ..., ::2] = inverse[part, ..., 1::2] = pivots
+    along_x, along_y = waves[0].astype(dtype), np.repeat(waves[1], 2, axis=1).astype(dtype)
+    coupling = (above / scale).astype(dtype), along_x, along_y
+    return LateralInverse((nx, layers, ny), inverse, coupling, thread_count(), scale)
+
+
+def _waves(points: int, spacing: float, count: int) -> np.ndarray:
+    """Sum up integrals for waves, shape (4, count): dN dN', N N', means of N and N', and N dN'."""
+    angle = 2.0 * np.pi * np.arange(count) / points
+    square = np.sin(0.5 * angle) ** 2
+    return np.array(
+        [
+            4.0 * square / spacing,
+            spacing * (1.0 - 2.0 * square / 3.0),
+            spacing * (1.0 - square),
+            np.sin(angle),
+        ]
+    )

@@ -17,7 +17,7 @@ def dot(a, b):  # type: ignore[no-untyped-def]
         mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
         x, y, total = a[mine], b[mine], 0.0
         for i in range(x.size):
-            total += x[i] * y[i]
+            total += np.float64(x[i]) * y[i]
         sums[part] = total
     for part in range(PARTS):
         whole += sums[part]
@@ -33,7 +33,17 @@ def turn(factor, p, z):  # type: ignore[no-untyped-def]
 
 @compiled(parallel=True, fastmath=True)
 def advance(factor, p, u, q, r):  # type: ignore[no-untyped-def]
-    """Add factor p to u and take factor q from r."""
-    for i in prange(p.size):
-        u[i] += factor * p[i]
-        r[i] -= factor * q[i]
+    """Add factor p to u, take factor q from r and return the square of r."""
+    n, sums, square = p.size, np.empty(PARTS), 0.0
+    for part in prange(PARTS):
+        mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
+        along, moved, change, rest, total = p[mine], u[mine], q[mine], r[mine], 0.0
+        for i in range(along.size):
+            moved[i] += factor * along[i]
+            left = rest[i] - factor * change[i]
+            rest[i] = left
+            total += left * left
+        sums[part] = total
+    for part in range(PARTS):
+        square += sums[part]
+    return square

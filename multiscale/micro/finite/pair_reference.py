@@ -31,8 +31,9 @@ def add_compliances(first: LateralInverse, second: np.ndarray) -> LateralInverse
     """
     symbol = first.surface_compliance + _MIRRORED * second
     nx, _, ny = first.shape
-    layer = np.ascontiguousarray(np.moveaxis(symbol, 0, 1))[:, None]
-    return LateralInverse((nx, 1, ny), layer, np.empty((nx, 0, 9, 0)), first.threads)
+    layer = np.repeat(np.moveaxis(symbol[:, : nx // 2 + 1], 0, 1)[:, None], 2, axis=3)
+    nothing = np.zeros((0, 9)), np.zeros((4, nx)), np.zeros((4, layer.shape[3]))
+    return LateralInverse((nx, 1, ny), layer, nothing, first.threads)
 
 
 @dataclass(frozen=True, eq=False)
