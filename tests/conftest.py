@@ -9,15 +9,11 @@ import pytest
 def pytest_configure(config):
     """Let commands in processes of their own share the package and its compiled kernels.
 
-    One process of many takes one thread for its kernels; tests of threads ask for more.
+    One process of many takes one thread for kernels and libraries; tests of threads ask for more.
     """
     os.environ["PYTHONPATH"] = str(config.rootpath)
     if hasattr(config, "workerinput"):
-        import numba
-
-        import multiscale  # noqa: F401 - chooses the library of the threads
-
-        numba.set_num_threads(1)
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 def pytest_addoption(parser):

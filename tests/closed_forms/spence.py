@@ -4,6 +4,8 @@ Pressure and shear act on each other here. A ball that is pressed by a growing f
 within the same part of its contact: its traction is a sum of those of all smaller punches.
 """
 
+from functools import cache
+
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
@@ -65,9 +67,7 @@ def punch_with_friction(
             f"got {friction:g} and {poissons_ratio:g}"
         )
     beta = (1.0 - 2.0 * poissons_ratio) / (2.0 * (1.0 - poissons_ratio))
-    edge = np.sin(np.linspace(0.0, np.pi / 2.0, rings + 1))  # finer where p is singular
-    r = 0.5 * (edge[1:] + edge[:-1])
-    normal, radial = _direct_motion(edge, r)
+    edge, r, normal, radial = _direct_motion(rings)
     width, area = np.diff(edge), 0.5 * np.diff(edge**2)
     outside = np.triu(np.tile(width, (rings, 1)), 1) + np.diag(edge[1:] - r)
     inside = np.tril(np.tile(area, (rings, 1)), -1) + np.diag(0.5 * (r**2 - edge[:-1] ** 2))
@@ -89,8 +89,11 @@ def punch_with_friction(
     raise ConvergenceError(f"the stick zone did not settle in {MAX_ITERATIONS} iterations")
 
 
-def _direct_motion(edge: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First terms of (1) and (2) at radii r, for a unit of traction on each ring."""
+@cache
+def _direct_motion(rings: int) -> tuple[np.ndarray, ...]:
+    """Edges and middles of rings; there the first terms of (1) and (2), for a unit on each ring."""
+    edge = np.sin(np.linspace(0.0, np.pi / 2.0, rings + 1))  # finer where p is singular
+    r = 0.5 * (edge[1:] + edge[:-1])
     x, weight = np.polynomial.legendre.leggauss(12)
     weight = 0.5 * np.pi * weight * np.cos(0.5 * np.pi * x)
     x = np.sin(0.5 * np.pi * x)  # takes the roots at the edges of the rings out
@@ -105,4 +108,4 @@ def _direct_motion(edge: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
         Q = t * np.diff(np.arccosh(np.maximum(edge / t, 1.0)), axis=1)
         normal[i] = 2.0 / np.pi * w @ P
         radial[i] = 2.0 / np.pi / radius * (w * t[:, 0]) @ Q
-    return normal, radial
+    return edge, r, normal, radial

@@ -247,6 +247,22 @@ def test_pressing_along_a_straight_path_in_one_direction_is_exact_in_one_step():
     assert np.all(np.abs(whole.traction - expected) <= 1e-5 * MU * np.abs(expected[0]))
 
 
+def test_springs_pressed_while_they_are_sheared_keep_all_the_work_of_shear():
+    """Of new springs without force the old ones stay softer (d): no slip, no loss."""
+    law = bed(friction=1e3)
+    low, high = (float(NORMAL.gap_at(np.array(p))) for p in (1e7, 3e7))
+    path = np.array([[low, 1e-9], [high, 1e-9], [high, 4e-9], [high, 9e-9]])
+    state, found = law.at_rest(np.array([[low], [0.0], [0.0]])), []
+    for gap, shear in path:
+        jump = np.array([[gap], [shear], [0.0]])
+        account = law.sliding(jump, state)
+        found.append((float(law.respond(jump, state).traction[1, 0]), float(account.stored[0])))
+        state = account.state
+    traction, stored = np.array(found[1:]).T
+    work = 0.5 * (traction[1:] + traction[:-1]) * np.diff(path[1:, 1])
+    np.testing.assert_allclose(np.diff(stored), work, rtol=1e-9)
+
+
 def test_what_turns_the_path_turns_the_traction():
     law = bed()
     jump, state = walked(law)

@@ -144,8 +144,15 @@ def tilting(law=JOINT_LAW, **options):
     return joint, pressed_blocks(joint, law)
 
 
-@pytest.mark.parametrize("method", [*METHODS, pytest.param(NewtonSchur((2, 2)), id="four parts")])
-@pytest.mark.parametrize("element", [None, ElementHex2()], ids=["hex8", "hex27"])
+@pytest.mark.parametrize(
+    ("method", "element"),
+    [
+        pytest.param(LatinMethod(parts=(2, 1)), None, id="LATIN"),
+        pytest.param(NewtonSchur((2, 2)), None, id="Newton-Schur, four parts"),
+        pytest.param(NewtonSchur((2, 1)), ElementHex2(), id="Newton-Schur, hex27"),
+        pytest.param(AssembledNewton(), ElementHex2(), id="assembled, hex27"),
+    ],
+)
 def test_parts_share_a_platen_that_tilts(method, element):
     joint, assembly = tilting(element=element)
     pressures = np.array([5e6, 10e6])

@@ -56,12 +56,11 @@ def stacked_blocks(law, parts, times=(1.0,), contrast=1.0, tilt=0.2):
     return cut_assembly(Assembly((lower, upper), (joint,), times), (parts, parts))
 
 
-@pytest.mark.parametrize("parts", [1, 2])
 @pytest.mark.parametrize("solve", [solve_latin, solve_schur])
-def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(solve, parts):
+def test_a_rough_joint_with_friction_loaded_and_unloaded_is_the_monolithic_one(solve):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     times = (1.0, 2.0, 3.0, 1.5)  # pressed, pushed twice, and pushed back
-    problem = stacked_blocks(law, parts, times)
+    problem = stacked_blocks(law, 2, times)
     result = solve(problem, np.eye(len(times)))
     assert np.all(result.converged == 1)
 
@@ -97,15 +96,7 @@ def say_slide(result):
     return float(found[1]), float(found[2])
 
 
-@pytest.mark.parametrize(
-    ("solve", "parts"),
-    [
-        (solve_latin, 1),
-        (solve_latin, 2),
-        (solve_schur, 1),
-        pytest.param(solve_schur, 2, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("solve", "parts"), [(solve_latin, 2), (solve_schur, 1)])
 def test_a_push_just_below_friction_is_held_and_one_just_above_it_is_refused(solve, parts):
     law = Sliders(Exponential(1e9, 0.4e-6), 0.2, pressures=(1e6, 1e8))
     held = solve(pushed(law, parts, 0.99), np.eye(3))
@@ -132,19 +123,10 @@ def test_every_method_tells_of_every_step_that_converged(method):
 @pytest.mark.parametrize(
     "law", [Sliders(Exponential(1e9, 1e-6), 0.2, pressures=(1e6, 1e8)), RigidContact(0.2)]
 )
-@pytest.mark.parametrize("parts", [1, 2])
-def test_a_push_at_any_share_above_friction_names_load_and_capacity(parts, law, share):
-    result = solve_latin(pushed(law, parts, share), np.eye(3))
+def test_a_push_at_any_share_above_friction_names_load_and_capacity(law, share):
+    result = solve_latin(pushed(law, 2, share), np.eye(3))
     np.testing.assert_array_equal(result.converged, [1, 0, 0])
     np.testing.assert_allclose(say_slide(result), [share * 1600.0, 1600.0], rtol=1e-3)
-
-
-@pytest.mark.parametrize("coarse", [True, False])
-def test_a_block_that_runs_away_is_never_in_balance(coarse):
-    law = Sliders(Exponential(1e9, 1e-8), 0.2, pressures=(1e6, 1e8))
-    result = solve_latin(pushed(law, 1, 1.75), np.eye(3), tolerance=1e-6, coarse=coarse)
-    np.testing.assert_array_equal(result.converged, [1, 0, 0])
-    np.testing.assert_allclose(say_slide(result), [2800.0, 1600.0], rtol=1e-3)
 
 
 def test_the_residual_alone_knows_a_block_that_runs_away_from_one_in_balance(monkeypatch):
@@ -256,11 +238,10 @@ def test_a_piece_of_a_cut_joint_that_opens_jumps_as_far_as_its_bodies_are_apart(
     np.testing.assert_allclose(result.jump, apart, atol=1e-8 * 20e6 * 0.02 / 210e9)
 
 
-@pytest.mark.parametrize("parts", [1, 2])
 @pytest.mark.parametrize("ratio", [1e-6, *slow(1e-4, 1e-2), 1.0, *slow(1e2, 1e4, 1e8), 1e12])
-def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge(ratio, parts):
+def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge(ratio):
     law = law_of_stiffness(ratio)
-    problem = stacked_blocks(law, parts, (1.0, 2.0))
+    problem = stacked_blocks(law, 2, (1.0, 2.0))
     result = solve_latin(problem, np.eye(2))
     assert np.all(result.converged == 1)
     assert np.all(result.iterations <= 55)
@@ -279,7 +260,6 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
         np.testing.assert_allclose(result.displacement, expected, atol=1e-8 * size)
 
 
-@pytest.mark.parametrize("parts", [1, 2])
 @pytest.mark.parametrize(
     ("solve", "law"),
     [
@@ -288,7 +268,7 @@ def test_joints_from_a_millionth_of_the_stiffness_of_the_blocks_to_1e12_converge
         (solve_latin, RigidContact(0.2)),
     ],
 )
-def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law, parts):
+def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law):
     size, steel = (0.02, 0.02, 0.02), Elastic(210e9, 0.3)
     held, pulled = (0.0, 0.0, 0.0), (0.0, 0.0, 5e6)
     lower = Body(
@@ -301,7 +281,7 @@ def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law, pa
         tractions={"left": pulled, "right": pulled},
     )
     assembly = Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))
-    problem = cut_assembly(assembly, (parts, parts))
+    problem = cut_assembly(assembly, (2, 2))
     result = solve(problem)
     assert result.converged == 1
     if solve is solve_latin:
@@ -312,14 +292,13 @@ def test_a_joint_that_is_open_everywhere_leaves_both_bodies_alone(solve, law, pa
     np.testing.assert_allclose(result.displacement[0], expected, atol=1e-8 * size)
 
 
-@pytest.mark.parametrize("parts", [*slow(1), 2])
 @pytest.mark.parametrize("contrast", [1e-4, 1e4])
 @pytest.mark.parametrize("ratio", [*slow(1e-6, 1.0, 1e4), 1e12])
-def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio, parts):
+def test_a_base_much_softer_or_stiffer_than_the_block_converges(contrast, ratio):
     law = law_of_stiffness(ratio)
     for tilt in (0.2, 1.5):
         times = (1.0, 2.0, 1.0)
-        problem = stacked_blocks(law, parts, times, contrast=contrast, tilt=tilt)
+        problem = stacked_blocks(law, 2, times, contrast=contrast, tilt=tilt)
         result = solve_latin(problem, np.eye(len(times)))
         assert np.all(result.converged == 1)
         assert np.all(result.iterations <= 100)

@@ -48,7 +48,7 @@ def test_closed_forms_in_any_unit(sets, area, unit):
     assert union_area(unit * SQUARE, scaled) == pytest.approx(unit**2 * area, abs=1e-12 * unit**2)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_random_unions_cover_what_counting_says(seed):
     rng, n, k = np.random.default_rng(seed), 1500, 12
     centre, root = rng.uniform(size=(k, 2)), 0.12 * rng.normal(size=(k, 2, 2))
