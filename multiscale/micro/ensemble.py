@@ -141,17 +141,15 @@ def run_realisations(
     progress(len(results))
     jobs = ((k, (function, arguments[k], files[k], identity, sparing, schema)) for k in todo)
     run_jobs(_compute_and_keep, jobs, executor, finish)
-    ends = np.cumsum([0, *(results[k].sizes["realisation"] for k in numbers)])
     ordered = [
-        results[k]
-        .drop_vars(["height", "pressure", "gap", "x", "y"], errors="ignore")
-        .assign_coords(realisation=range(ends[k], ends[k + 1]))
+        results[k].drop_vars(["height", "pressure", "gap", "x", "y"], errors="ignore")
         for k in numbers
     ]
     most = max(one.sizes.get("spot", 0) for one in ordered)
     if most:  # realisations have different numbers of spots
         ordered = [one.reindex(spot=range(most)) for one in ordered]
     joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
+    joined = joined.assign_coords(realisation=range(joined.sizes["realisation"]))
     ended = "\n".join(
         f"realisation {k}: {results[k].attrs['ended']}"
         for k in numbers
