@@ -27,6 +27,16 @@ SHORT_STEP, GOOD_STEP = 0.01, 0.5
 MAX_SHORT_STEPS = 4
 """Number of successive short steps after which the method stops."""
 
+KEPT_FROM = 10_000
+"""Unknowns from which a factorisation costs so many solves that the first factors are kept."""
+
+MAX_SOFTENING, KEPT_DECREASE = 1.5, 0.5
+"""Length of the first step up to which factors without slack suit the structure that has slack, \
+and share to which every step with them must reduce the work of the forces out of balance."""
+
+MAX_PAIRS = 8
+"""Number of last steps whose curvature corrects kept factors."""
+
 
 @dataclass
 class SlackStiffness:
@@ -97,10 +107,16 @@ def solve_newton(
     direction is piecewise linear and increasing, so that the step to its zero is exact and the
     energy falls in every iteration. Slack links have a small stiffness in the tangent, which is
     increased while so many are slack that the tangent is singular; they have none in the residual.
+    In large structures that few slack links soften, the factors without slack are kept at first and
+    corrected by the curvature of the last steps [1]_, until the set of slack links is constant.
 
     The elongations are summed step by step beside the displacement, not computed from it: their
     rounding is then relative to their own size, and equilibrium is met to the rounding of the
     tensions however stiff the bars are.
+
+    References
+    ----------
+    .. [1] J. Nocedal, Math. Comput. 35 (1980) 773-782, doi:10.1090/S0025-5718-1980-0572855-7.
     """
     u = np.array(start, dtype=float)
     load = load_factor * model.load
@@ -109,12 +125,17 @@ def solve_newton(
     lower, upper = model.lower - model.prestress, model.upper - model.prestress
     elastic = model.stiffness * model.elongate(u)
     run, slack_stiffness = NewtonRun(limits), SlackStiffness()
+    residual, direction, step = imbalance, u, 0.0
     solve, factored = taut, np.ones(elastic.size, dtype=bool)
     factored_share = slack_stiffness.share
+    kept, before, last_work = taut is not None and model.n >= KEPT_FROM, factored, np.inf
+    pairs: list[tuple[np.ndarray, np.ndarray]] = []
 
     while True:
         change = np.clip(elastic, lower, upper)  # tau - tau^0
-        residual = load - imbalance - model.gather(change)
+        last, residual = residual, load - imbalance - model.gather(change)
+        if kept and step > 0.0:
+            pairs = [*pairs[1 - MAX_PAIRS :], (step * direction, last - residual)]
         rounding = round_off(model.prestress + change)
         if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
             break
@@ -126,22 +147,49 @@ def solve_newton(
         same = np.array_equal(carries, factored)
         if same:
             slack_stiffness.reset()
-        if solve is None or not same or slack_stiffness.share != factored_share:
-            share = np.where(carries, 1.0, slack_stiffness.share)
-            try:
-                solve = tangent.factorise(tangent.entries(share * model.stiffness))
-            except MultiscaleError:
-                run.stop(Status.STALLED)
-                break
-            factored, factored_share = carries, slack_stiffness.share
-        direction = solve(residual)
+        kept = kept and (same or not np.array_equal(carries, before))
+        if kept and solve is not None:
+            direction = secant_direction(solve, pairs, residual)
+            kept = residual @ direction <= KEPT_DECREASE * last_work
+        if not kept:
+            if solve is None or not same or slack_stiffness.share != factored_share:
+                share = np.where(carries, 1.0, slack_stiffness.share)
+                try:
+                    solve = tangent.factorise(tangent.entries(share * model.stiffness))
+                except MultiscaleError:
+                    run.stop(Status.STALLED)
+                    break
+                factored, factored_share = carries, slack_stiffness.share
+            direction = solve(residual)
         growth = model.stiffness * model.elongate(direction)
-        work = float(residual @ direction)
-        step = exact_step(elastic, growth, model.stiffness, lower, upper, work)
+        before, last_work = carries, float(residual @ direction)
+        step = exact_step(elastic, growth, model.stiffness, lower, upper, last_work)
         u, elastic = u + step * direction, elastic + step * growth
+        kept = kept and (bool(pairs) or step <= MAX_SOFTENING)
         slack_stiffness.adapt(step)
 
     return state_of(model, run.solution(u), elastic)
+
+
+def secant_direction(
+    solve: Solve, pairs: list[tuple[np.ndarray, np.ndarray]], residual: np.ndarray
+) -> np.ndarray:
+    """Return the quasi-Newton direction of eq (6) of [1]_ of :func:`solve_newton`, m.
+
+    Parameters
+    ----------
+    solve : callable, solution with the first approximation of the tangent
+    pairs : list of tuple of ndarray, steps, m, and the changes of the nodal forces by them, N
+    residual : ndarray, shape (n,), force out of balance, N
+    """
+    force, shares = residual, []
+    for step, change in reversed(pairs):
+        shares.append(step @ force / (step @ change))
+        force = force - shares[-1] * change
+    direction = solve(force)
+    for (step, change), share in zip(pairs, reversed(shares), strict=True):
+        direction = direction + (share - change @ direction / (step @ change)) * step
+    return direction
 
 
 @compiled
