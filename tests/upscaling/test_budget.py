@@ -20,8 +20,14 @@ from multiscale.upscaling import (
     with_scales,
     without_bias,
 )
-from multiscale.upscaling.budget import mean_law_error, total_error
-from multiscale.upscaling.budget_terms import Term
+from multiscale.upscaling.budget import (
+    ALWAYS,
+    ERROR_TERMS,
+    assemble_budget,
+    mean_law_error,
+    total_error,
+)
+from multiscale.upscaling.budget_terms import FEW_CELLS, Term
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.spline_law import decay_share
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
@@ -595,3 +601,14 @@ def test_a_budget_of_an_earlier_version_is_refused_in_a_sentence():
     old = old.assign_attrs({k: v for k, v in law.attrs.items() if k != "how_surface"})
     with pytest.raises(CaseError, match=r"needs how_surface, .* of an earlier version"):
         with_scales(old, compare_scales(1e-5, 1e-4, 1e-2, extent=1e-2))
+
+
+def test_biases_add_with_their_signs_and_the_mean_law_is_without_the_few_cells_of_one_part():
+    none = np.zeros((1, 1))
+    terms = {name: Term("", none if name in ALWAYS else None) for name in ERROR_TERMS}
+    terms["fit"] = Term("", none, bias=0.03)
+    terms["cell size"] = Term("", none, bias=-0.01)
+    terms[FEW_CELLS] = Term("", none, bias=0.02)
+    budget = assemble_budget(terms, ("gap",), np.array([1e6]))
+    assert float(budget["error_total"].squeeze()) == pytest.approx(0.04)
+    assert mean_law_error(budget).item() == pytest.approx(0.02)
