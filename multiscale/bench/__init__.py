@@ -3,8 +3,10 @@
 import tomllib
 from collections.abc import Callable
 from importlib import import_module, resources
+from typing import TYPE_CHECKING
 
-from multiscale.schema import Dataset
+if TYPE_CHECKING:
+    from multiscale.schema import Dataset
 
 __all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench"]
 
@@ -36,8 +38,8 @@ def bench(
     *,
     quick: bool = False,
     report: Callable[[str], None] = lambda line: None,
-    keep: Callable[[Dataset], object] = lambda found: None,
-) -> Dataset:
+    keep: "Callable[[Dataset], object]" = lambda found: None,
+) -> "Dataset":
     """Measure a family of scenes.
 
     Parameters
