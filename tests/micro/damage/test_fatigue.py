@@ -182,6 +182,20 @@ def test_a_path_that_turns_follows_the_rate_equations_exactly():
         assert state[1] == pytest.approx(exact, rel=1e-7)
 
 
+def test_a_straight_pull_is_integrated_exactly_from_the_threshold_on():
+    """The energy is quadratic along it, and the damage is that of the strain beyond."""
+    found = []
+    for threshold, substeps in ((0.0, 1), (0.0, 64), (4e-4, 1)):
+        material = dataclasses.replace(PLAIN, hardening=20e9, threshold=threshold)
+        state = np.zeros(STATE_SIZE)
+        run_cycles(state, 1.5 * LIMIT * np.eye(6)[:1], 1, material.parameters(), substeps)
+        found.append(state[:2])
+    (once, p), (fine, _), (late, _) = found
+    assert once == pytest.approx(fine, rel=1e-9)
+    assert late == pytest.approx(once * (1.0 - 4e-4 / p), rel=1e-9)
+    assert 0.1 < 4e-4 / p < 0.9
+
+
 def test_substeps_for_the_damage_are_of_second_order():
     angle = np.arange(8) * np.pi / 4.0
     path = np.zeros((8, 6))
