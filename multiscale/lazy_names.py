@@ -15,7 +15,8 @@ def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[
     """Return ``__getattr__`` and ``__dir__`` of a package, from its ``__name__`` and ``__file__``.
 
     The names stand in the stub ``__init__.pyi`` beside the file, as imports that type checkers read
-    too. None may be that of a module of the package, whose import would hide it.
+    too. None may be that of a module of the package, whose import would hide it, unless it is meant
+    and imported from the package itself.
     """
 
     @cache
@@ -32,7 +33,11 @@ def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[
             return names()
         if name not in modules():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(modules()[name]), name)
+        module = modules()[name]
+        inside = module == package  # a package of the package
+        value = (
+            import_module(f"{module}.{name}") if inside else getattr(import_module(module), name)
+        )
         setattr(sys.modules[package], name, value)
         return value
 

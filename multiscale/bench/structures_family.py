@@ -14,7 +14,7 @@ import numpy as np
 
 from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
-from multiscale.macro.discrete import compatibility
+from multiscale.macro.discrete.compatibility import compatibility
 
 __all__ = [
     "GRID_METHODS",

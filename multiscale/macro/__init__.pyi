@@ -1,3 +1,10 @@
+from multiscale.macro import bodies as bodies
+from multiscale.macro import continuum as continuum
+from multiscale.macro import discrete as discrete
+from multiscale.macro import granulate as granulate
+from multiscale.macro import joint as joint
+from multiscale.macro import substructures as substructures
+from multiscale.macro import vibration as vibration
 from multiscale.macro.bodies import Assembly as Assembly
 from multiscale.macro.bodies import Bolt as Bolt
 from multiscale.macro.bodies import BoltSection as BoltSection

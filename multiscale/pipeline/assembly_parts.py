@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.fe.elements import element_of_order
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mesh_file import load_geometry
 from multiscale.io import read_table
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro import Body, Bolt, GapMap, load_mesh, shank_stiffness
 from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw
@@ -173,7 +172,7 @@ class MeshedBody(Material):
             or very small.
         """
         if self.element is None:
-            mesh = load_mesh(self.mesh, scale=self.unit or 1.0, volume=self.volume)
+            mesh = macro.load_mesh(self.mesh, scale=self.unit or 1.0, volume=self.volume)
         else:
             scale = self.unit or 1.0
             mesh = load_geometry(self.mesh, self.element, scale=scale, volume=self.volume)
@@ -196,8 +195,12 @@ class MeshedBody(Material):
             )
         return mesh
 
-    def build(self, mesh: "Mesh", tractions: Mapping[str, Mapping[int, np.ndarray]]) -> Body:
+    def build(
+        self, mesh: "Mesh", tractions: Mapping[str, Mapping[int, np.ndarray]]
+    ) -> "macro.Body":
         """Make the body of its mesh, of faces with tractions, Pa, by the numbers of load cases."""
+        from multiscale.fe.elements import element_of_order
+
         supports = {
             boundary: tuple(0.0 if axis in axes else None for axis in CLAMPED)
             for boundary, axes in self.supports.items()
@@ -206,7 +209,7 @@ class MeshedBody(Material):
             boundary: tuple(partial(_at_time, parts, axis) for axis in range(3))
             for boundary, parts in tractions.items()
         }
-        return Body(
+        return macro.Body(
             mesh,
             self.elasticity(),
             supports,
@@ -247,7 +250,7 @@ class StatedGap(Settings):
     )
     unit: Unit = Field(description='Length of one unit of the table, such as `"mm"`.')
 
-    def build(self) -> GapMap:
+    def build(self) -> "macro.GapMap":
         """Read the map."""
         table = read_table(self.file, {})
         if missing := sorted({"x", "y", "gap"} - set(table)):
@@ -255,7 +258,7 @@ class StatedGap(Settings):
                 f"{self.file}: no column {missing[0]!r}; a map of a gap has x, y and gap"
             )
         x, y, gap = (self.unit * np.array(table[name], dtype=float) for name in ("x", "y", "gap"))
-        return GapMap(np.column_stack([x, y]), gap, str(self.file))
+        return macro.GapMap(np.column_stack([x, y]), gap, str(self.file))
 
 
 class BodyInterface(Settings):
@@ -359,10 +362,10 @@ class BodyBolt(Settings):
         return self
 
     def build(
-        self, sides: tuple[int, int], boundaries: tuple[str, str], bodies: Sequence[Body]
-    ) -> tuple[Bolt, str]:
+        self, sides: tuple[int, int], boundaries: tuple[str, str], bodies: "Sequence[macro.Body]"
+    ) -> "tuple[macro.Bolt, str]":
         """Make the bolt between faces of bodies, and say between which and of which shank."""
-        bolt = Bolt(sides, boundaries, self.stiffness or 1.0, self.preload)
+        bolt = macro.Bolt(sides, boundaries, self.stiffness or 1.0, self.preload)
         said = " to ".join(self.sides)
         one, two = bolt.washers(bodies)
         if self.diameter is None:
@@ -374,7 +377,7 @@ class BodyBolt(Settings):
         said += (
             f", shank of {1e3 * length:.4g} mm{between} and {1e-9 * self.youngs_modulus:.4g} GPa"
         )
-        k = shank_stiffness(self.diameter, length, self.youngs_modulus)
+        k = macro.shank_stiffness(self.diameter, length, self.youngs_modulus)
         return replace(bolt, stiffness=k), said
 
 

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
-from multiscale.macro import Assembly, BoltSection, Interface
-from multiscale.macro.bodies.assembly import GROUND
-from multiscale.macro.substructures import JointLoading, JointSize, LoadPath, require_held
+from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import (
     GROUNDED,
     BodyBolt,
@@ -98,10 +97,10 @@ class StructureParts:
     loading : JointLoading, optional, of which the path is the main part
     """
 
-    assembly: Assembly
-    path: LoadPath
+    assembly: "macro.Assembly"
+    path: "substructures.LoadPath"
     facts: tuple[str, ...] = ()
-    loading: JointLoading | None = None
+    loading: "substructures.JointLoading | None" = None
 
 
 class Bodies(StructureKind):
@@ -222,7 +221,7 @@ class Bodies(StructureKind):
                 ):
                     raise ValueError(missing)
 
-    def joint_size(self, case: "Case") -> JointSize:
+    def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of interfaces and load steps."""
         meshes = [body.load() for body in self.bodies]
         nodes = sum(body.count_nodes(mesh) for body, mesh in zip(self.bodies, meshes, strict=True))
@@ -230,20 +229,24 @@ class Bodies(StructureKind):
         for number, joint in enumerate(self.interfaces):
             body, face = self.place(meshes, f"interface {number}", joint.sides[1])
             points += np.unique(meshes[body].facets[:, meshes[body].boundaries[face]]).size
-        return JointSize(3 * nodes, points, len(meshes), len(self.path(case, ()).factors()))
+        return substructures.JointSize(
+            3 * nodes, points, len(meshes), len(self.path(case, ()).factors())
+        )
 
     @property
     def is_one(self) -> bool:
         """Whether there is one body, without interfaces and bolts."""
         return len(self.bodies) == 1 and not self.interfaces and not self.bolts
 
-    def path(self, case: "Case", forces: Sequence[float]) -> LoadPath:
+    def path(self, case: "Case", forces: Sequence[float]) -> "substructures.LoadPath":
         """Return the path over the loads, whose resultants at the factor one are given, N."""
         now, steps = dict.fromkeys(self.load_names, 0.0), []
         for step in case.statics.steps:
             now |= step
             steps.append(tuple(now.values()))
-        path = LoadPath(self.load_names, tuple(forces), tuple(steps), case.statics.substeps)
+        path = substructures.LoadPath(
+            self.load_names, tuple(forces), tuple(steps), case.statics.substeps
+        )
         if (to := case.cycles) is None:
             return path
         return replace(
@@ -467,27 +470,29 @@ class Bodies(StructureKind):
         for number, (joint, law) in enumerate(zip(self.interfaces, laws, strict=True)):
             first, second = joint.sides
             lower = (
-                GROUND if first == GROUNDED else self.place(meshes, f"interface {number}", first)
+                macro.bodies.GROUND
+                if first == GROUNDED
+                else self.place(meshes, f"interface {number}", first)
             )
             upper = self.place(meshes, f"interface {number}", second)
             fine = self.bodies[upper[0]].order == 2
             sides = (lower[0], upper[0]), (lower[1], upper[1])
             gap = None if joint.gap is None else joint.gap.build()
-            interfaces.append(Interface(*sides, law, QUADRATURE if fine else None, gap))
+            interfaces.append(macro.Interface(*sides, law, QUADRATURE if fine else None, gap))
         facts = [f"Interface {number}: {one.name}." for number, one in enumerate(self.interfaces)]
         bolts, sections = [], []
         for number, bolt in enumerate(self.bolts):
             head, nut = (self.place(meshes, f"bolt {number}", face) for face in bolt.sides)
             if bolt.meshed:
                 cut = (head[0], nut[0]), (head[1], nut[1])
-                sections.append(BoltSection(*cut, bolt.preload))
+                sections.append(macro.BoltSection(*cut, bolt.preload))
                 continue
             made, said = bolt.build((head[0], nut[0]), (head[1], nut[1]), bodies)
             bolts.append(made)
             facts.append(f"Bolt {number}, {said}: {1e-6 * made.stiffness:.4g} N/µm.")
         times = tuple(map(float, range(len(self.loads))))
         return StructureParts(
-            Assembly(
+            macro.Assembly(
                 tuple(bodies),
                 tuple(interfaces),
                 times,
@@ -511,9 +516,7 @@ class Bodies(StructureKind):
             )
         return body, boundary
 
-    def try_to_build(
-        self, case: "Case", require: Callable[[Assembly], object] = require_held
-    ) -> None:
+    def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
         """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
         shared = case.interface or JointLaw()
         frictions = [one.over(shared).friction for one in self.interfaces]

@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.executors import run_jobs
 from multiscale.fe.facets import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
-from multiscale.macro.substructures import FEW_STEPS
+from multiscale.macro import substructures
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
 from multiscale.pipeline.joint_settings import SLABS
@@ -108,7 +108,7 @@ UNKNOWN_LOSS = (
 
 def few_steps(case: Case) -> int:
     """Return the steps to the amplitude of the cycle that is solved again with changed laws."""
-    return max(1, min(FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
+    return max(1, min(substructures.FEW_STEPS, case.cycles.steps // 2)) if case.cycles else 0
 
 
 def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[InterfaceLaw]:

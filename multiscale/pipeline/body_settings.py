@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from multiscale import macro
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Body
-from multiscale.macro.bodies import Assembly
+from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
-from multiscale.macro.substructures import CutProblem, cut_assembly
 from multiscale.pipeline.joint_settings import LawSource, RisingPreloads
 from multiscale.pipeline.link_settings import Statics
 from multiscale.pipeline.rve_settings import Direction
@@ -148,20 +147,20 @@ class Plate(StructureKind):
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
     pressure: Pressure = Field(description="Pressure on the top at load factor one, Pa.")
 
-    def build(self) -> Assembly:
+    def build(self) -> "macro.Assembly":
         """Clamp the plate and load it."""
         clamped = (0.0, 0.0, 0.0)
-        plate = Body(
+        plate = macro.Body(
             box_mesh(self.size, self.elements),
             Elastic(self.youngs_modulus, self.poissons_ratio),
             supports={"left": clamped, "right": clamped},
             tractions={"top": (0.0, 0.0, -self.pressure)},
         )
-        return Assembly((plate,))
+        return macro.Assembly((plate,))
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the plate into boxes."""
-        return cut_assembly(self.build(), case.cut.parts)
+        return substructures.cut_assembly(self.build(), case.cut.parts)
 
     @property
     def nodes(self) -> int:

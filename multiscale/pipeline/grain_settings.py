@@ -7,7 +7,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from multiscale.macro import granulate
-from multiscale.macro.granulate import ContactLaw, Model, Solver
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Count,
@@ -68,9 +67,9 @@ class GrainSettings(Settings):
         return self
 
     @property
-    def law(self) -> ContactLaw:
+    def law(self) -> "granulate.ContactLaw":
         """How two grains touch."""
-        return ContactLaw(self.friction, self.restitution, self.compliance)
+        return granulate.ContactLaw(self.friction, self.restitution, self.compliance)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -99,9 +98,9 @@ class Motion(TimeSteps):
     frames: Count = Field(11, ge=2, description="Instants whose grains and forces are kept.")
 
     @property
-    def solver(self) -> Solver:
+    def solver(self) -> "granulate.Solver":
         """How the contacts are solved."""
-        return Solver(self.tolerance, self.max_iterations, self.threads)
+        return granulate.Solver(self.tolerance, self.max_iterations, self.threads)
 
     def quick(self) -> Self:
         """Return few steps of the motion."""
@@ -123,7 +122,7 @@ class Granulate(StructureKind):
         return 0.0
 
     @abstractmethod
-    def build(self, grains: GrainSettings, motion: Motion) -> Model:
+    def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Build grains and walls at the beginning of the motion that is asked for.
 
         Raises
@@ -141,7 +140,7 @@ class Deposit(Granulate):
     kind: Literal["deposit"]
     size: tuple[Length, Length] = Field(description="Edges of the box along x and y, m.")
 
-    def build(self, grains: GrainSettings, motion: Motion) -> Model:
+    def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Let the grains fall into the box."""
         return granulate.deposit(grains.radii, self.size, grains.law, **grains.options)
 
@@ -154,7 +153,7 @@ class Silo(Granulate):
     wall_friction: Factor = Field(0.5, description="Friction coefficient of the wall.")
     sinking: Speed = Field(0.0, description="Speed of the bottom, m/s.")
 
-    def build(self, grains: GrainSettings, motion: Motion) -> Model:
+    def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Let the grains fall into the pipe."""
         walls: dict[str, Any] = {"wall_friction": self.wall_friction, "sinking": self.sinking}
         return granulate.silo(grains.radii, self.diameter, grains.law, **walls, **grains.options)
@@ -172,7 +171,7 @@ class ColumnCollapse(Granulate):
     width: Length = Field(description="Width of the column, m.")
     settling: Duration = Field(description="Time before the gate is taken away, s.")
 
-    def build(self, grains: GrainSettings, motion: Motion) -> Model:
+    def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Let the column settle, and take the gate away."""
         model = granulate.column(grains.radii, self.width, grains.law, **grains.options)
         still = granulate.simulate_grains(model, self.settling, motion.step, solver=motion.solver)
@@ -191,7 +190,7 @@ class ShearCell(Granulate):
     pressure: Pressure = Field(description="Pressure on the plates, Pa.")
     speed: Speed = Field(description="Speed of the upper plate, m/s.")
 
-    def build(self, grains: GrainSettings, motion: Motion) -> Model:
+    def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Press the grains between the plates."""
         return granulate.shear_layer(
             grains.radii, self.size, self.pressure, self.speed, grains.law, **grains.options
@@ -210,7 +209,7 @@ class Biaxial(Granulate):
     )
     planar: bool = Field(False, description="Discs in place of spheres.")
 
-    def build(self, grains: GrainSettings, motion: Motion) -> Model:
+    def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Compact the grains in the cell."""
         return granulate.biaxial_cell(
             grains.radii,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.macro.substructures import FEW_STEPS
+from multiscale.macro import substructures
 from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, Dataset
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
@@ -94,7 +94,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
             level,  # a preload is the step of its number
             _slip_slope(result)[level, amplitude],
             result["loss_density"].to_numpy()[level, amplitude],
-            FEW_STEPS,
+            substructures.FEW_STEPS,
         )
     ended = bool(level.size) and bool(known[-1])
     ended = ended and bool(np.isfinite(result["cycle_loss"].to_numpy()[-1, -1]))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.io import open_law
-from multiscale.macro import LatinMethod
-from multiscale.macro.substructures import JointLoading
+from multiscale.macro import substructures
 from multiscale.pipeline.toml_model import (
     Factor,
     Number,
@@ -79,9 +79,9 @@ class Substructures(Settings):
         """When the solver stops, and who shares its work."""
         return {"tolerance": self.tolerance, "max_iterations": self.max_iterations, "team": team}
 
-    def method(self, team: "ProcessGroup | None") -> LatinMethod:
+    def method(self, team: "ProcessGroup | None") -> "macro.LatinMethod":
         """How elastic bodies are solved."""
-        return LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
+        return macro.LatinMethod(self.parts, coarse=self.coarse, **self.stop(team))
 
     def quick(self) -> Self:
         """Return a cut into two parts each way, at most."""
@@ -274,9 +274,11 @@ class Cycles(Settings):
         """Amplitudes of the cycles at every preload, Pa."""
         return (*self.amplitudes, self.shear)
 
-    def loading(self, preloads: tuple[float, ...]) -> JointLoading:
+    def loading(self, preloads: tuple[float, ...]) -> "substructures.JointLoading":
         """Return the preloads, the cycles at the last of them, and the cycles at all."""
-        return JointLoading(preloads, self.shear, self.cycles, self.steps, self.all_amplitudes)
+        return substructures.JointLoading(
+            preloads, self.shear, self.cycles, self.steps, self.all_amplitudes
+        )
 
     def quick(self) -> Self:
         """Return one cycle of few steps, and one smaller amplitude at most."""

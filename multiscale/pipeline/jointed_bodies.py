@@ -8,20 +8,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from multiscale import macro
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.io import open_dataset
 from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.macro import Assembly
-from multiscale.macro.bodies import LapShape, lap_joint, shank_stiffness, stacked_blocks
-from multiscale.macro.substructures import (
-    FEW_STEPS,
-    CutProblem,
-    JointLoading,
-    JointSize,
-    cut_assembly,
-)
+from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import BodyInterface, MeshedBody
 from multiscale.pipeline.assembly_settings import Bodies, OpenLaw, StructureParts, check_bodies
 from multiscale.pipeline.body_settings import COARSER, Edges, Elements, Material, fewer
@@ -100,7 +93,9 @@ class RoughBodies(StructureKind, Material):
         """Return the same structure on larger elements, if any, by the ratio of their sizes."""
 
     @abstractmethod
-    def build(self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]) -> Assembly:
+    def build(
+        self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
+    ) -> "macro.Assembly":
         """Build bodies and joints, whose materials and laws are given from below.
 
         Raises
@@ -134,28 +129,28 @@ class RoughBodies(StructureKind, Material):
         """Return bodies and interfaces of a case with their representative volumes."""
         return self.as_bodies(case).with_volumes(case, found, open_rve)
 
-    def try_to_build(self, case: "Case", require: Callable[[Assembly], object]) -> None:
+    def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
         """Refuse dimensions that do not fit, and free bodies, whatever the laws."""
         self.as_bodies(case).try_to_build(case, require)
 
-    def joint_size(self, case: "Case") -> JointSize:
+    def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of joints and load steps."""
         (nodes, face), count = self.nodes, self.joints + 1
         own = len(case.statics.preloads)
         if case.cycles is not None:  # at the last preload, and one cycle at each amplitude
-            short = own * len(case.cycles.all_amplitudes) * (1 + 4 * FEW_STEPS)
+            short = own * len(case.cycles.all_amplitudes) * (1 + 4 * substructures.FEW_STEPS)
             own += case.cycles.steps * (1 + 4 * case.cycles.cycles) + short
-        return JointSize(3 * nodes * count, face * self.joints, count, own)
+        return substructures.JointSize(3 * nodes * count, face * self.joints, count, own)
 
     def slabs(self, case: "Case") -> int:
         """Slabs of the law of the joints: the loss of a cycle is a small difference."""
         return SLABS if case.cycles else FEW_SLABS
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut every body into boxes."""
         bodies = self.with_volumes(case, found, job.read_rve)
         laws = bodies.sliders(case, bodies.read_laws(case, found, job.read_law))
-        return cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
+        return substructures.cut_assembly(bodies.build(case, laws).assembly, case.cut.parts)
 
     @model_validator(mode="after")
     def _check_damage(self) -> Self:
@@ -226,9 +221,9 @@ class JointedBodies(Bodies):
             law = with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
         return [law] * len(self.interfaces)
 
-    def joint_size(self, case: "Case") -> JointSize:
+    def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of joints and load steps, about."""
-        size: JointSize = self.source.joint_size(case)
+        size: substructures.JointSize = self.source.joint_size(case)
         return size
 
     def beds(self, case: "Case") -> dict[str, Any]:
@@ -239,7 +234,9 @@ class JointedBodies(Bodies):
         """Build bodies and joints, and the path over preload and shear."""
         assembly = self.source.build([body.elasticity() for body in self.bodies], laws)
         preloads = case.statics.preloads
-        loading = case.cycles.loading(preloads) if case.cycles else JointLoading(preloads)
+        loading = (
+            case.cycles.loading(preloads) if case.cycles else substructures.JointLoading(preloads)
+        )
         return StructureParts(assembly, loading.path(assembly.areas), loading=loading)
 
     def coarser(self) -> dict[float, Self]:
@@ -282,9 +279,11 @@ class StackedBlocks(RoughBodies):
         """Mesh every block where it would be at the bottom."""
         return [box_mesh(self.size, self.elements)] * self.blocks
 
-    def build(self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]) -> Assembly:
+    def build(
+        self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
+    ) -> "macro.Assembly":
         """Build the blocks and their joints."""
-        return stacked_blocks(self.size, self.elements, materials, laws)
+        return macro.bodies.stacked_blocks(self.size, self.elements, materials, laws)
 
     @property
     def nodes(self) -> tuple[int, int]:
@@ -324,9 +323,11 @@ class LapJoint(RoughBodies):
         return 1
 
     @property
-    def shape(self) -> LapShape:
+    def shape(self) -> "macro.bodies.LapShape":
         """Dimensions and mesh."""
-        return LapShape(**self.model_dump(include={field.name for field in fields(LapShape)}))
+        return macro.bodies.LapShape(
+            **self.model_dump(include={field.name for field in fields(macro.bodies.LapShape)})
+        )
 
     def coarser(self) -> Mapping[float, Self]:
         """Return the same joint on larger elements in plan, as far as its hole lets them grow."""
@@ -353,12 +354,14 @@ class LapJoint(RoughBodies):
         """Mesh both plates."""
         return lap_meshes(self.shape)
 
-    def build(self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]) -> Assembly:
+    def build(
+        self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
+    ) -> "macro.Assembly":
         """Build the plates and their joint."""
         shank = None
         if self.bolt is not None:
-            shank = shank_stiffness(self.bolt, 2.0 * self.thickness, self.moduli[0])
-        return lap_joint(self.shape, materials, laws[0], shank)
+            shank = macro.shank_stiffness(self.bolt, 2.0 * self.thickness, self.moduli[0])
+        return macro.bodies.lap_joint(self.shape, materials, laws[0], shank)
 
     @property
     def nodes(self) -> tuple[int, int]:

@@ -10,19 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, model_validator
 
+from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.io import open_mesh, read_table
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
-from multiscale.macro import (
-    LinkSystem,
-    cable_net,
-    cut_links,
-    prestress_by_itself,
-    system_from_mesh,
-    system_from_table,
-    tensegrity_grid,
-)
-from multiscale.macro.substructures import CutProblem, split_grid
+from multiscale.macro import substructures
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
     Count,
@@ -107,7 +99,7 @@ class LinkStructure(StructureKind):
     models: ClassVar[Mapping[str, type[Settings]]] = {"statics": Statics}
 
     @abstractmethod
-    def build(self) -> LinkSystem:
+    def build(self) -> "macro.LinkSystem":
         """Build the structure.
 
         Raises
@@ -116,10 +108,10 @@ class LinkStructure(StructureKind):
             If the structure is refused, or a file that it names cannot be read.
         """
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the links into boxes."""
         system = self.build()
-        return cut_links(system, split_grid(system, case.cut.parts))
+        return macro.cut_links(system, substructures.split_grid(system, case.cut.parts))
 
     def check(self, case: "Case") -> None:
         """Refuse what a cut structure cannot do."""
@@ -150,10 +142,12 @@ class TensegrityGrid(LinkStructure):
     bar_rigidity: Rigidity = Field(8e7, description='EA of the bars, N, or `"inextensible"`.')
     nodal_load: Force = Field(40.0, description="Weight on every node at load factor one, N.")
 
-    def build(self) -> LinkSystem:
+    def build(self) -> "macro.LinkSystem":
         """Build the grid."""
         same = self.model_dump(include={"n", "m", "prestress", "size", "height", "nodal_load"})
-        return tensegrity_grid(cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same)
+        return macro.tensegrity_grid(
+            cable=Cable(self.cable_rigidity), bar=Bar(self.bar_rigidity), **same
+        )
 
     def quick(self, case: "Case") -> Self:
         """Return a grid of at most 4 x 4 modules.
@@ -182,10 +176,10 @@ class CableNet(LinkStructure):
         100.0, description="Weight on every inner node at load factor one, N."
     )
 
-    def build(self) -> LinkSystem:
+    def build(self) -> "macro.LinkSystem":
         """Build the net."""
         same = self.model_dump(include={"n", "m", "mesh", "rise", "prestress", "nodal_load"})
-        return cable_net(cable=Cable(self.cable_rigidity), **same)
+        return macro.cable_net(cable=Cable(self.cable_rigidity), **same)
 
     def quick(self, case: "Case") -> Self:
         """Return a net of at most 4 x 4 meshes."""
@@ -234,11 +228,11 @@ class LinkTable(LinkStructure):
 
     _check = model_validator(mode="after")(_check_self_stress)
 
-    def build(self) -> LinkSystem:
+    def build(self) -> "macro.LinkSystem":
         """Build the structure of the tables."""
         columns = {"first": int, "second": int, "group": int, "law": str}
         nodes, links = read_table(self.nodes, {}), read_table(self.links, columns)
-        return _stressed(system_from_table(nodes, links, _laws(self.laws)), self.prestress)
+        return _stressed(macro.system_from_table(nodes, links, _laws(self.laws)), self.prestress)
 
 
 class LinkMesh(LinkStructure):
@@ -257,10 +251,10 @@ class LinkMesh(LinkStructure):
 
     _check = model_validator(mode="after")(_check_self_stress)
 
-    def build(self) -> LinkSystem:
+    def build(self) -> "macro.LinkSystem":
         """Build the structure of the mesh."""
         mesh, laws = open_mesh(self.file), _laws(self.laws)
-        system = system_from_mesh(
+        system = macro.system_from_mesh(
             mesh, laws, supports=self.supports, load=self.load, scale=self.unit
         )
         return _stressed(system, self.prestress)
@@ -299,5 +293,5 @@ def _laws(given: dict[str, LinkLawSettings]) -> dict[str, LinkLaw]:
     return {name: law.build() for name, law in given.items()}
 
 
-def _stressed(system: LinkSystem, prestress: float | None) -> LinkSystem:
-    return system if prestress is None else prestress_by_itself(system, prestress)
+def _stressed(system: "macro.LinkSystem", prestress: float | None) -> "macro.LinkSystem":
+    return system if prestress is None else macro.prestress_by_itself(system, prestress)

@@ -4,15 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from multiscale.macro.substructures import (
-    CutProblem,
-    Method,
-    add_body_fields,
-    condense_assembly,
-    require_held,
-)
-from multiscale.macro.substructures.condensed_problem import CondensedProblem
-from multiscale.macro.substructures.method_choice import MethodChoice
+from multiscale.macro import substructures
 from multiscale.pipeline.assembly_settings import Bodies, StructureParts
 from multiscale.pipeline.body_budget import Change, change_friction
 from multiscale.pipeline.jointed_bodies import RoughBodies
@@ -47,8 +39,8 @@ class ReadyBodies:
     case: Case
     laws: Sequence[Dataset | None]
     parts: StructureParts
-    chosen: MethodChoice
-    structure: CondensedProblem
+    chosen: "substructures.MethodChoice"
+    structure: "substructures.CondensedProblem"
 
     @classmethod
     def of(
@@ -59,12 +51,12 @@ class ReadyBodies:
         laws = bodies.read_laws(case, found, job.read_law)
         parts = bodies.build(case, bodies.sliders(case, laws))
         chosen = choose_solver(case, structure.joint_size(case), job.team)
-        require_held(parts.assembly)
-        condensed = condense_assembly(parts.assembly, chosen.taken.method)
+        substructures.require_held(parts.assembly)
+        condensed = substructures.condense_assembly(parts.assembly, chosen.taken.method)
         return cls(bodies, case, laws, parts, chosen, condensed)
 
     @property
-    def method(self) -> Method:
+    def method(self) -> "substructures.Method":
         """The method that solves them."""
         return self.chosen.taken.method
 
@@ -80,7 +72,9 @@ class ReadyBodies:
         solver = f"Solved by {self.method.name}: {self.chosen.why}."
         result = result.assign_attrs(facts="\n".join([*facts, solver]))
         damages = [body.worst_damage for body in self.bodies.bodies]
-        return with_too_far(add_body_fields(result, self.parts.assembly.bodies, damage=damages))
+        return with_too_far(
+            substructures.add_body_fields(result, self.parts.assembly.bodies, damage=damages)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +84,9 @@ class SolveAgain:
     bodies: Bodies
     case: Case
     laws: Sequence[Dataset | None]
-    problem: CutProblem
+    problem: "substructures.CutProblem"
     areas: Sequence[float]
-    method: Method
+    method: "substructures.Method"
     follow: Follow
     near: Any
 
@@ -105,7 +99,9 @@ class SolveAgain:
             problem = self.problem.with_laws(laws)
             return self.follow(problem, self.areas, self.method, near=self.near)
         other = source.build(self.case, laws).assembly
-        return self.follow(condense_assembly(other, self.method).small, other.areas, self.method)
+        return self.follow(
+            substructures.condense_assembly(other, self.method).small, other.areas, self.method
+        )
 
 
 def with_cautions_of(

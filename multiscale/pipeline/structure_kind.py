@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from multiscale.errors import CaseError
-from multiscale.macro.substructures import CutProblem
+from multiscale.macro import substructures
 from multiscale.pipeline.toml_model import Settings
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class StructureKind(Settings):
             With a sentence.
         """
 
-    def cut(self, case: "Case", found: "Datasets", job: "Job") -> CutProblem:
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the structure into its substructures, if it may be cut."""
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import ConvergenceError
-from multiscale.macro.substructures import JointSize, Method, choose_method
-from multiscale.macro.substructures.method_choice import MethodChoice
+from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import Table, list_cycles, list_facts
@@ -63,19 +62,23 @@ def require_known(result: Dataset, answer: str) -> None:
         )
 
 
-def choose_solver(case: Case, size: JointSize, team: "ProcessGroup | None" = None) -> MethodChoice:
+def choose_solver(
+    case: Case, size: "substructures.JointSize", team: "ProcessGroup | None" = None
+) -> "substructures.MethodChoice":
     """Choose the solver of bodies; ``[substructures]`` and many processes ask for LATIN."""
     asks = case.substructures is not None or (team is not None and team.size > 1)
-    return choose_method(size, case.cut.method(team) if asks else None)
+    return substructures.choose_method(size, case.cut.method(team) if asks else None)
 
 
-def counting(method: Method, job: Job, steps: int) -> Method:
+def counting(method: "substructures.Method", job: Job, steps: int) -> "substructures.Method":
     """Return the method that shows which of so many load steps are finished."""
     done = count(1)
     return replace(method, after_step=lambda: job.progress(next(done), steps, "load steps"))
 
 
-def solver_needs(chosen: MethodChoice, size: JointSize, slabs: int) -> Needs:
+def solver_needs(
+    chosen: "substructures.MethodChoice", size: "substructures.JointSize", slabs: int
+) -> Needs:
     """Return what the chosen solver of bodies needs, and why it was chosen."""
     taken = chosen.taken
     needs = cut_needs(

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from multiscale.macro.vibration import Amplitudes
+from multiscale import macro
 from multiscale.pipeline.toml_model import (
     Count,
     Length,
@@ -81,7 +81,9 @@ class VibrationSettings(Settings):
             raise ValueError(f"modes should name mode {twice[0]} once, got {list(self.modes)}")
         return self
 
-    def reach(self, largest: np.ndarray, *, coarse: bool = False) -> dict[int, Amplitudes]:
+    def reach(
+        self, largest: np.ndarray, *, coarse: bool = False
+    ) -> "dict[int, macro.vibration.Amplitudes]":
         """Return the modal amplitudes of the modes, counted from 0.
 
         Parameters
@@ -91,7 +93,7 @@ class VibrationSettings(Settings):
         """
         given = np.array(self.modal_amplitudes or self.amplitudes)
         return {
-            mode - 1: Amplitudes(
+            mode - 1: macro.vibration.Amplitudes(
                 tuple((given if self.modal_amplitudes else given / largest[mode - 1]).tolist()),
                 full_cycle=self.cycle == "full",
                 ratio=RATIO**COARSE if coarse else RATIO,

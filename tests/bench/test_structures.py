@@ -18,7 +18,7 @@ from multiscale.bench.structures_family import (
 )
 from multiscale.bench.summary import tabulate_runs
 from multiscale.macro import quadruplex_module, self_stress, solve_static
-from multiscale.macro.discrete import compatibility
+from multiscale.macro.discrete.compatibility import compatibility
 from multiscale.numerics import factorisation
 
 

@@ -19,9 +19,7 @@ from multiscale.macro import (
     tensegrity_grid,
     truss,
 )
-from multiscale.macro.discrete import (
-    compatibility,
-)
+from multiscale.macro.discrete.compatibility import compatibility
 from multiscale.schema import MACRO_RESULT
 
 

@@ -14,7 +14,8 @@ from multiscale.macro import (
     solve_static,
     tensegrity_grid,
 )
-from multiscale.macro.discrete import compatibility, link_newton
+from multiscale.macro.discrete import link_newton
+from multiscale.macro.discrete.compatibility import compatibility
 from multiscale.macro.discrete.link_tangent import Tangent
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.macro import solve_static, tensegrity_grid
-from multiscale.macro.discrete import compatibility
+from multiscale.macro.discrete.compatibility import compatibility
 
 # load factor, slack cables, max tension over prestress, work of the load (J), smallest tangent
 # eigenvalue (N/m): computed once by an independent prototype and its dual program

@@ -1,11 +1,14 @@
 """Unknowns, operators and memory of a structure of links, from its laws and the analysis."""
 
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.macro.discrete.link_system import LinkSystem
 from multiscale.needs import Needs, choose
+
+if TYPE_CHECKING:
+    from multiscale.macro.discrete.link_system import LinkSystem
 
 __all__ = ["link_needs"]
 
@@ -20,7 +23,7 @@ STEP_TIME = 8e-5  # s of an unknown in a step, on a grid of 9,400 unknowns
 
 
 def link_needs(
-    system: LinkSystem,
+    system: "LinkSystem",
     *,
     exact: bool = False,
     stability: bool = False,

@@ -1,27 +1,5 @@
 """The rough joint: two elastic blocks and the law between them."""
 
-from multiscale.macro.joint.even import press_joint
-from multiscale.macro.joint.geometry import Block, RoughJoint, soften
-from multiscale.macro.joint.joint_assembly import pressed_blocks
-from multiscale.macro.joint.joint_solver import rough_joint
-from multiscale.macro.joint.tread import (
-    Footprint,
-    TreadBlock,
-    condense_tread,
-    slide_tread,
-    sliding_block,
-)
+from multiscale.lazy_names import lazy_names
 
-__all__ = [
-    "Block",
-    "Footprint",
-    "RoughJoint",
-    "TreadBlock",
-    "condense_tread",
-    "press_joint",
-    "pressed_blocks",
-    "rough_joint",
-    "slide_tread",
-    "sliding_block",
-    "soften",
-]
+__getattr__, __dir__ = lazy_names(__name__, __file__)

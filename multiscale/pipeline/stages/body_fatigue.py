@@ -8,18 +8,11 @@ from typing import Any, cast
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import write_life_fields
 from multiscale.laws import InterfaceLaw
-from multiscale.macro import Body
-from multiscale.macro.substructures import (
-    LoadPath,
-    Method,
-    condense_assembly,
-    element_corners,
-    element_stress,
-    follow_cut_loads,
-)
+from multiscale.macro import substructures
 from multiscale.micro.damage.element_fatigue import (
     first_cracks,
     limit_factors,
@@ -108,7 +101,7 @@ class _Cycled:
     bodies: Bodies
     case: Case
     laws: Sequence[Dataset | None]
-    method: Method
+    method: "substructures.Method"
     number: int
 
     @property
@@ -122,11 +115,17 @@ class _Cycled:
         bodies = list(parts.assembly.bodies)
         if cracked is not None:
             bodies[self.number] = replace(bodies[self.number], share=1.0 - cracked)
-        whole = condense_assembly(replace(parts.assembly, bodies=tuple(bodies)), self.method)
-        follow = partial(follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate)
+        whole = substructures.condense_assembly(
+            replace(parts.assembly, bodies=tuple(bodies)), self.method
+        )
+        follow = partial(
+            substructures.follow_cut_loads, method=self.method, extrapolate=self.case.extrapolate
+        )
         return self.stress(whole.restore(follow(whole.small, parts.path)), parts.path, bodies)
 
-    def stress(self, result: Dataset, path: LoadPath, bodies: Sequence[Body]) -> np.ndarray:
+    def stress(
+        self, result: Dataset, path: "substructures.LoadPath", bodies: "Sequence[macro.Body]"
+    ) -> np.ndarray:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
 
         Where the body has a damage of its own, it is the stress of what is left of its sections.
@@ -144,7 +143,7 @@ class _Cycled:
                 f"answer; {result.attrs.get('failure') or result.attrs.get('cautions', '')}"
             )
         sound = 1.0 - self.bodies.bodies[self.number].damage
-        return element_stress(bodies[self.number], moved) / sound
+        return substructures.element_stress(bodies[self.number], moved) / sound
 
 
 def _run(case: Case, found: Datasets, job: Job) -> Dataset:
@@ -174,7 +173,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         tolerance=table.tolerance,
         max_cycles=table.max_cycles,
     )
-    corners, crack = element_corners(body), int(life["crack_element"])
+    corners, crack = substructures.element_corners(body), int(life["crack_element"])
     position = body.basis.doflocs.T
     values: dict[str, Any] = {"position": position, "corners": corners}
     if crack >= 0:

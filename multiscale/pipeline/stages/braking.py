@@ -7,11 +7,10 @@ from time import perf_counter
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import load_shares, with_load_shares
-from multiscale.macro.joint import Footprint, TreadBlock, condense_tread, slide_tread
-from multiscale.macro.joint.tread import CondensedTread
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import Table, list_facts, say_beside, say_error, tabulate_budget
 from multiscale.pipeline.stage import (
@@ -74,9 +73,9 @@ def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
         ranges.append(normal.pressure_range)
         frictions = frictions_at(law, temperature, [None, *samples])
         mean, *drawn = (SteadySliding(normal, one, (speed, 0.0)) for one in frictions)
-        found.append(slide_tread(tread, mean, pressure))
-        coarser.append(_force(slide_tread(coarse, mean, pressure)))
-        sampled[:, k] = [_force(slide_tread(tread, one, pressure)) for one in drawn]
+        found.append(macro.joint.slide_tread(tread, mean, pressure))
+        coarser.append(_force(macro.joint.slide_tread(coarse, mean, pressure)))
+        sampled[:, k] = [_force(macro.joint.slide_tread(tread, one, pressure)) for one in drawn]
         times.append(perf_counter() - begin)
     good = np.array([one.solution.converged for one in found])
     failures = [
@@ -122,16 +121,16 @@ def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     )
 
 
-def _condense(case: TyreCase, elements: tuple[int, ...]) -> CondensedTread:
+def _condense(case: TyreCase, elements: tuple[int, ...]) -> "macro.joint.CondensedTread":
     block, (nx, ny, nz) = case.tread, elements
     size = (block.length, block.width, block.height)
     rubber = case.rubber
-    return condense_tread(
-        TreadBlock(size, rubber.relaxed_modulus, rubber.poissons_ratio, (nx, ny, nz))
+    return macro.joint.condense_tread(
+        macro.joint.TreadBlock(size, rubber.relaxed_modulus, rubber.poissons_ratio, (nx, ny, nz))
     )
 
 
-def _force(footprint: Footprint) -> float:
+def _force(footprint: "macro.joint.Footprint") -> float:
     """Braking force, N; NaN if it did not converge."""
     return footprint.braking_force if footprint.solution.converged else np.nan
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.macro import homogenise
+from multiscale import macro
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.links import LINKS
@@ -19,7 +19,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
     step = int(np.flatnonzero(solved)[-1])
     assert case.structure is not None  # it asks for the stage
-    return homogenise(case.structure.cut(case, found, job), result, step=step).assign_attrs(
+    return macro.homogenise(case.structure.cut(case, found, job), result, step=step).assign_attrs(
         title=case.title
     )
 

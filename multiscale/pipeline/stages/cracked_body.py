@@ -6,12 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.macro import Body
-from multiscale.macro.continuum import follow_crack_band
-from multiscale.macro.continuum.body import load_vector
-from multiscale.macro.continuum.crack_band import SHAPES
-from multiscale.macro.substructures import element_corners
+from multiscale.macro import substructures
 from multiscale.micro.damage.volume_growth import half_widths, softening_samples
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
@@ -35,12 +32,14 @@ NO_MESH = "intervals do not count the error of the mesh, which is not known: giv
 FAILED = "the load has not fallen to its end, and the energy of the cracks is not known"
 
 
-def _loaded(bodies: Bodies, case: Case) -> tuple[Body, np.ndarray]:
+def _loaded(bodies: Bodies, case: Case) -> "tuple[macro.Body, np.ndarray]":
     """Build the body, and the nodal forces, N, of the last step of [statics]."""
     parts = bodies.build(case, [])
     body = parts.assembly.bodies[0]
     factors = parts.path.factors()[-1]
-    return body, np.sum([f * load_vector(body, float(k)) for k, f in enumerate(factors)], axis=0)
+    return body, np.sum(
+        [f * macro.continuum.load_vector(body, float(k)) for k, f in enumerate(factors)], axis=0
+    )
 
 
 def _run(case: Case, found: Datasets, job: Job) -> Dataset:
@@ -51,11 +50,11 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     mean, *laws = softening_samples(found[VOLUME_GROWTH.name])
     cracked = []
     for k, law in enumerate((mean, *laws), start=1):
-        cracked.append(follow_crack_band(body, law, load=load))
+        cracked.append(macro.continuum.follow_crack_band(body, law, load=load))
         job.progress(k, 1 + len(laws), "softening laws")
     for coarser in bodies.coarser().values():
         coarse, own = _loaded(coarser, case)
-        cracked.append(follow_crack_band(coarse, mean, load=own))
+        cracked.append(macro.continuum.follow_crack_band(coarse, mean, load=own))
     values: dict[str, Any] = {name: cracked[0][name].to_numpy() for name in CRACK_BAND.variables}
     for name, variable in (("peak_load", "factor"), ("work", "dissipation")):
         value, *each = (float(one[variable].max()) for one in cracked)
@@ -67,7 +66,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
         for kind, half in zip(("mean_law", "one_part"), half_widths(samples), strict=True):
             both = np.hypot(half, error)
             values[f"{name}_{kind}"] = value * np.exp([-both, both])
-    values |= {"position": body.basis.doflocs.T, "corners": element_corners(body)}
+    values |= {"position": body.basis.doflocs.T, "corners": substructures.element_corners(body)}
     result = CRACKED_BODY.build(values, title=case.title, body=body.name)
     whole = all(int(one["converged"]) for one in cracked)
     return with_cautions(result, "" if coarse_value else NO_MESH, "" if whole else FAILED)
@@ -77,7 +76,7 @@ def _prepare(case: Case) -> None:
     """Refuse elements whose bands have no width."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
     one = case.structure.bodies[0]
-    if (kind := type(one.load()).__name__) not in SHAPES or one.order != 1:
+    if (kind := type(one.load()).__name__) not in macro.continuum.SHAPES or one.order != 1:
         raise CaseError(
             f"[growth] cracks {one.name} in bands of hexahedra of first order, and its mesh is a "
             f"{kind} of order {one.order}; mesh it by hexahedra, in a geometry of gmsh by "

@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import ceil
 
 from multiscale.io import write_grain_fields
-from multiscale.macro.granulate import biaxial_curve, simulate_grains
+from multiscale.macro import granulate
 from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.grain_settings import Granulate
@@ -23,7 +23,7 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
     steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
-    return simulate_grains(
+    return granulate.simulate_grains(
         given.build(grains, motion),
         motion.duration,
         motion.step,
@@ -50,7 +50,7 @@ def _needs(given: Granulate, case: Case) -> Needs:
 
 def _compared(result: Dataset) -> Dataset:
     """Return the state of the grains, with the stress ratio of a cell that is strained."""
-    return result.merge(biaxial_curve(result)) if "stress" in result else result
+    return result.merge(granulate.biaxial_curve(result)) if "stress" in result else result
 
 
 GRAINS = structure_stage(

@@ -7,10 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
-from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
@@ -103,12 +103,12 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     """
     blocks = cast(Blocks, case.structure)
     lower, upper = (
-        Block(blocks.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
+        macro.Block(blocks.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies
     )
-    joint = RoughJoint((blocks.width, blocks.width), lower, upper)
+    joint = macro.RoughJoint((blocks.width, blocks.width), lower, upper)
     preload, extrapolate = np.array(case.statics.preloads), case.extrapolate
     samples = range(law.sizes["sample"])
-    result = press_joint(
+    result = macro.press_joint(
         joint,
         law_from_dataset(law),
         preload,
@@ -149,7 +149,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     names = (*STIFFNESSES, *shear, *conducts, *real)
 
     def answers(one: NormalLaw) -> np.ndarray:
-        pressed = press_joint(joint, one, preload[steps], extrapolate=True)
+        pressed = macro.press_joint(joint, one, preload[steps], extrapolate=True)
         normal = {name: pressed[name].to_numpy() for name in STIFFNESSES}
         rows = normal | beside(normal["interface_stiffness"])
         return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])

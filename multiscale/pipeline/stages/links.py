@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_link_fields
-from multiscale.macro import LinkSystem, simulate, solve_latin, solve_static
-from multiscale.macro.discrete.description import describe
+from multiscale.macro import substructures
 from multiscale.macro.discrete.link_needs import link_needs
-from multiscale.macro.substructures import simulate_latin
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
@@ -38,10 +37,12 @@ def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> Datas
         return with_too_far(_move(links, case, case.dynamics, found, job))
     if case.substructures is not None:
         problem, factors = links.cut(case, found, job), np.array(statics.load_factors)
-        solved = solve_latin(problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team))
+        solved = macro.solve_latin(
+            problem, factors, coarse=case.cut.coarse, **case.cut.stop(job.team)
+        )
         result = _with_links(solved, system)
     else:
-        result = solve_static(
+        result = macro.solve_static(
             system, statics.load_factors, exact=statics.exact, stability=statics.stability
         )
     return with_too_far(result, *_strained(result, statics))
@@ -82,14 +83,16 @@ def _move(
         return float(np.interp(time, *history.T))
 
     if case.substructures is None:
-        start = _at_rest(solve_static(system, factor))
+        start = _at_rest(macro.solve_static(system, factor))
         options: dict[str, Any] = {"theta": settings.theta, "restitution": settings.restitution}
-        return simulate(
+        return macro.simulate(
             system, times, settings.mass, load_factor=load_factor, start=start, **options
         )
     problem, stop = links.cut(case, found, job), case.cut.stop(job.team)
-    start = _at_rest(solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0))
-    result = simulate_latin(
+    start = _at_rest(
+        macro.solve_latin(problem, factor, coarse=case.cut.coarse, **stop).isel(step=0)
+    )
+    result = substructures.simulate_latin(
         problem, times, settings.mass, load_factor=load_factor, start=start, **stop
     )
     return _with_links(result, system)
@@ -110,8 +113,8 @@ def _at_rest(begin: Dataset) -> tuple[np.ndarray, np.ndarray]:
     return displacement, np.zeros_like(displacement)
 
 
-def _with_links(result: Dataset, system: LinkSystem) -> Dataset:
-    return MACRO_RESULT.assign(result, describe(system)).assign_coords(end=range(2))
+def _with_links(result: Dataset, system: "macro.LinkSystem") -> Dataset:
+    return MACRO_RESULT.assign(result, macro.discrete.describe(system)).assign_coords(end=range(2))
 
 
 def _needs(links: LinkStructure, case: Case) -> Needs:

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.macro.substructures import CutProblem, LoadPath, Method, follow_cut_loads
+from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import PARAMETERS, JointsOfLaw, few_steps, with_joint_budget
@@ -80,7 +80,9 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
     laws, path, structure = ready.laws, ready.parts.path, ready.structure
     watched = counting(ready.method, job, len(path.factors()))
     result = structure.restore(
-        follow_cut_loads(structure.small, path, method=watched, extrapolate=case.extrapolate)
+        substructures.follow_cut_loads(
+            structure.small, path, method=watched, extrapolate=case.extrapolate
+        )
     )
     result = with_cautions_of(result, ready.bodies, case, found, laws)
     if laws:
@@ -93,7 +95,9 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
     return ready.finish(result, [*counted, *ready.parts.facts, *measured, *bolts])
 
 
-def _with_budget(result: Dataset, ready: ReadyBodies, path: LoadPath, job: Job) -> Dataset:
+def _with_budget(
+    result: Dataset, ready: ReadyBodies, path: "substructures.LoadPath", job: Job
+) -> Dataset:
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
     uncertain = bodies.uncertainties()
@@ -120,14 +124,14 @@ def _with_budget(result: Dataset, ready: ReadyBodies, path: LoadPath, job: Job) 
 
 
 def _follow(
-    path: LoadPath,
-    problem: CutProblem,
+    path: "substructures.LoadPath",
+    problem: "substructures.CutProblem",
     areas: Sequence[float],
-    method: Method,
+    method: "substructures.Method",
     near: Dataset | None = None,
 ) -> Dataset:
     """Follow a path, maybe near another one, whatever the data of the laws."""
-    return follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
+    return substructures.follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
 
 
 def budgeted_laws(
@@ -279,7 +283,7 @@ LOADED_BODIES = structure_stage(
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
     question="How do the bodies move under their loads, and what do their interfaces and bolts do?",
-    prepare=lambda bodies, case: bodies.try_to_build(case),
+    prepare=lambda bodies, case: bodies.try_to_build(case, substructures.require_held),
     check=partial(require_known, answer="load_displacement"),
     kept=KEPT,
     more=_sections,

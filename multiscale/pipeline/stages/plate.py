@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from multiscale import macro
 from multiscale.io import write_body_fields
-from multiscale.macro import solve_assembly
-from multiscale.macro.substructures import add_body_fields
+from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline.body_settings import Plate
 from multiscale.pipeline.rows import Table
@@ -18,8 +18,8 @@ __all__ = ["PLATE"]
 
 def _solve(plate: Plate, case: Case, found: Datasets, job: Job) -> Dataset:
     assembly, factors = plate.build(), np.array(case.statics.load_factors)
-    result = solve_assembly(assembly, factors, method=case.cut.method(job.team))
-    return with_too_far(add_body_fields(result, assembly.bodies))
+    result = macro.solve_assembly(assembly, factors, method=case.cut.method(job.team))
+    return with_too_far(substructures.add_body_fields(result, assembly.bodies))
 
 
 def _compared(result: Dataset) -> Dataset:

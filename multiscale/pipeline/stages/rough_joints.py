@@ -8,14 +8,7 @@ from typing import cast
 import numpy as np
 
 from multiscale.io import write_body_fields
-from multiscale.macro.substructures import (
-    CutProblem,
-    FollowedJoint,
-    JointLoading,
-    Method,
-    follow_joint,
-    measure_joint,
-)
+from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import with_joint_budget
 from multiscale.pipeline.joint_answers import joint_answers
@@ -80,11 +73,11 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     """Press the joints, then shear them; stiffnesses have the error budget of the law."""
     ready = ReadyBodies.of(structure, case, found, job)
     assembly, small = ready.parts.assembly, ready.structure.small
-    loading = cast(JointLoading, ready.parts.loading)  # joints have one
+    loading = cast(substructures.JointLoading, ready.parts.loading)  # joints have one
     law = cast(Dataset, ready.laws[0])  # all joints have this one
     watched = counting(ready.method, job, structure.joint_size(case).steps)
-    followed = follow_joint(small, loading, method=watched)
-    result = measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
+    followed = substructures.follow_joint(small, loading, method=watched)
+    result = substructures.measure_joint(followed, assembly.areas, extrapolate=case.extrapolate)
     result = with_contact(ready.structure.restore(result), law)
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
@@ -93,11 +86,13 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     if "error_half_width" in law or uncertain:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
-        short = JointLoading(preloads[:solved])
+        short = substructures.JointLoading(preloads[:solved])
         if case.cycles and result["converged"].values.all():
-            short = JointLoading(preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1)
+            short = substructures.JointLoading(
+                preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1
+            )
         result, laws = budgeted_laws(result, ready.bodies, case, ready.laws)
-        near = follow_joint(small, short, method=ready.method)
+        near = substructures.follow_joint(small, short, method=ready.method)
         solve = ready.again(partial(_follow, short), near)
         asked, coarser = joint_answers(result), ready.bodies.coarser()
         result = with_joint_budget(result, laws, solve, asked, coarser, job, uncertain)
@@ -105,15 +100,15 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
 
 
 def _follow(
-    loading: JointLoading,
-    problem: CutProblem,
+    loading: "substructures.JointLoading",
+    problem: "substructures.CutProblem",
     areas: Sequence[float],
-    method: Method,
-    near: FollowedJoint | None = None,
+    method: "substructures.Method",
+    near: "substructures.FollowedJoint | None" = None,
 ) -> Dataset:
     """Load the joints, maybe near others, whatever the data of the laws."""
-    found = follow_joint(problem, loading, method=method, near=near)
-    return measure_joint(found, areas, extrapolate=True)
+    found = substructures.follow_joint(problem, loading, method=method, near=near)
+    return substructures.measure_joint(found, areas, extrapolate=True)
 
 
 def _needs(bodies: RoughBodies, case: Case) -> Needs:

@@ -3,26 +3,15 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy.sparse import csr_array
 
+from multiscale import macro
 from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
-from multiscale.macro import Body
-from multiscale.macro.substructures import choose_method, list_elements
-from multiscale.macro.substructures.condensed_problem import CondensedProblem
+from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
-from multiscale.macro.vibration import (
-    Preloaded,
-    TangentModes,
-    press_structure,
-    require_joined,
-    structure_mass,
-    tangent_modes,
-    vibrate,
-)
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, change_friction, with_joint_budget
@@ -44,6 +33,9 @@ from multiscale.schema import VIBRATION, Dataset, with_cautions
 from multiscale.units import length_unit
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
 from multiscale.upscaling.fit import told_branches
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 __all__ = ["VIBRATING_BODIES"]
 
@@ -72,14 +64,17 @@ STATED_BED = 2
 class _Vibrating:
     """A case at rest, its modes, and the amplitudes at which these are followed."""
 
-    bodies: Sequence[Body]
-    rest: Preloaded
-    modes: TangentModes
-    mass: csr_array
+    bodies: "Sequence[macro.Body]"
+    rest: "macro.vibration.Preloaded"
+    modes: "macro.vibration.TangentModes"
+    mass: "csr_array"
 
 
 def _press(
-    bodies: Bodies, case: Case, laws: Sequence[InterfaceLaw], near: Preloaded | None = None
+    bodies: Bodies,
+    case: Case,
+    laws: Sequence[InterfaceLaw],
+    near: "macro.vibration.Preloaded | None" = None,
 ) -> tuple[_Vibrating, list[str]]:
     """Bring bodies with some laws to rest and find their modes; also what is said of the parts.
 
@@ -88,7 +83,7 @@ def _press(
     asked = case.vibration
     parts = bodies.build(case, laws)
     smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]  # all have a friction
-    rest = press_structure(
+    rest = macro.vibration.press_structure(
         parts.assembly,
         parts.path.factors(),
         preload_laws=None if asked.preload_friction else smooth,
@@ -96,8 +91,8 @@ def _press(
         near=near,
     )
     densities = [float(body.density or 0.0) for body in bodies.bodies]
-    mass = structure_mass(rest.free, parts.assembly.bodies, densities)
-    modes = tangent_modes(rest.free, rest.tangent(), mass, max(asked.modes))
+    mass = macro.vibration.structure_mass(rest.free, parts.assembly.bodies, densities)
+    modes = macro.vibration.tangent_modes(rest.free, rest.tangent(), mass, max(asked.modes))
     return _Vibrating(parts.assembly.bodies, rest, modes, mass), list(parts.facts)
 
 
@@ -125,7 +120,7 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
     laws = bodies.read_laws(case, found, job.read_law)
     still, facts = _press(bodies, case, _laws(bodies, case, laws, Change()))
     modes, largest = still.modes, _largest(still)
-    result = vibrate(
+    result = macro.vibration.vibrate(
         still.rest,
         modes,
         still.mass @ modes.shape,
@@ -133,7 +128,7 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
         material_damping=asked.material_damping,
         progress=lambda finished, total: job.progress(finished, total, "amplitudes"),
     )
-    values = list_elements(still.bodies)
+    values = substructures.list_elements(still.bodies)
     if still.rest.free.bolts:
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
@@ -201,7 +196,7 @@ def _with_budget(
     rest = rest.assign({name: result[name].rename(step="amplitude") for name in BUDGETED})
     rest = rest.assign_attrs(cautions=str(result.attrs.get("cautions", "")))
     if job.executor is not None:  # workers take no factors
-        free = CondensedProblem(still.rest.free, still.rest.free)
+        free = substructures.CondensedProblem(still.rest.free, still.rest.free)
         still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
     return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.uncertainties())
@@ -220,7 +215,7 @@ def _solve_changed(
     reached = asked.reach(_largest(near), coarse=True)
     if alike:
         still = _in_order_of(still, near)
-    return vibrate(
+    return macro.vibration.vibrate(
         still.rest,
         still.modes,
         still.mass @ still.modes.shape,
@@ -260,7 +255,7 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     memory = (needs.memory or 0) + 8 * (2 * 6 * size.joint_points) ** 2
     memory += 8 * 3 * asked.slabs * size.joint_points * 4
     others = [one for one in needs.choices if one.part != "mass"]
-    seconds = choose_method(size).taken.seconds
+    seconds = substructures.choose_method(size).taken.seconds
     return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
 
@@ -351,7 +346,7 @@ VIBRATING_BODIES = structure_stage(
     schema=VIBRATION,
     question="Which frequency and damping do the bodies have, and how do both change with the "
     "amplitude?",
-    prepare=lambda bodies, case: bodies.try_to_build(case, require_joined),
+    prepare=lambda bodies, case: bodies.try_to_build(case, macro.vibration.require_joined),
     kept=KEPT,
     more=_sections,
     pictures=PICTURES,

@@ -1,0 +1,11 @@
+from multiscale.fe.lap_mesh import LapShape as LapShape
+from multiscale.macro.bodies.assembly import GROUND as GROUND
+from multiscale.macro.bodies.assembly import Assembly as Assembly
+from multiscale.macro.bodies.assembly import Interface as Interface
+from multiscale.macro.bodies.assembly_builders import lap_joint as lap_joint
+from multiscale.macro.bodies.assembly_builders import stacked_blocks as stacked_blocks
+from multiscale.macro.bodies.bolt import Bolt as Bolt
+from multiscale.macro.bodies.bolt import BoltSection as BoltSection
+from multiscale.macro.bodies.bolt import shank_stiffness as shank_stiffness
+from multiscale.macro.bodies.gap_map import GapMap as GapMap
+from multiscale.macro.bodies.platen import Platen as Platen

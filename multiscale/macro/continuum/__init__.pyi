@@ -1,0 +1,13 @@
+from multiscale.fe.mesh_file import load_mesh as load_mesh
+from multiscale.macro.continuum.body import Body as Body
+from multiscale.macro.continuum.body import load_vector as load_vector
+from multiscale.macro.continuum.contact_steps import ContactStep as ContactStep
+from multiscale.macro.continuum.contact_steps import solve_contact as solve_contact
+from multiscale.macro.continuum.crack_band import SHAPES as SHAPES
+from multiscale.macro.continuum.crack_band import follow_crack_band as follow_crack_band
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly as FiniteAssembly
+from multiscale.macro.continuum.interface import Contact as Contact
+from multiscale.macro.continuum.rigid_obstacle import RigidCylinder as RigidCylinder
+from multiscale.macro.continuum.rigid_obstacle import RigidGraph as RigidGraph
+from multiscale.macro.continuum.rigid_obstacle import RigidPlane as RigidPlane
+from multiscale.macro.continuum.rigid_obstacle import RigidSphere as RigidSphere

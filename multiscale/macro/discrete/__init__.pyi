@@ -1,0 +1,11 @@
+from multiscale.macro.discrete.description import describe as describe
+from multiscale.macro.discrete.link_structures import cable_net as cable_net
+from multiscale.macro.discrete.link_structures import truss as truss
+from multiscale.macro.discrete.link_system import LinkSystem as LinkSystem
+from multiscale.macro.discrete.link_tables import system_from_mesh as system_from_mesh
+from multiscale.macro.discrete.link_tables import system_from_table as system_from_table
+from multiscale.macro.discrete.mechanism import prestress_by_itself as prestress_by_itself
+from multiscale.macro.discrete.mechanism import self_stress as self_stress
+from multiscale.macro.discrete.statics import solve_static as solve_static
+from multiscale.macro.discrete.tensegrity import quadruplex_module as quadruplex_module
+from multiscale.macro.discrete.tensegrity import tensegrity_grid as tensegrity_grid

@@ -1,0 +1,12 @@
+from multiscale.macro.joint.even import press_joint as press_joint
+from multiscale.macro.joint.geometry import Block as Block
+from multiscale.macro.joint.geometry import RoughJoint as RoughJoint
+from multiscale.macro.joint.geometry import soften as soften
+from multiscale.macro.joint.joint_assembly import pressed_blocks as pressed_blocks
+from multiscale.macro.joint.joint_solver import rough_joint as rough_joint
+from multiscale.macro.joint.tread import CondensedTread as CondensedTread
+from multiscale.macro.joint.tread import Footprint as Footprint
+from multiscale.macro.joint.tread import TreadBlock as TreadBlock
+from multiscale.macro.joint.tread import condense_tread as condense_tread
+from multiscale.macro.joint.tread import slide_tread as slide_tread
+from multiscale.macro.joint.tread import sliding_block as sliding_block
