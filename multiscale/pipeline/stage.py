@@ -265,13 +265,23 @@ def with_sample_band(dataset: Dataset, name: str) -> Dataset:
 def format_table(
     title: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], *, notes: bool = False
 ) -> list[str]:
-    """Return a title, a head and rows as lines with aligned columns, the last one text if notes."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    """Return a title, a head and rows as lines with aligned columns, the last one text if notes.
+
+    A name that is longer than all below it stands in two lines, cut at a space.
+    """
+    heads = []
+    for name, *cells in zip(head, *rows, strict=True):
+        words = name.split(" ")
+        halves = [(" ".join(words[:k]), " ".join(words[k:])) for k in range(len(words))]
+        least = max(map(len, cells), default=len(name))
+        heads.append(min(halves, key=lambda pair: max(least, *map(len, pair))))
+    lines = [line for line in (*zip(*heads, strict=True), *rows) if any(line)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     widths[-1] *= not notes
     return [
         title,
         *(
-            "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
-            for row in (head, *rows)
+            "  ".join(f"{cell:>{width}}" for cell, width in zip(line, widths, strict=True)).rstrip()
+            for line in lines
         ),
     ]

@@ -59,7 +59,7 @@ def test_the_run_folder_holds_everything(finished):
         "figures/error_budget.png",
     ):
         assert (out / name).stat().st_size > 0, name
-    assert "joint stiffness (MPa/µm)" in table
+    assert "preload  joint stiffness" in table
     assert "realisation 3: 4 of 4" in (out / "log.txt").read_text(encoding="utf-8")
 
 
