@@ -33,6 +33,7 @@ from multiscale.numerics.compiled import compiled
 __all__ = [
     "CHANGE",
     "COFACTOR",
+    "DEFORMED",
     "DET",
     "DILATED",
     "EDGES",
@@ -52,6 +53,7 @@ __all__ = [
     "edge_forces",
     "kernel",
     "logarithm",
+    "part",
     "point_rows",
     "pull_back",
     "strain_batch",
@@ -59,6 +61,8 @@ __all__ = [
 
 # without ninf and nnan, because callers check for NaN
 kernel = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"})
+part = compiled(fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
+"""Kernel that joins its caller, which saves the counting of references to slices."""
 
 NODES = 0  # 24 rows: corner values, component by component
 EDGES = NODES + 24 * BATCH  # 36: edge derivatives
@@ -74,8 +78,9 @@ LOG = MEAN + BATCH  # volumetric Kirchhoff stress and its derivative by ln J
 CHANGE = LOG + 2 * BATCH  # ln J, of a point or of the mean
 COFACTOR = CHANGE + BATCH  # 9: F^-T
 PULLED = COFACTOR + 9 * BATCH  # 9: F^-T T^t
-METRIC = PULLED + 9 * BATCH  # rows of a law
-DILATED = METRIC + 60 * BATCH  # 36: flux of the change of volume
+DEFORMED = PULLED + 9 * BATCH  # 9: F of the point
+METRIC = DEFORMED + 9 * BATCH  # rows of a law
+DILATED = METRIC + 91 * BATCH  # 36: flux of the change of volume
 PRESSURE = DILATED + 36 * BATCH  # tensile
 SCRATCH = PRESSURE + BATCH
 
@@ -125,7 +130,7 @@ def _mesh_batch(  # type: ignore[no-untyped-def]
     )
 
 
-@kernel
+@part
 def point_rows(q):  # type: ignore[no-untyped-def]
     """Offsets of the derivatives by x, y and zeta at a Gauss point, and of its height."""
     qx, qy, qz = q // 4, (q // 2) % 2, q % 2
@@ -184,23 +189,35 @@ def strain_batch(  # type: ignore[no-untyped-def]
     return _deformation(s, dx * dy / 8.0)
 
 
-@kernel
+@part
 def pull_back(s, q):  # type: ignore[no-untyped-def]
     """F^-T and F^-T T^t of (1) at a Gauss point."""
     rx, ry, _, rt = point_rows(q)
-    f, det, height = s[GRADIENT + 9 * q * BATCH :], s[DET + q * BATCH :], s[GEOMETRY + rt :]
-    by_x, by_y = s[GEOMETRY + rx + 4 * BATCH :], s[GEOMETRY + ry + 4 * BATCH :]
+    _pull(
+        s[GRADIENT + 9 * q * BATCH :],
+        s[DET + q * BATCH :],
+        s[GEOMETRY + rt :],
+        s[GEOMETRY + rx + 4 * BATCH :],
+        s[GEOMETRY + ry + 4 * BATCH :],
+        s[COFACTOR:],
+    )
+
+
+@part
+def _pull(f, det, height, by_x, by_y, out):  # type: ignore[no-untyped-def]
+    """Write COFACTOR, PULLED and DEFORMED. A loop over few slices takes its lanes at once."""
     for i in range(3):
         first, second = 3 * ((i + 1) % 3) * BATCH, 3 * ((i + 2) % 3) * BATCH
-        out, turned = COFACTOR + 3 * i * BATCH, PULLED + 3 * i * BATCH
+        row, copy = 3 * i * BATCH, 18 * BATCH + first
         for v in range(BATCH):
             x, y, z = f[first + v], f[first + BATCH + v], f[first + 2 * BATCH + v]
             a, b, c = f[second + v], f[second + BATCH + v], f[second + 2 * BATCH + v]
+            out[copy + v], out[copy + BATCH + v], out[copy + 2 * BATCH + v] = x, y, z
             scale = 1.0 / det[v]
             x, y, z = scale * (y * c - z * b), scale * (z * a - x * c), scale * (x * b - y * a)
-            s[out + v], s[out + BATCH + v], s[out + 2 * BATCH + v] = x, y, z
-            s[turned + v], s[turned + BATCH + v] = x, y
-            s[turned + 2 * BATCH + v] = (z - by_x[v] * x - by_y[v] * y) / height[v]
+            out[row + v], out[row + BATCH + v], out[row + 2 * BATCH + v] = x, y, z
+            out[row + 9 * BATCH + v], out[row + 10 * BATCH + v] = x, y
+            out[row + 11 * BATCH + v] = (z - by_x[v] * x - by_y[v] * y) / height[v]
 
 
 @kernel

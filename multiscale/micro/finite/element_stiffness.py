@@ -20,7 +20,7 @@ translations, the rounding of single precision does not affect them.
 
 import numpy as np
 
-from multiscale.micro.finite.batch import kernel
+from multiscale.micro.finite.batch import kernel, part
 from multiscale.micro.hexahedron import BATCH
 from multiscale.numerics.compiled import compiled
 
@@ -59,16 +59,16 @@ def _terms() -> tuple[np.ndarray, np.ndarray]:
                     places.append((3 * BATCH * entry, BATCH * row, i, j))
                     factors.append(3.0 ** (1.0 - 0.5 * (m.bit_count() + n.bit_count())))
             entry += 1
-    return np.array(places), np.array(factors, np.float32)
+    return np.array(places, np.uint32), np.array(factors, np.float32)
 
 
 PLACES, FACTORS = _terms()
 
 
 @compiled(inline="always", fastmath=True)  # strides become constants
-def walsh(rows, stride, scale):  # type: ignore[no-untyped-def]
+def walsh(rows, start, stride, scale):  # type: ignore[no-untyped-def]
     """Transform eight rows at a distance, sorted by x, y and z, in place, and scale them."""
-    for v in range(BATCH):
+    for v in range(start, start + BATCH):
         a, b = rows[v], rows[stride + v]
         c, d = rows[2 * stride + v], rows[3 * stride + v]
         e, f = rows[4 * stride + v], rows[5 * stride + v]
@@ -89,22 +89,28 @@ def add_matrix(points, sums, dx, dy, matrix):  # type: ignore[no-untyped-def]
     """
     scales = (np.float32(1.0 / dx), np.float32(1.0 / dy), np.float32(1.0))
     for row in range(POINT_ROWS):
-        walsh(points[row * BATCH :], POINT_ROWS * BATCH, HALF)
+        walsh(points, row * BATCH, POINT_ROWS * BATCH, HALF)
     sums[:] = 0.0
     for k in range(len(FACTORS)):
-        out, one = sums[PLACES[k, 0] :], points[PLACES[k, 1] :]
+        to, place = PLACES[k, 0], PLACES[k, 1]
         factor = FACTORS[k] * scales[PLACES[k, 2]] * scales[PLACES[k, 3]]
         for v in range(STEP):
-            out[v] += factor * one[v]
-    for first, entries in ((0, 28), (84, 49)):  # block by block, as they are multiplied
-        for row in range(3 * entries):
-            to = (first + row % 3 * entries + row // 3) * BATCH
-            out, one = matrix[to:], sums[(first + row) * BATCH :]
+            sums[to + v] += factor * points[place + v]
+    _sort(sums, matrix, 0, 28)
+    _sort(sums, matrix, 84, 49)
+
+
+@compiled(inline="always", fastmath=True)
+def _sort(sums, matrix, first, entries):  # type: ignore[no-untyped-def]
+    """Copy the entries of three blocks block by block, as they are multiplied."""
+    for block in range(3):
+        for entry in range(entries):
+            to, place = first + block * entries + entry, first + 3 * entry + block
             for v in range(BATCH):
-                out[v] = one[v]
+                matrix[to * BATCH + v] = sums[place * BATCH + v]
 
 
-@kernel
+@part
 def multiply(t, x, y):  # type: ignore[no-untyped-def]
     """Multiply motions ``x``, 21 rows, by the stiffness ``t`` and write the forces ``y``."""
     for k in range(3):
@@ -116,7 +122,7 @@ def multiply(t, x, y):  # type: ignore[no-untyped-def]
         _multiply_transposed(entries, x[k:], y[m:])
 
 
-@kernel
+@part
 def _multiply_block(t, x, y):  # type: ignore[no-untyped-def]
     """Add a 7 x 7 block times seven rows."""
     for r in range(7):
@@ -133,7 +139,7 @@ def _multiply_block(t, x, y):  # type: ignore[no-untyped-def]
             )
 
 
-@kernel
+@part
 def _multiply_transposed(t, x, y):  # type: ignore[no-untyped-def]
     """Add the transpose of a 7 x 7 block times seven rows.
 
@@ -153,7 +159,7 @@ def _multiply_transposed(t, x, y):  # type: ignore[no-untyped-def]
             )
 
 
-@kernel
+@part
 def _multiply_triangle(t, x, y):  # type: ignore[no-untyped-def]
     """Write a symmetric 7 x 7 block, upper triangle row by row, times seven rows."""
     for v in range(BATCH):

@@ -59,55 +59,63 @@ class MixedReference(Reference):
         """Solve (1), whose pressures are eliminated; ``correct`` adds forces on the surface."""
         assert force is not None
         z = np.empty_like(force) if out is None else out
-        moved, pressure = z[:, :, :3], z[:, :, 3]
-        wanted, give = force[:, :, 3].copy(), self.give[:, None]
-        moved[:] = force[:, :, :3]
-        _push(self.faces, wanted / give, moved)
+        _push(self.faces, self.give, force, z)
+        moved = z[:, :, :3]
         self.inverse.solve(moved, correct, moved)
-        _widen(self.faces, moved, pressure)
-        pressure -= wanted
-        pressure /= give
+        _widen(self.faces, self.give, force, z)
         return z
 
 
 @kernel
-def _push(faces, pressure, force):  # type: ignore[no-untyped-def]
-    """Add the nodal forces B^t p of the pressures of the elements."""
-    nx, layers, ny = pressure.shape
+def _push(faces, give, force, z):  # type: ignore[no-untyped-def]
+    """Write the forces r + B^t g kappa / V without the pressures into ``z``."""
+    nx, layers, _, ny = force.shape
+    total, turned = np.empty(ny, force.dtype), np.empty(ny, force.dtype)
     for i in range(nx):
         for layer in range(layers):
-            x, y, z = faces[:, layer]
+            for k in range(3):
+                for j in range(ny):
+                    z[i, layer, k, j] = force[i, layer, k, j]
+    for i in range(nx):
+        for layer in range(layers):
+            p = force[i, layer, 3]
+            factor = 1.0 / give[layer]
+            for j in range(1, ny):  # of both elements beside a node
+                total[j], turned[j] = factor * (p[j - 1] + p[j]), factor * (p[j - 1] - p[j])
+            total[0], turned[0] = factor * (p[ny - 1] + p[0]), factor * (p[ny - 1] - p[0])
             for a in range(2):
                 for c in range(0 if layer > 0 else 1, 2):
-                    row = force[(i + a) % nx, layer + c - 1]
-                    for b in range(2):
-                        for j in range(ny):
-                            p = pressure[i, layer, j]
-                            to = j + b if j + b < ny else 0
-                            row[0, to] += (2 * a - 1) * x * p
-                            row[1, to] += (2 * b - 1) * y * p
-                            row[2, to] += (2 * c - 1) * z * p
+                    row = z[(i + a) % nx, layer + c - 1]
+                    x, y, up = (2 * a - 1) * faces[0, layer], faces[1, layer], faces[2, layer]
+                    up *= 2 * c - 1
+                    for j in range(ny):
+                        row[0, j] += x * total[j]
+                        row[1, j] += y * turned[j]
+                        row[2, j] += up * total[j]
 
 
 @kernel
-def _widen(faces, moved, change):  # type: ignore[no-untyped-def]
-    """Write the changes B z of the volumes."""
-    nx, layers, ny = change.shape
+def _widen(faces, give, force, z):  # type: ignore[no-untyped-def]
+    """Write the pressures (B z - g) kappa / V into ``z``."""
+    nx, layers, _, ny = force.shape
+    across, along = np.empty(ny, force.dtype), np.empty(ny, force.dtype)
     for i in range(nx):
         for layer in range(layers):
-            change[i, layer] = 0.0
-            x, y, z = faces[:, layer]
+            across[:], along[:] = 0.0, 0.0
             for a in range(2):
                 for c in range(0 if layer > 0 else 1, 2):
-                    row = moved[(i + a) % nx, layer + c - 1]
-                    for b in range(2):
-                        for j in range(ny):
-                            at = j + b if j + b < ny else 0
-                            change[i, layer, j] += (
-                                (2 * a - 1) * x * row[0, at]
-                                + (2 * b - 1) * y * row[1, at]
-                                + (2 * c - 1) * z * row[2, at]
-                            )
+                    row = z[(i + a) % nx, layer + c - 1]
+                    x, y, up = (2 * a - 1) * faces[0, layer], faces[1, layer], faces[2, layer]
+                    up *= 2 * c - 1
+                    for j in range(ny):
+                        across[j] += x * row[0, j] + up * row[2, j]
+                        along[j] += y * row[1, j]
+            g, p = force[i, layer, 3], z[i, layer, 3]
+            factor = 1.0 / give[layer]
+            for j in range(ny):
+                after = j + 1 if j + 1 < ny else 0
+                change = across[j] + across[after] + along[after] - along[j]
+                p[j] = factor * (change - g[j])
 
 
 def mixed_reference(

@@ -1,136 +1,220 @@
-r"""J2 plasticity in logarithmic strain for a batch: return map, spectral tangent, new state.
+r"""J2 plasticity in logarithmic strain for a batch: return map, tangent, new state.
 
-For the equations see :class:`multiscale.laws.bulk.J2`. In the principal frame :math:`V` of the
-trial :math:`b = F C_p^{-1} F^t`, with :math:`G = F^{-1} V`, the stress and its derivative are
-
-.. math::
-    P T^t = V \tau (TG)^t, \qquad A_{kl} = TG\, W_{kl}\, (TG)^t,    \tag{1}
-
-for each pair of components :math:`k, l`, where
+For the equations see :class:`multiscale.laws.bulk.J2`, which is compiled here without a spectral
+decomposition. With the trial :math:`b = F C_p^{-1} F^t`, the deviator :math:`e` of
+:math:`\tfrac12 \ln b = \operatorname{artanh} Z`, :math:`Z = I - 2 (b + I)^{-1}`, and the pulled
+back directions :math:`g = F^{-T} T^t`,
 
 .. math::
-    (W_{kl})_{ab} = V_{ka} V_{lb} (\partial\tau_a/\partial\varepsilon_b)
-        + V_{kb} V_{la} (t \lambda_a - \tau_a), \qquad
-    (W_{kl})_{aa} = V_{ka} V_{la} (\partial\tau_a/\partial\varepsilon_a - \tau_a)
-        + \sum_{b \ne a} V_{kb} V_{lb}\, t \lambda_a,    \tag{2}
+    P T^t = \tau g, \qquad \tau = \kappa e + \tau_v I, \qquad
+    \kappa = 2 \mu (1 - \Delta\gamma / |e|).    \tag{1}
 
-with :math:`t = (\tau_a - \tau_b)/(\lambda_a - \lambda_b)`.
+A motion with the gradient :math:`l = d + w` changes this strain by
+:math:`w e - e w + f(\mathrm{ad}_e)\, d`, where :math:`\mathrm{ad}_e d = e d - d e` and
+:math:`f(x) = x \coth x` is an even series. By the theorem of Cayley and Hamilton
+:math:`f(\mathrm{ad}_e) d = \sum h_{ij}\, e^i d\, e^j` with powers up to 2, and so
+
+.. math::
+    A_{ka,lb} = (\tau_v' - \tfrac{\kappa}{3}) g_{ka} g_{lb}
+        - \frac{\lambda}{|e|^2} (eg)_{ka} (eg)_{lb}
+        + \sum_{ij} m_{ij} (e^i g)_{kb} (e^j g)_{la}
+        + \sum_{ij} r_{ij} (e^i)_{kl} (g^t e^j g)_{ab},    \tag{2}
+
+where :math:`\lambda = \kappa - d|s|/d|e|`, :math:`m` is :math:`\tfrac{\kappa}{2} h` less
+:math:`\tau_v` in place 00 and :math:`\tfrac{\kappa}{2}` in 01 and 10, and :math:`r` is
+:math:`\tfrac{\kappa}{2} h` with :math:`\tfrac{\kappa}{2}` more in 01 and less in 10.
 """
 
 import math
 
+import numpy as np
+
 from multiscale.micro.finite.batch import (
     COFACTOR,
+    DEFORMED,
     FLUX,
-    GRADIENT,
     LOG,
     METRIC,
     PULLED,
     WEIGHT,
     kernel,
-    logarithm,
+    part,
     point_rows,
 )
 from multiscale.micro.finite.element_stiffness import FIRST, SECOND, STEP
 from multiscale.micro.hexahedron import BATCH
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["SINGLE_ROWS", "plastic", "plastic_state"]
 
-FC = METRIC  # 9: F C_p^-1, later F^-1 V
-TRIAL = FC + 9 * BATCH  # 6: b in rows 11, 22, 33, 12, 23, 13; the first three become eigenvalues
-FRAME = TRIAL + 6 * BATCH  # 9: V
-STRESS = FRAME + 9 * BATCH  # 3: Kirchhoff
-FLOW = STRESS + 3 * BATCH  # 3: elastic logarithmic strains, before and after the return
-ALPHA = FLOW + 3 * BATCH  # accumulated plastic strain
-SIZE = ALPHA + BATCH  # of the deviatoric strain
+# symmetric tensors have the rows 11, 22, 33, 12, 23, 13
+FC = METRIC  # 9: F C_p^-1
+TRIAL = FC + 9 * BATCH  # 6: b
+ROOT = TRIAL + 6 * BATCH  # 6: a root of b
+OTHER = ROOT + 6 * BATCH  # 6 and 6: of the iteration of the root
+INVERSE = OTHER + 6 * BATCH
+TANH = INVERSE + 6 * BATCH  # 6: Z, then 6: its square, and 3: its invariants
+STRAIN = TANH + 15 * BATCH  # 15: e, as Z
+FACTOR = STRAIN + 15 * BATCH  # 3: of the powers 0, 1, 2 in a polynomial of a tensor
+ALPHA = FACTOR + 3 * BATCH  # accumulated plastic strain
+SIZE = ALPHA + BATCH  # |e|
 GAMMA = SIZE + BATCH  # flow of the step
 LIMIT = GAMMA + BATCH  # yield stress, and its slope
 SLOPE = LIMIT + BATCH
 FLOWS = SLOPE + BATCH  # 1 where it flows, 0 elsewhere
-DIRECT = FLOWS + BATCH  # 6: derivatives of the stresses 11, 22, 33, 12, 23, 31
-MIXED = DIRECT + 6 * BATCH  # 9: for 12, 23, 31: t lambda_a, t lambda_b, t lambda_a - tau_a
-PUSHED = MIXED + 9 * BATCH  # 9: T G
-SINGLE_ROWS = 33  # of V, TG, DIRECT and MIXED in single precision
+KEEP = FLOWS + BATCH  # 4: kappa, tau_v and the factors of the first two terms of (2), weighted
+TURNED = KEEP + 4 * BATCH  # 9: e g
+# rows in single precision
+TURNS = 0  # 3 x 9: g, eg, eeg
+POWERS = TURNS + 27 * BATCH  # 15: as from STRAIN on
+MODULI = POWERS + 15 * BATCH  # 4: as from KEEP on
+SERIES = MODULI + 4 * BATCH  # 6: kappa / 2 h in places 00, 01, 11, 02, 12, 22
+MOVED = SERIES + 6 * BATCH  # 3 x 9: sums of m e^j g
+METRICS = MOVED + 27 * BATCH  # 3 x 6: g^t e^j g
+SHARES = METRICS + 18 * BATCH  # 6 x 3: sums of r e^i
+SINGLE_ROWS = SHARES // BATCH + 18
 
-SWEEPS = 8  # largest number of sweeps of Jacobi's method
-LEAST = 1e-30  # largest sum of squares off the diagonal over a batch that counts as zero
-CLOSE = 1e-6  # relative distance of eigenvalues that counts as equal
-HALF = math.sqrt(2.0 / 3.0)
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
+NEAR = 0.03  # largest Z : Z of the series of artanh
+TERMS = 10  # of this series
+EXPONENTS = 24  # terms of an exponential, enough for a plastic strain of 1 in one step
+ROOT_2_3 = math.sqrt(2.0 / 3.0)
+COTH = np.array((  # x coth x / 2 in powers of x^2 from the highest, for strains less than pi apart
+    1.15532163e-11, -1.14025756e-10, 1.12539233e-9, -3617 / 325641566250, 2 / 18243225,
+    -691 / 638512875, 1 / 93555, -1 / 9450, 1 / 945, -1 / 90, 1 / 6, 0.5,
+), np.float32)  # fmt: skip
+TINY = 1e-150
+ZERO, HALF, ONE, TWO = (np.float32(number) for number in (0.0, 0.5, 1.0, 2.0))
 
 
-@kernel
-def _trial(s, q, state):  # type: ignore[no-untyped-def]
+@part
+def _trial(s, state):  # type: ignore[no-untyped-def]
     """Elastic left Cauchy-Green tensor of the step without flow."""
-    f, c = s[GRADIENT + 9 * q * BATCH :], s[FC:]
     for k in range(3):
-        fk, out = f[3 * k * BATCH :], c[3 * k * BATCH :]
+        f, out = DEFORMED + 3 * k * BATCH, FC + 3 * k * BATCH
         for v in range(BATCH):
-            x, y, z = fk[v], fk[BATCH + v], fk[2 * BATCH + v]
+            x, y, z = s[f + v], s[f + BATCH + v], s[f + 2 * BATCH + v]
             xy, yz, xz = state[3, v], state[4, v], state[5, v]
-            out[v] = x * (1.0 + state[0, v]) + y * xy + z * xz
-            out[BATCH + v] = x * xy + y * (1.0 + state[1, v]) + z * yz
-            out[2 * BATCH + v] = x * xz + y * yz + z * (1.0 + state[2, v])
-    for k in range(3):  # rows of b: its diagonal, and 12, 23, 13
-        i, j = (k, k + 1) if k < 2 else (0, 2)
-        g, fi, fk = c[3 * i * BATCH :], c[3 * k * BATCH :], f[3 * k * BATCH :]
-        fj, out = f[3 * j * BATCH :], s[TRIAL + k * BATCH :]
-        for v in range(BATCH):
-            out[v] = (
-                fi[v] * fk[v]
-                + fi[BATCH + v] * fk[BATCH + v]
-                + fi[2 * BATCH + v] * fk[2 * BATCH + v]
-            )
-            out[3 * BATCH + v] = (
-                g[v] * fj[v] + g[BATCH + v] * fj[BATCH + v] + g[2 * BATCH + v] * fj[2 * BATCH + v]
-            )
-    for k in range(9 * BATCH):
-        s[FRAME + k] = 0.0
+            s[out + v] = x * (1.0 + state[0, v]) + y * xy + z * xz
+            s[out + BATCH + v] = x * xy + y * (1.0 + state[1, v]) + z * yz
+            s[out + 2 * BATCH + v] = x * xz + y * yz + z * (1.0 + state[2, v])
     for k in range(3):
+        i, j = PAIRS[3 + k]
+        c, f, out = FC + 3 * k * BATCH, DEFORMED + 3 * k * BATCH, TRIAL + k * BATCH
+        g, h = FC + 3 * i * BATCH, DEFORMED + 3 * j * BATCH
         for v in range(BATCH):
-            s[FRAME + 4 * k * BATCH + v] = 1.0
+            value = s[c + v] * s[f + v] + s[c + BATCH + v] * s[f + BATCH + v]
+            s[out + v] = value + s[c + 2 * BATCH + v] * s[f + 2 * BATCH + v]
+            value = s[g + v] * s[h + v] + s[g + BATCH + v] * s[h + BATCH + v]
+            s[out + 3 * BATCH + v] = value + s[g + 2 * BATCH + v] * s[h + 2 * BATCH + v]
 
 
 @kernel
-def _spectrum(s):  # type: ignore[no-untyped-def]
-    """Eigenvalues and vectors by Jacobi's rotations, all lanes at once."""
-    for _ in range(SWEEPS):
-        rest = 0.0
-        for v in range(BATCH):
-            xy, yz = s[TRIAL + 3 * BATCH + v], s[TRIAL + 4 * BATCH + v]
-            xz = s[TRIAL + 5 * BATCH + v]
-            rest += xy * xy + yz * yz + xz * xz
-        if rest < LEAST:
-            break
-        for p in range(3):
-            r = (p + 1) % 3
-            other = (p + 2) % 3
-            pp, rr = TRIAL + p * BATCH, TRIAL + r * BATCH
-            pr = TRIAL + (3 + p) * BATCH  # rows 3, 4, 5 hold 12, 23, 31
-            ro, op = TRIAL + (3 + r) * BATCH, TRIAL + (3 + other) * BATCH
-            for v in range(BATCH):
-                off, gap = s[pr + v], s[rr + v] - s[pp + v]
-                sign = 1.0 if gap >= 0.0 else -1.0
-                t = 2.0 * off * sign
-                t /= sign * gap + math.sqrt(gap * gap + 4.0 * off * off) + 1e-300
-                cosine = 1.0 / math.sqrt(t * t + 1.0)
-                sine = t * cosine
-                s[pp + v] -= t * off
-                s[rr + v] += t * off
-                s[pr + v] = 0.0
-                a, b = s[op + v], s[ro + v]
-                s[op + v], s[ro + v] = cosine * a - sine * b, sine * a + cosine * b
-                for k in range(3):
-                    x = FRAME + (3 * k + p) * BATCH + v
-                    y = FRAME + (3 * k + r) * BATCH + v
-                    a, b = s[x], s[y]
-                    s[x], s[y] = cosine * a - sine * b, sine * a + cosine * b
-
-
-@kernel
-def _yield_stress(s, first, hardening, rise, rate):  # type: ignore[no-untyped-def]
-    """Yield stress, and its slope by the plastic strain."""
+def _invert(s, rows, more, out):  # type: ignore[no-untyped-def]
+    """Inverse of a symmetric tensor plus a multiple of I; the arguments are offsets of rows."""
     for v in range(BATCH):
-        s[LIMIT + v], s[SLOPE + v] = first + hardening * s[ALPHA + v], hardening
+        xx, yy, zz = s[rows + v] + more, s[rows + BATCH + v] + more, s[rows + 2 * BATCH + v] + more
+        xy, yz, xz = s[rows + 3 * BATCH + v], s[rows + 4 * BATCH + v], s[rows + 5 * BATCH + v]
+        a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        scale = 1.0 / (xx * a + xy * b + xz * c)
+        s[out + v] = scale * a
+        s[out + BATCH + v] = scale * (xx * zz - xz * xz)
+        s[out + 2 * BATCH + v] = scale * (xx * yy - xy * xy)
+        s[out + 3 * BATCH + v] = scale * b
+        s[out + 4 * BATCH + v] = scale * (xy * xz - xx * yz)
+        s[out + 5 * BATCH + v] = scale * c
+
+
+@part
+def _square(s, tensor):  # type: ignore[no-untyped-def]
+    """Write the square of a symmetric tensor and its invariants into the nine rows after it."""
+    for v in range(tensor, tensor + BATCH):
+        x, y, z = s[v], s[v + BATCH], s[v + 2 * BATCH]
+        xy, yz, xz = s[v + 3 * BATCH], s[v + 4 * BATCH], s[v + 5 * BATCH]
+        a, b, c = xy * xy, yz * yz, xz * xz
+        s[v + 6 * BATCH], s[v + 7 * BATCH] = x * x + a + c, y * y + a + b
+        s[v + 8 * BATCH], s[v + 9 * BATCH] = z * z + b + c, xy * (x + y) + xz * yz
+        s[v + 10 * BATCH], s[v + 11 * BATCH] = yz * (y + z) + xy * xz, xz * (x + z) + xy * yz
+        s[v + 12 * BATCH], s[v + 13 * BATCH] = x + y + z, x * y + y * z + z * x - a - b - c
+        s[v + 14 * BATCH] = x * (y * z - b) + xy * (xz * yz - xy * z) + xz * (xy * yz - xz * y)
+
+
+@part
+def _combine(s, tensor, out):  # type: ignore[no-untyped-def]
+    """Write the polynomial of a symmetric tensor with its FACTOR; the square has its rows."""
+    for row in range(3):
+        x, y, to = tensor + row * BATCH, tensor + (6 + row) * BATCH, out + row * BATCH
+        for v in range(BATCH):
+            a, b, c = s[FACTOR + v], s[FACTOR + BATCH + v], s[FACTOR + 2 * BATCH + v]
+            s[to + v] = a + b * s[x + v] + c * s[y + v]
+            s[to + 3 * BATCH + v] = b * s[x + 3 * BATCH + v] + c * s[y + 3 * BATCH + v]
+
+
+@kernel
+def _take_root(s):  # type: ignore[no-untyped-def]
+    """Square root of ROOT by the iteration of Denman and Beavers, which converges for any b."""
+    for k in range(6 * BATCH):
+        s[OTHER + k] = 1.0 if k < 3 * BATCH else 0.0
+    for _ in range(60):
+        _invert(s, ROOT, 0.0, INVERSE)
+        _invert(s, OTHER, 0.0, TANH)
+        moved = 0.0
+        for k in range(6 * BATCH):
+            change = 0.5 * (s[TANH + k] - s[ROOT + k])
+            s[ROOT + k] += change
+            s[OTHER + k] = 0.5 * (s[OTHER + k] + s[INVERSE + k])
+            moved = max(moved, abs(change) / (1.0 + abs(s[ROOT + k])))
+        if not moved > 1e-9:  # the next error is its square
+            break
+
+
+@kernel
+def _strain(s):  # type: ignore[no-untyped-def]
+    """Deviator of the logarithmic strain and its square, from the trial b."""
+    for k in range(6 * BATCH):
+        s[ROOT + k] = s[TRIAL + k]
+    scale = 1.0
+    while True:
+        _invert(s, ROOT, 1.0, TANH)
+        for k in range(6 * BATCH):
+            s[TANH + k] = (1.0 if k < 3 * BATCH else 0.0) - 2.0 * s[TANH + k]
+        _square(s, TANH)
+        far = 0.0
+        for v in range(BATCH):
+            x, y, z = s[TANH + v], s[TANH + BATCH + v], s[TANH + 2 * BATCH + v]
+            xy, yz = s[TANH + 3 * BATCH + v], s[TANH + 4 * BATCH + v]
+            xz = s[TANH + 5 * BATCH + v]
+            square = x * x + y * y + z * z + 2.0 * (xy * xy + yz * yz + xz * xz)
+            far += 1.0 if square > NEAR else 0.0
+        if far == 0.0:
+            break
+        _take_root(s)
+        scale *= 2.0
+    for k in range(3 * BATCH):
+        s[FACTOR + k] = 0.0
+    for term in range(TERMS, 0, -1):  # by Horner's scheme, times Z^2 plus the next number
+        number = scale / (2.0 * term - 1.0)
+        for v in range(BATCH):
+            first, second = s[TANH + 12 * BATCH + v], s[TANH + 13 * BATCH + v]
+            third = s[TANH + 14 * BATCH + v]
+            a, b, c = s[FACTOR + v], s[FACTOR + BATCH + v], s[FACTOR + 2 * BATCH + v]
+            b += first * c
+            s[FACTOR + v], s[FACTOR + BATCH + v] = third * b + number, third * c - second * b
+            s[FACTOR + 2 * BATCH + v] = a + first * b - second * c
+    for v in range(BATCH):  # times Z, without the trace
+        first, second = s[TANH + 12 * BATCH + v], s[TANH + 13 * BATCH + v]
+        c = s[FACTOR + 2 * BATCH + v]
+        a, b = s[FACTOR + v] - second * c, s[FACTOR + BATCH + v] + first * c
+        s[FACTOR + v] = -(a * first + b * (first * first - 2.0 * second)) / 3.0
+        s[FACTOR + BATCH + v], s[FACTOR + 2 * BATCH + v] = a, b
+    _combine(s, TANH, STRAIN)
+    _square(s, STRAIN)
+
+
+@kernel
+def _saturate(s, rise, rate):  # type: ignore[no-untyped-def]
+    """Add the saturation to the yield stress, and to its slope by the plastic strain."""
     if rate > 0.0:
         for v in range(BATCH):
             decay = math.exp(-rate * s[ALPHA + v])
@@ -140,13 +224,16 @@ def _yield_stress(s, first, hardening, rise, rate):  # type: ignore[no-untyped-d
 
 @kernel
 def _flow(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore[no-untyped-def]
-    """Find the flow of the step by Newton's iteration; return the number of flowing lanes."""
+    """Find |e| and the flow by Newton's iteration; return the number of flowing lanes."""
     for v in range(BATCH):
+        x, y, z = s[STRAIN + 6 * BATCH + v], s[STRAIN + 7 * BATCH + v], s[STRAIN + 8 * BATCH + v]
+        s[SIZE + v] = math.sqrt(x + y + z)
         s[ALPHA + v], s[GAMMA + v] = state[6, v], 0.0
-    _yield_stress(s, first, hardening, rise, rate)
+        s[LIMIT + v], s[SLOPE + v] = first + hardening * state[6, v], hardening
+    _saturate(s, rise, rate)
     flowing = 0.0
     for v in range(BATCH):
-        beyond = 2.0 * shear * s[SIZE + v] > HALF * s[LIMIT + v]
+        beyond = 2.0 * shear * s[SIZE + v] > ROOT_2_3 * s[LIMIT + v]
         s[FLOWS + v] = 1.0 if beyond else 0.0
         flowing += s[FLOWS + v] if v < lanes else 0.0
     if flowing == 0.0:
@@ -154,186 +241,205 @@ def _flow(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore
     for _ in range(60):
         moved = 0.0
         for v in range(BATCH):
-            step = 2.0 * shear * (s[SIZE + v] - s[GAMMA + v]) - HALF * s[LIMIT + v]
+            step = 2.0 * shear * (s[SIZE + v] - s[GAMMA + v]) - ROOT_2_3 * s[LIMIT + v]
             step *= s[FLOWS + v] / (2.0 * shear + 2.0 / 3.0 * s[SLOPE + v])
             s[GAMMA + v] += step
-            s[ALPHA + v] = state[6, v] + HALF * s[GAMMA + v]
+            s[ALPHA + v] = state[6, v] + ROOT_2_3 * s[GAMMA + v]
+            s[LIMIT + v], s[SLOPE + v] = first + hardening * s[ALPHA + v], hardening
             moved += 1.0 if abs(step) > 1e-15 * s[SIZE + v] else 0.0
-        _yield_stress(s, first, hardening, rise, rate)
+        _saturate(s, rise, rate)
         if moved == 0.0:
             break
     return int(flowing)
 
 
-@kernel
-def _return_map(s, state, shear, first, hardening, rise, rate, lanes):  # type: ignore[no-untyped-def]
-    """Principal stresses, elastic strains and stiffness; return the number of flowing lanes."""
-    for row in range(3):
-        logarithm(s[TRIAL + row * BATCH :], s[FLOW + row * BATCH :])
-    for v in range(BATCH):
-        x, y, z = s[FLOW + v], s[FLOW + BATCH + v], s[FLOW + 2 * BATCH + v]
-        mean = (x + y + z) / 3.0
-        a, b, c = 0.5 * (x - mean), 0.5 * (y - mean), 0.5 * (z - mean)
-        s[FLOW + v], s[FLOW + BATCH + v], s[FLOW + 2 * BATCH + v] = 0.5 * x, 0.5 * y, 0.5 * z
-        s[DIRECT + v], s[DIRECT + BATCH + v], s[DIRECT + 2 * BATCH + v] = a, b, c
-        s[SIZE + v] = math.sqrt(a * a + b * b + c * c)
-    flowing = _flow(s, state, shear, first, hardening, rise, rate, lanes)
-    for v in range(BATCH):
-        a, b, c = s[DIRECT + v], s[DIRECT + BATCH + v], s[DIRECT + 2 * BATCH + v]
-        size = s[SIZE + v] + 1e-300
-        ratio = s[GAMMA + v] / size
-        share = s[FLOWS + v] * 2.0 * shear / (2.0 * shear + 2.0 / 3.0 * s[SLOPE + v])
-        keep = 2.0 * shear * (1.0 - ratio)
-        lose = 2.0 * shear * (share - ratio)
-        volume = s[LOG + v]
-        s[STRESS + v] = keep * a + volume
-        s[STRESS + BATCH + v] = keep * b + volume
-        s[STRESS + 2 * BATCH + v] = keep * c + volume
-        s[FLOW + v] -= ratio * a
-        s[FLOW + BATCH + v] -= ratio * b
-        s[FLOW + 2 * BATCH + v] -= ratio * c
-        a, b, c = a / size, b / size, c / size
-        common = s[LOG + BATCH + v] - keep / 3.0
-        s[DIRECT + v] = common + keep - lose * a * a - s[STRESS + v]
-        s[DIRECT + BATCH + v] = common + keep - lose * b * b - s[STRESS + BATCH + v]
-        s[DIRECT + 2 * BATCH + v] = common + keep - lose * c * c - s[STRESS + 2 * BATCH + v]
-        s[DIRECT + 3 * BATCH + v] = common - lose * a * b
-        s[DIRECT + 4 * BATCH + v] = common - lose * b * c
-        s[DIRECT + 5 * BATCH + v] = common - lose * c * a
-        s[SIZE + v] = keep  # of a difference of strains
-    for p in range(3):
-        a, b = p * BATCH, (p + 1) % 3 * BATCH
+@compiled(inline="always", fastmath=True)  # offsets become constants
+def _turn(s, tensor, vectors, out):  # type: ignore[no-untyped-def]
+    """Multiply a symmetric tensor by three vectors; the arguments are offsets of rows."""
+    for a in range(3):
+        g, to = vectors + a * BATCH, out + a * BATCH
         for v in range(BATCH):
-            x, y = s[TRIAL + a + v], s[TRIAL + b + v]
-            equal = abs(x - y) <= CLOSE * (x + y)
-            t = (s[STRESS + a + v] - s[STRESS + b + v]) / (1.0 if equal else x - y)
-            t = s[SIZE + v] / (x + y) if equal else t
-            s[MIXED + 3 * a + v] = t * x
-            s[MIXED + 3 * a + BATCH + v] = t * y
-            s[MIXED + 3 * a + 2 * BATCH + v] = t * x - s[STRESS + a + v]
+            x, y, z = s[g + v], s[g + 3 * BATCH + v], s[g + 6 * BATCH + v]
+            xy, yz = s[tensor + 3 * BATCH + v], s[tensor + 4 * BATCH + v]
+            xz = s[tensor + 5 * BATCH + v]
+            s[to + v] = s[tensor + v] * x + xy * y + xz * z
+            s[to + 3 * BATCH + v] = xy * x + s[tensor + BATCH + v] * y + yz * z
+            s[to + 6 * BATCH + v] = xz * x + yz * y + s[tensor + 2 * BATCH + v] * z
+
+
+@part
+def _factors(s, weight, shear):  # type: ignore[no-untyped-def]
+    """Factors of (1) and (2) times the weight of the point."""
+    for v in range(BATCH):
+        size = s[SIZE + v] + TINY
+        share = s[FLOWS + v] * 2.0 * shear / (2.0 * shear + 2.0 / 3.0 * s[SLOPE + v])
+        ratio = s[GAMMA + v] / size
+        keep = 2.0 * shear * (1.0 - ratio)
+        lose = 2.0 * shear * (ratio - share)
+        s[KEEP + v] = weight[v] * keep
+        s[KEEP + BATCH + v] = weight[v] * s[LOG + v]
+        s[KEEP + 2 * BATCH + v] = weight[v] * (s[LOG + BATCH + v] - keep / 3.0)
+        s[KEEP + 3 * BATCH + v] = weight[v] * lose / (size * size)
+
+
+@part
+def _push(factors, g, turned, flux):  # type: ignore[no-untyped-def]
+    """Add the flux (1) in one direction."""
+    for v in range(BATCH):
+        keep, volumetric = factors[v], factors[BATCH + v]
+        flux[v] += keep * turned[v] + volumetric * g[v]
+        flux[12 * BATCH + v] += keep * turned[3 * BATCH + v] + volumetric * g[3 * BATCH + v]
+        flux[24 * BATCH + v] += keep * turned[6 * BATCH + v] + volumetric * g[6 * BATCH + v]
+
+
+@kernel
+def plastic(s, q, shear, hardening, state, w, tangent, lanes):  # type: ignore[no-untyped-def]
+    """Add the flux of one Gauss point and write its tangent (2); return the flowing lanes.
+
+    ``w`` is scratch of SINGLE_ROWS in single precision.
+    """
+    _trial(s, state)
+    _strain(s)
+    flowing = _flow(s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], lanes)
+    _turn(s, STRAIN, PULLED, TURNED)
+    _factors(s, s[WEIGHT + q * BATCH :], shear)
+    rx, ry, _, rt = point_rows(q)
+    for a, row in enumerate((rx, ry, 8 * BATCH + rt)):
+        _push(s[KEEP:], s[PULLED + a * BATCH :], s[TURNED + a * BATCH :], s[FLUX + row :])
+    for k in range(9 * BATCH):
+        w[TURNS + k] = s[PULLED + k]
+    for k in range(9 * BATCH):
+        w[TURNS + 9 * BATCH + k] = s[TURNED + k]
+    for k in range(15 * BATCH):
+        w[POWERS + k] = s[STRAIN + k]
+    for k in range(4 * BATCH):
+        w[MODULI + k] = s[KEEP + k]
+    _turn(w, POWERS, TURNS + 9 * BATCH, TURNS + 18 * BATCH)
+    _series(w)
+    _sums(w)
+    for block in range(6):
+        k, m = FIRST[block], SECOND[block]
+        rows = 3 * k * BATCH, 3 * m * BATCH, SHARES + 3 * ROWS[k][m] * BATCH
+        out = tangent[(block if block < 3 else 24 + block) * BATCH :]
+        _write(w, rows, 0, ROWS[0], out)
+        _write(w, rows, 1, ROWS[1], out)
+        _write(w, rows, 2, ROWS[2], out)
     return flowing
 
 
 @kernel
-def _inverse_frame(s):  # type: ignore[no-untyped-def]
-    """G = F^-1 V, into the place of F C_p^-1."""
-    for m in range(3):
-        for a in range(3):
-            out = FC + (3 * m + a) * BATCH
+def _series(w):  # type: ignore[no-untyped-def]
+    """Write the numbers h by Horner's scheme in (x - y)^2 with x^3 = p x + q, y likewise."""
+    for k in range(6 * BATCH):
+        w[SERIES + k] = ZERO
+    for term in range(len(COTH)):
+        number = COTH[term]
+        for v in range(BATCH):
+            p, q = -w[POWERS + 13 * BATCH + v], w[POWERS + 14 * BATCH + v]
+            h, i, j = w[SERIES + v], w[SERIES + BATCH + v], w[SERIES + 2 * BATCH + v]
+            k, m = w[SERIES + 3 * BATCH + v], w[SERIES + 4 * BATCH + v]
+            n = w[SERIES + 5 * BATCH + v]
+            r, t = q * n, k + p * n
+            w[SERIES + v] = TWO * q * (i - r) + number * w[MODULI + v]
+            w[SERIES + BATCH + v] = q * (j - k) + p * (i - TWO * r)
+            w[SERIES + 2 * BATCH + v] = TWO * (p * (j - k - t) + q * m - h)
+            w[SERIES + 3 * BATCH + v] = h + p * k - q * m
+            w[SERIES + 4 * BATCH + v] = r - i
+            w[SERIES + 5 * BATCH + v] = TWO * (t - j)
+
+
+@kernel
+def _sums(w):  # type: ignore[no-untyped-def]
+    """Write the sums over j of m e^j g and over i of r e^i, and the products g^t e^j g."""
+    for row in range(9):
+        g, out = TURNS + row * BATCH, MOVED + row * BATCH
+        for v in range(BATCH):
+            x, y, z = w[g + v], w[g + 9 * BATCH + v], w[g + 18 * BATCH + v]
+            h, m = w[SERIES + 3 * BATCH + v], w[SERIES + 4 * BATCH + v]
+            i = w[SERIES + BATCH + v] - HALF * w[MODULI + v]
+            w[out + v] = (w[SERIES + v] - w[MODULI + BATCH + v]) * x + i * y + h * z
+            w[out + 9 * BATCH + v] = i * x + w[SERIES + 2 * BATCH + v] * y + m * z
+            w[out + 18 * BATCH + v] = h * x + m * y + w[SERIES + 5 * BATCH + v] * z
+    for row in range(6):
+        e, out = POWERS + row * BATCH, SHARES + 3 * row * BATCH
+        one = ONE if row < 3 else ZERO
+        for v in range(BATCH):
+            x, y, half = w[e + v], w[e + 6 * BATCH + v], HALF * w[MODULI + v]
+            h, i, m = w[SERIES + 3 * BATCH + v], w[SERIES + BATCH + v], w[SERIES + 4 * BATCH + v]
+            w[out + v] = one * w[SERIES + v] + (i - half) * x + h * y
+            w[out + BATCH + v] = one * (i + half) + w[SERIES + 2 * BATCH + v] * x + m * y
+            w[out + 2 * BATCH + v] = one * h + m * x + w[SERIES + 5 * BATCH + v] * y
+    for power in range(3):
+        first, second = TURNS + 9 * (power // 2) * BATCH, TURNS + 9 * ((power + 1) // 2) * BATCH
+        for row in range(6):
+            out = METRICS + (6 * power + row) * BATCH
+            x, y = first + PAIRS[row][0] * BATCH, second + PAIRS[row][1] * BATCH
             for v in range(BATCH):
-                value = s[COFACTOR + m * BATCH + v] * s[FRAME + a * BATCH + v]
-                value += s[COFACTOR + (3 + m) * BATCH + v] * s[FRAME + (3 + a) * BATCH + v]
-                s[out + v] = value + (
-                    s[COFACTOR + (6 + m) * BATCH + v] * s[FRAME + (6 + a) * BATCH + v]
+                w[out + v] = (
+                    w[x + v] * w[y + v]
+                    + w[x + 3 * BATCH + v] * w[y + 3 * BATCH + v]
+                    + w[x + 6 * BATCH + v] * w[y + 6 * BATCH + v]
                 )
 
 
+@compiled(inline="always", fastmath=True)  # offsets become constants
+def _write(w, rows, a, metrics, out):  # type: ignore[no-untyped-def]
+    """Write three rows of the tangent of two components, which are given by their offsets."""
+    k, m, share = rows
+    x, y, z = metrics
+    for v in range(BATCH):
+        one, two, three = w[share + v], w[share + BATCH + v], w[share + 2 * BATCH + v]
+        p = w[MODULI + 2 * BATCH + v] * w[TURNS + a * BATCH + k + v]
+        q = w[MODULI + 3 * BATCH + v] * w[TURNS + (9 + a) * BATCH + k + v]
+        r, s = w[MOVED + a * BATCH + m + v], w[MOVED + (9 + a) * BATCH + m + v]
+        t = w[MOVED + (18 + a) * BATCH + m + v]
+        g, h = TURNS + m + v, TURNS + k + v
+        out[3 * a * STEP + v] = (
+            p * w[g] + q * w[g + 9 * BATCH]
+            + r * w[h] + s * w[h + 9 * BATCH] + t * w[h + 18 * BATCH]
+            + one * w[METRICS + x * BATCH + v] + two * w[METRICS + (6 + x) * BATCH + v]
+            + three * w[METRICS + (12 + x) * BATCH + v]
+        )  # fmt: skip
+        out[(3 * a + 1) * STEP + v] = (
+            p * w[g + BATCH] + q * w[g + 10 * BATCH]
+            + r * w[h + BATCH] + s * w[h + 10 * BATCH] + t * w[h + 19 * BATCH]
+            + one * w[METRICS + y * BATCH + v] + two * w[METRICS + (6 + y) * BATCH + v]
+            + three * w[METRICS + (12 + y) * BATCH + v]
+        )  # fmt: skip
+        out[(3 * a + 2) * STEP + v] = (
+            p * w[g + 2 * BATCH] + q * w[g + 11 * BATCH]
+            + r * w[h + 2 * BATCH] + s * w[h + 11 * BATCH] + t * w[h + 20 * BATCH]
+            + one * w[METRICS + z * BATCH + v] + two * w[METRICS + (6 + z) * BATCH + v]
+            + three * w[METRICS + (12 + z) * BATCH + v]
+        )  # fmt: skip
+
+
 @kernel
-def plastic(s, q, shear, hardening, state, single, tangent, lanes):  # type: ignore[no-untyped-def]
-    """Add the flux of one Gauss point and write its tangent (1); return the flowing lanes."""
-    _trial(s, q, state)
-    _spectrum(s)
-    flowing = _return_map(
-        s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], lanes
-    )
-    rx, ry, _, rt = point_rows(q)
-    weight = s[WEIGHT + q * BATCH :]
-    for b in range(3):  # T G = (F^-T T^t)^t V
-        g, out = PULLED + b * BATCH, PUSHED + 3 * b * BATCH
+def plastic_state(s, shear, hardening, state, new):  # type: ignore[no-untyped-def]
+    r"""State at the end of the step.
+
+    .. math:: C_p^{-1} + F^{-1} b\, (e^{-2 \Delta\gamma N} - I) F^{-t} - I
+
+    leaves that of an elastic point as it is to the last bit.
+    """
+    _trial(s, state)
+    _strain(s)
+    _flow(s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], BATCH)
+    for k in range(3 * BATCH):
+        s[FACTOR + k] = 0.0
+    for term in range(EXPONENTS, 0, -1):  # the exponential less I in powers of e, without trace
         for v in range(BATCH):
-            x, y, z = s[g + v], s[g + 3 * BATCH + v], s[g + 6 * BATCH + v]
-            for a in range(3):
-                f = FRAME + a * BATCH + v
-                s[out + a * BATCH + v] = x * s[f] + y * s[f + 3 * BATCH] + z * s[f + 6 * BATCH]
-    stress = s[STRESS:]
-    for k in range(3):
-        for direction, row in enumerate((rx, ry, 8 * BATCH + rt)):
-            x, p = s[FRAME + 3 * k * BATCH :], s[PUSHED + 3 * direction * BATCH :]
-            out = s[FLUX + 12 * k * BATCH + row :]
-            for v in range(BATCH):
-                push = x[v] * stress[v] * p[v]
-                push += x[BATCH + v] * stress[BATCH + v] * p[BATCH + v]
-                push += x[2 * BATCH + v] * stress[2 * BATCH + v] * p[2 * BATCH + v]
-                out[v] += weight[v] * push
-    _round(s, weight, single)
-    for block in range(6):
-        k, m = 3 * FIRST[block] * BATCH, 3 * SECOND[block] * BATCH
-        _tangent(
-            single, single[k:], single[m:], tangent[(block if block < 3 else 24 + block) * BATCH :]
-        )
-    return flowing
-
-
-@kernel
-def _round(s, weight, single):  # type: ignore[no-untyped-def]
-    """Copy V, TG, and with the weight DIRECT and MIXED, in single precision."""
-    for k in range(9 * BATCH):
-        single[k] = s[FRAME + k]
-    for k in range(9 * BATCH):
-        single[9 * BATCH + k] = s[PUSHED + k]
-    for row in range(5):
-        direct, out = s[DIRECT + 3 * row * BATCH :], single[(18 + 3 * row) * BATCH :]
-        for v in range(BATCH):  # three rows at once
-            out[v] = weight[v] * direct[v]
-            out[BATCH + v] = weight[v] * direct[BATCH + v]
-            out[2 * BATCH + v] = weight[v] * direct[2 * BATCH + v]
-
-
-@kernel
-def _tangent(w, first, second, out):  # type: ignore[no-untyped-def]
-    """Write the nine rows of A for two components, whose rows of V are given."""
+            scale = -2.0 * s[GAMMA + v] / (term * s[SIZE + v] + TINY)
+            a, b, c = s[FACTOR + v] + 1.0, s[FACTOR + BATCH + v], scale * s[FACTOR + 2 * BATCH + v]
+            s[FACTOR + v] = c * s[STRAIN + 14 * BATCH + v]
+            s[FACTOR + BATCH + v] = scale * a - c * s[STRAIN + 13 * BATCH + v]
+            s[FACTOR + 2 * BATCH + v] = scale * b
+    _combine(s, STRAIN, TANH)
+    _turn(s, TANH, COFACTOR, TURNED)
+    for row in range(6):
+        x, y = FC + PAIRS[row][0] * BATCH, TURNED + PAIRS[row][1] * BATCH
+        for v in range(BATCH):  # F^-1 b = (F C_p^-1)^t
+            change = s[x + v] * s[y + v] + s[x + 3 * BATCH + v] * s[y + 3 * BATCH + v]
+            new[row, v] = state[row, v] + change + s[x + 6 * BATCH + v] * s[y + 6 * BATCH + v]
     for v in range(BATCH):
-        a, b, c = first[v], first[BATCH + v], first[2 * BATCH + v]
-        d, e, f = second[v], second[BATCH + v], second[2 * BATCH + v]
-        ad, be, cf = a * d, b * e, c * f
-        # W of (2)
-        xx = ad * w[18 * BATCH + v] + be * w[24 * BATCH + v] + cf * w[31 * BATCH + v]
-        yy = be * w[19 * BATCH + v] + ad * w[25 * BATCH + v] + cf * w[27 * BATCH + v]
-        zz = cf * w[20 * BATCH + v] + be * w[28 * BATCH + v] + ad * w[30 * BATCH + v]
-        xy = a * e * w[21 * BATCH + v] + b * d * w[26 * BATCH + v]
-        yx = b * d * w[21 * BATCH + v] + a * e * w[26 * BATCH + v]
-        yz = b * f * w[22 * BATCH + v] + c * e * w[29 * BATCH + v]
-        zy = c * e * w[22 * BATCH + v] + b * f * w[29 * BATCH + v]
-        zx = c * d * w[23 * BATCH + v] + a * f * w[32 * BATCH + v]
-        xz = a * f * w[23 * BATCH + v] + c * d * w[32 * BATCH + v]
-        # A = TG W TG^t
-        p, q, r = w[9 * BATCH + v], w[10 * BATCH + v], w[11 * BATCH + v]
-        g, h, i = w[12 * BATCH + v], w[13 * BATCH + v], w[14 * BATCH + v]
-        j, k, m = w[15 * BATCH + v], w[16 * BATCH + v], w[17 * BATCH + v]
-        x, y, z = p * xx + q * yx + r * zx, p * xy + q * yy + r * zy, p * xz + q * yz + r * zz
-        out[v] = x * p + y * q + z * r
-        out[STEP + v] = x * g + y * h + z * i
-        out[2 * STEP + v] = x * j + y * k + z * m
-        x, y, z = g * xx + h * yx + i * zx, g * xy + h * yy + i * zy, g * xz + h * yz + i * zz
-        out[3 * STEP + v] = x * p + y * q + z * r
-        out[4 * STEP + v] = x * g + y * h + z * i
-        out[5 * STEP + v] = x * j + y * k + z * m
-        x, y, z = j * xx + k * yx + m * zx, j * xy + k * yy + m * zy, j * xz + k * yz + m * zz
-        out[6 * STEP + v] = x * p + y * q + z * r
-        out[7 * STEP + v] = x * g + y * h + z * i
-        out[8 * STEP + v] = x * j + y * k + z * m
-
-
-@kernel
-def plastic_state(s, q, shear, hardening, state, new):  # type: ignore[no-untyped-def]
-    """State at the end of the step: C_p^-1 - I = F^-1 b_e F^-t - I and the plastic strain."""
-    _trial(s, q, state)
-    _spectrum(s)
-    _return_map(s, state, shear, hardening[0], hardening[1], hardening[2], hardening[3], BATCH)
-    _inverse_frame(s)
-    for v in range(BATCH):
-        if s[ALPHA + v] == state[6, v]:  # an elastic point keeps its state to the last bit
-            for row in range(7):
-                new[row, v] = state[row, v]
-            continue
         new[6, v] = s[ALPHA + v]
-        x = math.exp(2.0 * s[FLOW + v])
-        y = math.exp(2.0 * s[FLOW + BATCH + v])
-        z = math.exp(2.0 * s[FLOW + 2 * BATCH + v])
-        for row in range(6):
-            i = (row % 3) if row < 5 else 0
-            j = i if row < 3 else (i + 1 if row < 5 else 2)
-            gi, gj = FC + 3 * i * BATCH + v, FC + 3 * j * BATCH + v
-            value = x * s[gi] * s[gj] + y * s[gi + BATCH] * s[gj + BATCH]
-            value += z * s[gi + 2 * BATCH] * s[gj + 2 * BATCH]
-            new[row, v] = value - (1.0 if row < 3 else 0.0)

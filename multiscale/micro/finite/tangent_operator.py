@@ -25,6 +25,7 @@ from multiscale.micro.finite.batch import (
     edge_forces,
     kernel,
     logarithm,
+    part,
     point_rows,
     pull_back,
     strain_batch,
@@ -58,7 +59,7 @@ LEAST_SLOPE = 0.1  # of ln J / J times J^2, which falls to 0 at J = e
 parallel_kernel = compiled(parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
-@kernel
+@part
 def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
     """Volumetric Kirchhoff stress, and its derivative by ln J.
 
@@ -75,15 +76,21 @@ def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
             s[LOG + v], s[LOG + BATCH + v] = modulus * s[CHANGE + v], modulus
 
 
-@kernel
+@part
 def _dilate(s, q):  # type: ignore[no-untyped-def]
     """Add the flux of one Gauss point whose forces are the derivatives of the volume."""
     weight, det = s[WEIGHT + q * BATCH :], s[DET + q * BATCH :]
     for direction, row in enumerate(point_rows(q)[:3]):
-        for k in range(3):
-            g, out = s[PULLED + (3 * k + direction) * BATCH :], s[DILATED + 12 * k * BATCH + row :]
-            for v in range(BATCH):
-                out[v] += weight[v] * det[v] * g[v]
+        _spread(s[PULLED + direction * BATCH :], weight, det, s[DILATED + row :])
+
+
+@part
+def _spread(g, weight, det, out):  # type: ignore[no-untyped-def]
+    for v in range(BATCH):
+        volume = weight[v] * det[v]
+        out[v] += volume * g[v]
+        out[12 * BATCH + v] += volume * g[3 * BATCH + v]
+        out[24 * BATCH + v] += volume * g[6 * BATCH + v]
 
 
 @kernel
@@ -227,7 +234,7 @@ def update_state(  # type: ignore[no-untyped-def]
                         for v in range(2 * BATCH):
                             s[LOG + v] = 0.0
                         old = state[i, layer, batch, q]
-                        plastic_state(s, q, moduli[0], moduli[2:], old, out)
+                        plastic_state(s, moduli[0], moduli[2:], old, out)
                     else:
                         _inverse_strain(s, out)
 
@@ -257,7 +264,7 @@ def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
         for pair in prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
             sides = (i, (i + 1) % nx)
-            s = np.empty(24 * BATCH)
+            s = np.empty(24 * BATCH, u.dtype)
             x, y = np.empty(MOTIONS * BATCH, np.float32), np.empty(MOTIONS * BATCH, np.float32)
             for batch in range(batches):
                 start = batch * BATCH
@@ -273,7 +280,7 @@ def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
                     scatter(s, sides, layer, start, lanes, out)
 
 
-@kernel
+@part
 def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
     """Add the forces of the pressure to ``y``, and write the change of the volume."""
     for v in range(lanes):
@@ -285,17 +292,17 @@ def _press(rows, pressure, x, y, out, lanes):  # type: ignore[no-untyped-def]
             out[v] += rows[row + v] * x[row + v]
 
 
-@kernel
+@part
 def _to_modes(s, x):  # type: ignore[no-untyped-def]
     """Amplitudes of the modes 1 to 7 of corner values, which are replaced."""
     for k in range(3):
         values, out = s[8 * k * BATCH :], x[7 * k * BATCH :]
-        walsh(values, BATCH, SHARE)
+        walsh(values, 0, BATCH, SHARE)
         for v in range(7 * BATCH):
             out[v] = values[BATCH + v]
 
 
-@kernel
+@part
 def _from_modes(y, s):  # type: ignore[no-untyped-def]
     """Corner values of the modes 1 to 7."""
     for k in range(3):
@@ -304,4 +311,4 @@ def _from_modes(y, s):  # type: ignore[no-untyped-def]
             values[v] = 0.0
         for v in range(7 * BATCH):
             values[BATCH + v] = x[v]
-        walsh(values, BATCH, SHARE)
+        walsh(values, 0, BATCH, SHARE)
