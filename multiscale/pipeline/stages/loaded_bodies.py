@@ -36,8 +36,8 @@ from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 __all__ = ["LOADED_BODIES", "budgeted_laws"]
 
 KEPT = (
-    "--quick keeps meshes that are read from files, which it cannot make coarser, and takes "
-    "elements of first order on them"
+    "--quick takes larger elements in geometries, and elements of first order on meshes that are "
+    "read from files, which it cannot make coarser"
 )
 
 NO_COARSER = (
