@@ -177,6 +177,30 @@ def test_a_moving_support_carries_its_structure_and_its_work_is_accounted_for():
     assert np.ptp(energy_left(response)) < 1e-10
 
 
+@pytest.mark.parametrize("theta", [0.5, 1.0])
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+def test_a_cable_whose_support_runs_away_jerks_its_mass_to_the_speed_of_restitution(
+    restitution, theta
+):
+    def run_away(time):
+        return np.array([[0.0, 0.0, 2.0 * time], [0.0, 0.0, 0.0]])
+
+    slack = hanging(Cable(np.inf), weight=0.0)
+    times = np.linspace(0.0, 0.1, 21)  # of 5 ms, and taut in the middle of a step
+    response = simulate(
+        slack,
+        times,
+        1.0,
+        start=lifted(0.105),
+        support_motion=run_away,
+        theta=theta,
+        restitution=restitution,
+    )
+    speed = response["velocity"].values[:, 1, 2]
+    np.testing.assert_allclose(speed[times < 0.05], 0.0, atol=1e-12)
+    np.testing.assert_allclose(speed[times > 0.056], 2.0 * (1.0 + restitution), rtol=1e-9)
+
+
 def test_a_grid_released_from_its_load_keeps_account_of_its_energy():
     grid = tensegrity_grid(8, prestress=640.0)
     loaded = solve_static(grid, 1.0)
