@@ -1,5 +1,6 @@
 """What several tests need."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -98,13 +99,18 @@ def run_python(program, *arguments, check=True, **options):
     return subprocess.run(command, capture_output=True, text=True, check=check, **options)
 
 
+def steel_text():
+    """Text of the case of ground steel without the cells on half of the points.
+
+    Targets and maps exclude these.
+    """
+    text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+    return re.sub("coarser = .*\n", "", text)
+
+
 def small_steel(realisations, more=""):
     """Text of the case of ground steel with flat cells of 36 by 36 points."""
-    text = (
-        shipped_cases()["ground_steel"]
-        .read_text(encoding="utf-8")
-        .replace("[128, 128]", "[36, 36]")
-    )
+    text = steel_text().replace("[128, 128]", "[36, 36]")
     text = text.replace("layers = 14", 'layers = 14\ngeometry = "flat"')
     return text.replace("realisations = 5", f"realisations = {realisations}") + more
 

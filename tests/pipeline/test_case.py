@@ -7,14 +7,14 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
-from tests.support import write_scene
+from tests.support import steel_text, write_scene
 
 OTHERS = ("brake_reuss", "notched_concrete", "porous_bracket", "seal", "tyre_on_road")
 """Shipped cases without a joint of rough blocks or without cells."""
 
 JOINTS = [name for name in shipped_cases() if name not in OTHERS]
 
-TEXT = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+TEXT = steel_text()
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from multiscale.pipeline.stages.cells import with_slope_errors
 from multiscale.schema import MACRO_RESULT
 from multiscale.surfaces import Surface, rms_height, rms_slope
 from multiscale.units import to_si
-from tests.support import rough_square
+from tests.support import rough_square, steel_text
 
 
 @pytest.fixture
@@ -36,9 +36,7 @@ def measured(case, path, **settings):
 def _with_units(case):
     import tomllib
 
-    from multiscale.pipeline.case import shipped_cases
-
-    content = tomllib.loads(shipped_cases()["ground_steel"].read_text(encoding="utf-8"))
+    content = tomllib.loads(steel_text())
     content["cell"]["points"] = list(case.cell.points)
     content["micro"]["realisations"] = case.micro.realisations
     del content["body_2"]["surface"]

@@ -5,10 +5,9 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.micro.cell_needs import CellPart
 from multiscale.pipeline import load_case, requirements
-from multiscale.pipeline.case import shipped_cases
-from tests.support import write_scene
+from tests.support import steel_text, write_scene
 
-TEXT = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+TEXT = steel_text()
 
 
 def case_with(tmp_path, *pairs):
@@ -59,7 +58,7 @@ def test_a_target_says_that_what_is_told_is_of_the_cells_at_the_start(tmp_path):
     assert plain.built["cells"] == "5 of 128 x 128 points, each under 8 pressures"
     added = set(aimed.built) - set(plain.built)
     assert added == {"planner"}
-    assert set(plain.built) - set(aimed.built) == {"control cells"}  # the planner chooses
+    assert set(plain.built) - set(aimed.built) == {"coarser cells", "control cells"}
     assert "starts from these cells, whose memory this is" in aimed.built["planner"]
 
 

@@ -12,16 +12,11 @@ from matplotlib.image import imread
 
 from multiscale.io import open_law, open_run
 from multiscale.pipeline import load_case, run, run_macro
-from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import law_from_dataset
 from tests.closed_forms import joint as closed_form
-from tests.support import COMMAND, TWO_BLOCKS, run_python, write_scene
+from tests.support import COMMAND, TWO_BLOCKS, run_python, steel_text, write_scene
 
-FLAT = (
-    shipped_cases()["ground_steel"]
-    .read_text(encoding="utf-8")
-    .replace("[128, 128]", '[128, 128]\ngeometry = "flat"')
-)
+FLAT = steel_text().replace("[128, 128]", '[128, 128]\ngeometry = "flat"')
 
 
 def process(*arguments, cwd):
@@ -208,7 +203,7 @@ def test_a_disk_that_fills_in_mid_run_loses_nothing(tmp_path, monkeypatch):
     ("file", "size", "detrend"), [("tmd-1.tmd", "9 mm", 2), ("al3d-1.al3d", "60 um", 2)]
 )
 def test_the_whole_chain_runs_on_measured_files(reference_data, tmp_path, file, size, detrend):
-    text = shipped_cases()["ground_steel"].read_text(encoding="utf-8")
+    text = steel_text()
     start, end = text.index("rms_height"), text.index("\n\n[body_2]")
     source = reference_data / "topography" / file
     text = text[:start] + f'file = "{source}"\ndetrend_order = {detrend}' + text[end:]

@@ -45,7 +45,7 @@ ADDED = Stage(
 
 def test_the_tables_of_a_file_ask_for_its_stages():
     joint = ["micro_response", "interface_law", "macro_result"]
-    controlled = [joint[0], "control_response", *joint[1:]]
+    controlled = [joint[0], "coarser_response", "control_response", *joint[1:]]
     for name, asked in (("ground_steel", controlled), ("tyre_on_road", joint)):
         (case,) = load_sweep(name).points
         assert [stage.name for stage in stages_of(case.tables)] == asked
