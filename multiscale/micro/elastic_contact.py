@@ -32,9 +32,8 @@ _LINEAR_LIMIT = 5000  # conjugate-gradient iterations on all active sets of a so
 _PATIENCE = 300  # of them without a smaller residual: rounding has the last word; 50 to 100 are
 # usual where Poisson's ratio is .4999 on slopes of one half
 _SMALLER = 0.9  # times the least residual so far
-_ROUNDING = (
-    64.0  # times the precision: share of a residual below which its recurrence means nothing
-)
+# times the precision: share of a residual below which its recurrence means nothing
+_ROUNDING = 64.0
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,7 @@ def solve_elastic_contact(
             status = Status.WORK_SPENT
             break
 
-        if n_wrong == 0 and len(residuals) > 1 and residual > 0.5 * residuals[-2]:
+        if n_wrong == 0 and not changed and residual > 0.5 * residuals[-2]:
             status = Status.STALLED
             break
         changed = n_wrong > 0
@@ -328,6 +327,8 @@ class _LinearStage:
         best, patience, iteration = np.inf, _PATIENCE, 0
         residual = self.residual(square, force)
         last = max(self.tolerance, _ROUNDING * float(np.finfo(p.dtype).eps) * residual)
+        if self.tolerance < residual < 2.0 * self.tolerance:  # beyond what the recurrence is off
+            last = 0.5 * residual
         target = max(last, loose * residual)
         while True:
             residual = self.residual(square, force)

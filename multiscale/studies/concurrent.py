@@ -192,7 +192,7 @@ class _Memory:
         asked = np.unique(np.clip(k[:, None] + np.arange(-1, 3), 0, self.last))
         g = np.full(self.last + 1, np.nan)
         g[asked] = [self.gap(int(one)) for one in asked]
-        if np.any(g[asked] <= CLOSED * self.gap(0)):
+        if np.any(g[asked[:-1]] <= CLOSED * self.gap(0)):  # it may close at the last one
             pressure = self.lowest * np.exp(asked[-1] * self.step)
             raise CaseError(
                 f"the cell of a law is closed at {pressure:.4g} Pa, where any pressure has its "

@@ -297,7 +297,7 @@ def test_the_command_prints_slack_and_tension(tmp_path):
     result = open_dataset(file, MACRO_RESULT)
     lines = done.output.splitlines()
     assert lines[0] == "Tensegrity grid at rest (quick)"
-    last = lines[2 + 4].split()
+    last = lines[3 + 4].split()
     assert last[0] == "1"
     assert int(last[1]) == int((result["slack"].sel(step=4) > 0.0).sum())
     assert float(last[2]) == pytest.approx(

@@ -78,6 +78,7 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 ROWS = ((0, 3, 5), (3, 1, 4), (5, 4, 2))
 NEAR = 0.03  # largest Z : Z of the series of artanh
 TERMS = 10  # of this series
+ROOTS = 20  # enough for any b whose eigenvalues double precision tells apart
 EXPONENTS = 24  # terms of an exponential, enough for a plastic strain of 1 in one step
 ROOT_2_3 = math.sqrt(2.0 / 3.0)
 COTH = np.array((  # x coth x / 2 in powers of x^2 from the highest, for strains less than pi apart
@@ -174,8 +175,8 @@ def _strain(s):  # type: ignore[no-untyped-def]
     """Deviator of the logarithmic strain and its square, from the trial b."""
     for k in range(6 * BATCH):
         s[ROOT + k] = s[TRIAL + k]
-    scale = 1.0
-    while True:
+    scale, far = 1.0, 1.0
+    for _ in range(ROOTS):
         _invert(s, ROOT, 1.0, TANH)
         for k in range(6 * BATCH):
             s[TANH + k] = (1.0 if k < 3 * BATCH else 0.0) - 2.0 * s[TANH + k]
@@ -191,6 +192,8 @@ def _strain(s):  # type: ignore[no-untyped-def]
             break
         _take_root(s)
         scale *= 2.0
+    if far > 0.0:  # rounding has made b indefinite: no strain
+        scale = math.nan
     for k in range(3 * BATCH):
         s[FACTOR + k] = 0.0
     for term in range(TERMS, 0, -1):  # by Horner's scheme, times Z^2 plus the next number
