@@ -15,8 +15,8 @@ def lazy_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[
     """Return ``__getattr__`` and ``__dir__`` of a package, from its ``__name__`` and ``__file__``.
 
     The names stand in the stub ``__init__.pyi`` beside the file, as imports that type checkers read
-    too. None may be that of a module of the package, whose import would hide it, unless it is meant
-    and imported from the package itself.
+    too. No name may be the name of a module of the package, whose import would hide it, unless it
+    is meant and imported from the package itself.
     """
 
     @cache

@@ -232,9 +232,9 @@ class _LinearStage:
     tolerance: float
 
     def split(self, out_of_balance: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, float]:
-        """Let contact nodes alone carry forces, and all of what is out of balance at them.
+        """Let contact nodes alone carry forces, and the whole force out of balance there.
 
-        Returns the contact forces, and the square of what is left out of balance.
+        Returns the contact forces, and the square of the remaining forces out of balance.
         """
         self.body.add(out_of_balance, np.where(self.active, 0.0, force))
         carried = np.where(self.active, force, 0.0) + self.take(out_of_balance)

@@ -16,8 +16,8 @@ for the wave angles along x and along y, the block between two node planes is
 
 likewise :math:`K_{yy}` and :math:`K_{yz}`. It is symmetric within a plane; from a plane to the one
 above, :math:`K_{zx} = -K_{xz}` and :math:`K_{zy} = -K_{yz}`. The factors a to q come from integrals
-over the depth of the layers between, those of means from the mean dilatation (B-bar). The block of
-the opposite wave along x is its mirror image.
+over the depth of the layers between, the terms of means from the mean dilatation (B-bar). The block
+of the opposite wave along x is its mirror image.
 """
 
 from collections.abc import Callable

@@ -125,7 +125,7 @@ def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # ty
 
 @compiled
 def _mean(s):  # type: ignore[no-untyped-def]
-    """Mean normal stress, by a sum of its own: that of NumPy makes numba load scipy.linalg."""
+    """Mean normal stress; with the sum of NumPy, numba would load scipy.linalg."""
     return (s[0] + s[1] + s[2]) / 3.0
 
 

@@ -423,7 +423,7 @@ def plastic_state(s, shear, hardening, state, new):  # type: ignore[no-untyped-d
 
     .. math:: C_p^{-1} + F^{-1} b\, (e^{-2 \Delta\gamma N} - I) F^{-t} - I
 
-    leaves that of an elastic point as it is to the last bit.
+    leaves the state of an elastic point unchanged to the last bit.
     """
     _trial(s, state)
     _strain(s)
