@@ -61,7 +61,8 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     The order belongs to the discretisation and is one for all steps: at a single step, where a
     difference passes through zero, the ratio of both may be anything, and the bound is at least
     the one of the root mean square of :math:`e` there. With one coarser grid the order is 1, the
-    order of the contact fraction and the lowest of the averages. Where three grids tell no order
+    order of the contact fraction and the lowest of the averages, and this holds for all steps if
+    :math:`d_1` changes its sign over them. Where three grids tell no order
     between 0.5 and 3, or the differences are not alike (a cosine below a half), the bound is
     three times the largest difference. The factors are taken from the grid convergence index [1]_.
 
@@ -77,12 +78,13 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
         raise CaseError(f"the spacing of a coarser grid is more than once the finest, got {r:g}")
     fine = np.asarray(answer, dtype=float)
     d1 = fine - coarser[r]
+    scale = np.where(fine != 0.0, np.abs(fine), 1.0)
     if len(ratios) == 1 or abs(ratios[1] - r**2) > 0.05 * r**2:
         error = -d1 / (r**LOWEST_ORDER - 1.0)
+        one_sign = np.full(fine.shape, np.nanmin(d1) * np.nanmax(d1) >= 0.0)
         how = f"one coarser grid (spacing {r:g} times), order taken as {LOWEST_ORDER:g}"
-        return GridEstimate(error, SAFETY * np.abs(error), np.nan, how)
+        return GridEstimate(error, SAFETY * _size(error, scale, one_sign), np.nan, how)
     d2 = coarser[r] - coarser[ratios[1]]
-    scale = np.where(fine != 0.0, np.abs(fine), 1.0)
     product, *squares = (float(np.nansum(one / scale**2)) for one in (d1 * d2, d1**2, d2**2))
     how = f"two coarser grids (spacing {r:g} and {ratios[1]:g} times), observed order "
     order = 0.5 * np.log(squares[1] / squares[0]) / np.log(r) if min(squares) > 0.0 else np.nan
@@ -91,6 +93,11 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
         unsure = UNSURE * np.maximum(np.abs(d1), np.abs(d2)) / (r - 1.0)
         return GridEstimate(-d1 / (r**LOWEST_ORDER - 1.0), unsure, np.nan, how + "none")
     error = -d1 / (r**order - 1.0)
-    usual = scale * np.sqrt(np.nanmean((error / scale) ** 2))
-    size = np.where(d1 * d2 > 0.0, np.abs(error), np.fmax(np.abs(error), usual))
+    size = _size(error, scale, d1 * d2 > 0.0)
     return GridEstimate(error, SAFETY * size, float(order), how + f"{order:.2g}")
+
+
+def _size(error: np.ndarray, scale: np.ndarray, sure: np.ndarray) -> np.ndarray:
+    """Size of the errors, at least the root mean square of all relative ones where not sure."""
+    usual = scale * np.sqrt(np.nanmean((error / scale) ** 2))
+    return np.where(sure, np.abs(error), np.fmax(np.abs(error), usual))

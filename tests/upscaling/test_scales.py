@@ -43,6 +43,15 @@ def test_a_step_whose_difference_passes_through_zero_has_no_order_of_its_own():
     assert np.max(estimate.half_width) < 0.03
 
 
+def test_one_coarser_grid_whose_difference_changes_its_sign_has_no_small_error_at_one_step():
+    answer, difference = np.full(5, 2.0), np.array([0.2, 0.1, 0.001, -0.1, -0.1])
+    estimate = estimate_grid_error(answer, {2.0: answer + difference})
+    usual = 1.25 * np.sqrt(np.mean(difference**2))
+    np.testing.assert_allclose(estimate.half_width, [0.25, usual, usual, usual, usual])
+    same = estimate_grid_error(answer, {2.0: answer + np.abs(difference)})
+    np.testing.assert_allclose(same.half_width, 1.25 * np.abs(difference))
+
+
 def test_a_grid_is_not_judged_by_finer_or_no_others():
     with pytest.raises(CaseError, match="at least one coarser"):
         estimate_grid_error(np.ones(1), {})
