@@ -104,7 +104,7 @@ def run_command(
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
     from multiscale.pipeline.stages import stages_of
-    from multiscale.report import show_run, write_reports
+    from multiscale.report import write_reports
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
@@ -145,17 +145,8 @@ def run_command(
                 keep=keep,
             )
             write_reports(out, joined, executor=executor, progress=progress)
-    finished = show_run(out)
-    _warn(finished.cautions)
-    for line in finished.lines():
-        typer.echo(line)
-    if one:
-        typer.echo(f"report, figures and datasets: {out}")
-    else:
-        runs = f"; runs: {out / 'points'}" if (out / "points").exists() else ""
-        typer.echo(f"report, figures and dataset: {out}{runs}")
-    if failure := finished.failure:
-        raise ConvergenceError(f"{sweep.title}: {failure}")
+    points = f"; runs: {out / 'points'}" if (out / "points").exists() else ""
+    _show_finished(out, sweep.title, points)
 
 
 @app.command("micro")
@@ -425,9 +416,9 @@ def damage_command(
     quiet: QuietOption = False,
 ) -> None:
     """Compute damage of sections and stiffness of a volume with pores and cracks."""
+    _refuse_both(verbose, quiet)
     from multiscale.io import make_folder
     from multiscale.pipeline import Case, case_of_image, load_case, requirements, run
-    from multiscale.report import show_run
 
     path = Path(volume)
     if path.is_dir() or path.suffix.lower() in (".tif", ".tiff"):
@@ -451,11 +442,7 @@ def damage_command(
         _shown(verbose, quiet) as progress,
     ):
         run(settings, out, executor=executor, progress=progress)
-    finished = show_run(out)
-    _warn(finished.cautions)
-    for line in finished.lines():
-        typer.echo(line)
-    typer.echo(f"report, figures and dataset: {out}")
+    _show_finished(out, settings.title)
 
 
 @app.command("bench")
@@ -528,6 +515,19 @@ def stability_command(
     failed = int((found["outcome"] == 0).sum())
     if failed:
         raise ConvergenceError(f"{failed} of {found.sizes['case']} cases failed; {out} says how")
+
+
+def _show_finished(out: Path, title: str, more: str = "") -> None:
+    """Write the report of a run, print its answers, and end with 1 where some are missing."""
+    from multiscale.report import show_run
+
+    finished = show_run(out)
+    _warn(finished.cautions)
+    for line in finished.lines():
+        typer.echo(line)
+    typer.echo(f"report, figures and datasets: {out}{more}")
+    if finished.failure:
+        raise ConvergenceError(f"{title}: {finished.failure}")
 
 
 @contextmanager

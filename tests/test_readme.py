@@ -193,6 +193,8 @@ def test_links_and_figures_are_there(name):
         file, _, anchor = target.partition("#")
         path = (ROOT / name).parent / file if file else ROOT / name
         assert path.exists(), target
+        if name.startswith("microcases/"):
+            assert path.resolve().is_relative_to(ROOT / "microcases"), "installed without the rest"
         if anchor:
             assert anchor in headings(path.read_text(encoding="utf-8")), target
 

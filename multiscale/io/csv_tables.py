@@ -1,7 +1,7 @@
 """Tables of named columns from CSV files."""
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,9 @@ TYPE_NAMES = {int: "a whole number", float: "a number"}
 """Names of the types of a column in messages."""
 
 
-def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
+def read_table(
+    path: Path, kind_of: Callable[[str], type] = lambda name: float
+) -> dict[str, list[Any]]:
     """Read a CSV file whose first line names the columns.
 
     Parameters
@@ -25,8 +27,7 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
     path : Path
         File whose values are separated by commas, semicolons or tabs; numbers may have decimal
         commas where commas do not separate.
-    types : mapping of str to type
-        ``str`` or ``int`` for the columns without floats.
+    kind_of : callable, from the name of a column to ``float``, ``int`` or ``str``
 
     Returns
     -------
@@ -53,7 +54,7 @@ def read_table(path: Path, types: Mapping[str, type]) -> dict[str, list[Any]]:
         if len(row) != len(head):
             raise CaseError(f"{path}, line {number}: {len(row)} entries for {len(head)} columns")
         for name, cell in zip(head, row, strict=True):
-            kind = types.get(name, float)
+            kind = kind_of(name)
             plain = cell.replace(",", ".") if kind is float and separator != "," else cell
             try:
                 table[name].append(kind(plain))

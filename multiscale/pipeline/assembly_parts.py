@@ -252,7 +252,7 @@ class StatedGap(Settings):
 
     def build(self) -> "macro.GapMap":
         """Read the map."""
-        table = read_table(self.file, {})
+        table = read_table(self.file)
         if missing := sorted({"x", "y", "gap"} - set(table)):
             raise CaseError(
                 f"{self.file}: no column {missing[0]!r}; a map of a gap has x, y and gap"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from multiscale.errors import CaseError
 from multiscale.macro import granulate
 from multiscale.pipeline.structure_kind import StructureKind
 from multiscale.pipeline.toml_model import (
@@ -40,6 +41,9 @@ __all__ = [
 ]
 
 QUICK_GRAINS, QUICK_STEPS = 60, 40
+
+COARSEST = 2.5
+"""Longest step of pressed grains, over the step that resolves how they rearrange."""
 
 Speed = Annotated[float, quantity("m/s"), Field(ge=0.0), with_unit("m/s")]
 StrainRate = Annotated[float, quantity("s^-1"), Field(gt=0.0), with_unit("s^-1")]
@@ -192,9 +196,11 @@ class ShearCell(Granulate):
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Press the grains between the plates."""
-        return granulate.shear_layer(
+        model, resolving = granulate.shear_layer(
             grains.radii, self.size, self.pressure, self.speed, grains.law, **grains.options
-        )[0]
+        )
+        _refuse_long_steps(motion, resolving)
+        return model
 
 
 class Biaxial(Granulate):
@@ -211,11 +217,22 @@ class Biaxial(Granulate):
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
         """Compact the grains in the cell."""
-        return granulate.biaxial_cell(
+        model, resolving = granulate.biaxial_cell(
             grains.radii,
             self.pressure,
             self.strain_rate,
             grains.law,
             planar=self.planar,
             **grains.options,
-        )[0]
+        )
+        _refuse_long_steps(motion, resolving)
+        return model
+
+
+def _refuse_long_steps(motion: Motion, resolving: float) -> None:
+    """Refuse steps in which grains under their pressure move past each other."""
+    if motion.step > COARSEST * resolving:
+        raise CaseError(
+            f"[motion] step {motion.step:.3g} s is too long for the pressure on these grains, "
+            f"which rearrange within {5.0 * resolving:.2g} s; take about {resolving:.2g} s"
+        )

@@ -230,8 +230,9 @@ class LinkTable(LinkStructure):
 
     def build(self) -> "macro.LinkSystem":
         """Build the structure of the tables."""
-        columns = {"first": int, "second": int, "group": int, "law": str}
-        nodes, links = read_table(self.nodes, {}), read_table(self.links, columns)
+        kinds = {"first": int, "second": int, "group": int, "law": str}
+        nodes = read_table(self.nodes)
+        links = read_table(self.links, lambda name: kinds.get(name, float))
         return _stressed(macro.system_from_table(nodes, links, _laws(self.laws)), self.prestress)
 
 

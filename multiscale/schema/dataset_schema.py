@@ -30,7 +30,8 @@ COMPONENTS = ("n", "t1", "t2")
 class Variable:
     """Dimensions, unit (UDUNITS spelling) and meaning of one variable.
 
-    Flags are the meanings of 0, 1, ...; a required variable may be a coordinate.
+    Flags are the meanings of 0, 1, ...; a required variable may be a coordinate. A stiffness of
+    parts in series has its whole error from one of them, the variable ``uncertain_part``.
     """
 
     dims: tuple[str, ...]
@@ -38,6 +39,7 @@ class Variable:
     long_name: str
     flags: tuple[str, ...] = ()
     coordinate: bool = False
+    uncertain_part: str = ""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,11 @@ MACRO_RESULT = Schema(
     },
     optional={
         "preload": _step("Pa", "nominal preload"),
-        "joint_stiffness": _step("Pa m-1", "normal stiffness of the whole joint"),
+        "joint_stiffness": _step(
+            "Pa m-1",
+            "normal stiffness of the whole joint",
+            uncertain_part="interface_stiffness",
+        ),
         "unloading_stiffness": _step(
             "Pa m-1", "normal stiffness of the joint for a preload that begins to fall"
         ),
@@ -163,8 +167,6 @@ MACRO_RESULT = MACRO_RESULT.with_intervals(
     "secant_stiffness",
 )
 
-_side = partial(Variable, ("side", "step"))
-
 VIBRATION = Schema(
     name="vibration",
     version=1,
@@ -184,10 +186,6 @@ VIBRATION = Schema(
         "frequency": _step("Hz", "frequency at the amplitude"),
         "fall": _step("Hz", "frequency of small vibration less the frequency at the amplitude"),
         "damping": _step("1", "share of critical damping at the amplitude"),
-        "joint_damping": _step("1", "share of critical damping that the joints give"),
-        "frequency_drop": _side(
-            "1", "fall of the square of the frequency in either direction, relative to small ones"
-        ),
         "slipping_load": _step("1", "largest share of the load whose contacts slip"),
         "rest_traction": Variable(("point", "direction"), "Pa", "traction of the joints at rest"),
         "pressure": Variable(
@@ -269,7 +267,6 @@ GRANULATE = Schema(
             "J", "energy lost in impacts and to the time scheme since the start"
         ),
         "damping_dissipation": _step("J", "energy damped since the start"),
-        "search_time": _step("s", "wall time of the neighbour search"),
         "wall_time": _step("s", "wall time of the step"),
         "radius": Variable(("grain",), "m", "radius"),
         "mass": Variable(("grain",), "kg", "mass"),

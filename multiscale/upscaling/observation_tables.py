@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import read_table, read_text
+from multiscale.io import read_table
 from multiscale.units import to_si
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
 
@@ -23,7 +23,7 @@ _COLUMN = {
 }
 _PINT = {"m": "m", "Pa": "Pa", "Pa m-1": "Pa/m", "m s-1": "m/s", "1": "1"}
 _EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "1": "1"}
-_HEAD = re.compile(r"\s*(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>[^)\]]*?)\s*[)\]])?\s*")
+_HEAD = re.compile(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>[^)\]]*?)\s*[)\]])?")
 
 
 def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
@@ -84,26 +84,14 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
 
 def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
     """Return the wanted columns in SI, and the column of specimens if there is one."""
-    example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
-    lines = read_text(path).splitlines()
-    found = {}
-    for head in (part.strip() for part in (lines[0] if lines else "").split(",")):
-        match = _HEAD.fullmatch(head)
-        name = (match["name"] if match else head).strip().lower().replace("_", " ")
-        found[name] = (head, match["unit"] if match else None)
-    missing = [name for name in wanted if name not in found]
-    if missing and lines and ";" in lines[0]:
-        raise CaseError(
-            f"{path}: the first line separates columns by semicolons; separate them by commas, and "
-            f"write numbers with decimal points"
-        )
-    if missing:
+    table = read_table(path, lambda head: float if _named(head)[0] in wanted else str)
+    found = {name: (head, unit) for head in table for name, unit in [_named(head)]}
+    if missing := [name for name in wanted if name not in found]:
+        example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
         raise CaseError(
             f"{path}: no column {' and no column '.join(missing)}; the first line should name "
-            f"{example}, found {', '.join(head for head, _ in found.values())}"
+            f"{example}, found {', '.join(table)}"
         )
-    other = {head: str for name, (head, _) in found.items() if name not in wanted}
-    table = read_table(path, other)
     columns = {}
     for name, unit in wanted.items():
         head, given = found[name]
@@ -116,9 +104,16 @@ def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray],
             factor = to_si(f"1 {given}", _PINT[unit]) if given and given != "1" else 1.0
         except CaseError as error:
             raise CaseError(f"{path}: the column {head!r}: {error}") from error
-        columns[name] = factor * np.array(table[head], dtype=float)
+        columns[name] = factor * np.array(table[head])
     specimen = np.array(table[found["specimen"][0]]) if "specimen" in found else None
     return columns, specimen
+
+
+def _named(head: str) -> tuple[str, str | None]:
+    """Name and unit of a column."""
+    match = _HEAD.fullmatch(head)
+    name, unit = (match["name"], match["unit"]) if match else (head, None)
+    return name.lower().replace("_", " "), unit
 
 
 def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:

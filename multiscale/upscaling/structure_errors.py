@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -182,8 +181,8 @@ def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
     lies, whose interface holds only so many cells. Of answers for each cycle the last one has
     intervals, which the budget has at the last step. No answer lies below zero, and no joint is
-    stiffer than its bodies: its interface, in series with them, has the error. ``along`` names
-    variable and place of answers that are one of several loads or interfaces.
+    stiffer than its bodies: its ``uncertain_part``, in series with them, has the error. ``along``
+    names variable and place of answers that are one of several loads or interfaces.
     """
     values: dict[str, np.ndarray] = {}
     for kind, error in interval_errors(result).items():
@@ -197,9 +196,8 @@ def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None 
             value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])
-            share: Any = 1.0
-            if name == "joint_stiffness":
-                share = value / result["interface_stiffness"].to_numpy()
+            part = MACRO_RESULT.optional[name].uncertain_part
+            share = value / result[part].to_numpy() if part else 1.0
             values[f"{name}_{kind}"] = limits(value, half, share)
     return MACRO_RESULT.assign(result, values)
 

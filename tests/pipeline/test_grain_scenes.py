@@ -84,6 +84,14 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
     assert "biaxial_curve" in names
 
 
+def test_steps_in_which_pressed_grains_would_pass_each_other_are_refused(tmp_path):
+    text = (SCENES / "biaxial.toml").read_text(encoding="utf-8")
+    few = ("number = 200", "number = 20")
+    scene = load_case(write_scene(tmp_path, text, few, ('"1 kPa"', '"10 MPa"')))
+    with pytest.raises(CaseError, match=r"step 0.007 s is too long .* take about"):
+        run_macro(scene, tmp_path / "result.nc")
+
+
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [

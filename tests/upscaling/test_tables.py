@@ -28,6 +28,12 @@ def test_units_are_converted_and_specimens_become_realisations(write):
     np.testing.assert_allclose(seen.values, 1e12 * np.array([[21, 40, np.nan], [19, np.nan, 62]]))
 
 
+def test_semicolons_separate_numbers_with_decimal_commas(write):
+    file = write("pressure (MPa);stiffness (MPa/um);note\n1,5;2;a, b\n")
+    seen = read_observations(file, "normal_stiffness")
+    np.testing.assert_allclose([*seen.pressure, *seen.values[0]], [1.5e6, 2e12])
+
+
 def test_without_specimens_repeated_points_are_told_apart_by_their_order(write):
     seen = read_observations(
         write("pressure (Pa),contact fraction (%)\n1,10\n2,20\n1,12\n"), "contact_fraction"
@@ -80,8 +86,8 @@ def test_specimens_give_bands_by_specimen():
             r"no column stiffness; the first line should name pressure \(MPa\), "
             r"stiffness \(MPa/um\), found pressure \(MPa\), gap \(um\)",
         ),
-        ("", "no column pressure and no column stiffness"),
-        ("pressure (MPa);stiffness (MPa/um)\n1,5;2\n", "separates columns by semicolons; separate"),
+        ("", "empty; the first line names the columns"),
+        ("gap (um)\n1\n", "no column pressure and no column stiffness"),
         (
             "pressure,stiffness (MPa/um)\n1,2\n",
             r"'pressure' has no unit; write it in the first line, such as pressure \(MPa\)",

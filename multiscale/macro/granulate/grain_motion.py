@@ -75,7 +75,6 @@ def step_grains(
     cell = np.array(
         [damped_rate + acted * thrust / inertia * model.free, model.free / np.sqrt(inertia)]
     )
-    searched = perf_counter()
     times = (h, acted, accuracy is not None)
     solved = _solve_contacts(model, state, solver, times, (damped, velocity), cell)
     new = _advance(model, state, (h, acted), solved)
@@ -88,7 +87,6 @@ def step_grains(
         "iterations": solved.sweeps,
         "penetration": worst,
         "n_contacts": int(np.count_nonzero(solved.contacts.impulse.any(axis=1))),
-        "search_time": searched - began,
     }
     done |= account_grains(
         model,

@@ -96,9 +96,6 @@ class Backbone:
     ----------
     frequency : ndarray, shape (amplitudes,), Hz
     damping : ndarray, shape (amplitudes,), share of critical damping that the joints give
-    drop : ndarray, shape (2, amplitudes)
-        By how much the secant square of the frequency falls in both directions, relative to its
-        value at rest.
     pressure, slipping : ndarray, shape (2, amplitudes, points)
         Pressure, Pa, and share of it that slips, at the amplitude in both directions.
     opens : ndarray of bool, shape (amplitudes,), whether contact opens in one of them
@@ -109,7 +106,6 @@ class Backbone:
 
     frequency: np.ndarray
     damping: np.ndarray
-    drop: np.ndarray
     pressure: np.ndarray
     slipping: np.ndarray
     opens: np.ndarray
@@ -289,12 +285,11 @@ def follow_backbone(
     if not points:
         none = np.zeros((2, asked, 0))
         constant = np.full(asked, modes.frequency[mode])
-        nothing = np.zeros((2, asked))
-        return Backbone(constant, nothing[0], nothing, none, none, nothing[0] > 0.0, False, "")
+        nothing = np.zeros(asked)
+        return Backbone(constant, nothing, none, none, nothing > 0.0, False, "")
     driven = _drive(rest, load[:, mode], square)
     grid, places = amplitudes.curve()
-    force, drop = np.full((2, asked), np.nan), np.full((2, asked), np.nan)
-    reached, stored = np.full((2, 2, asked), np.nan)
+    force, reached, stored = np.full((3, 2, asked), np.nan)
     curves: list[np.ndarray] = []
     pressure, slipping = (np.full((2, asked, points), np.nan) for _ in range(2))
     ends: list[list[_Point]] = [[], []]
@@ -317,7 +312,6 @@ def follow_backbone(
         known = places[:found] + 1
         curves.append(np.array([q, alpha]))
         reached[side, :found], force[side, :found] = curves[side][:, known]
-        drop[side, :found] = 1.0 - force[side, :found] / reached[side, :found] / square
     sizes, stiffness = reached.sum(axis=0), force.sum(axis=0) / reached.sum(axis=0)
     both = min(len(one[0]) for one in curves)
     mean = 0.5 * (curves[0][:, :both] + curves[1][:, :both])  # what is odd in q loses nothing
@@ -342,7 +336,7 @@ def follow_backbone(
             f"{amplitudes.values[unknown[0]]:.4g} kg^1/2 m on: {why}; ask for smaller amplitudes"
         )
     damping = lost / (2.0 * np.pi * stiffness * q_mean**2)  # (1)
-    return Backbone(frequency, damping, drop, pressure, slipping, opens, sheared, failure)
+    return Backbone(frequency, damping, pressure, slipping, opens, sheared, failure)
 
 
 def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:

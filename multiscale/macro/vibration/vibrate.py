@@ -68,8 +68,6 @@ def vibrate(
         "frequency": frequency,
         "fall": modes.frequency[number] - frequency,
         "damping": material_damping + joint,
-        "joint_damping": joint,
-        "frequency_drop": np.concatenate([one.drop for one in curves], axis=1),
         "opens": np.concatenate([one.opens for one in curves]).astype(int),
         "converged": np.isfinite(joint).astype(int),
     }

@@ -16,7 +16,8 @@ from multiscale.schema import GRANULATE, Dataset
 
 __all__ = ["GRAINS"]
 
-GRAIN_TIME, RIGID = 1e-5, 5.0  # s of a grain in a step, times more sweeps of rigid contacts, about
+STEP_TIME, GRAIN_TIME = 1.5e-3, 1e-5  # s of a step, and of a grain in it, about
+RIGID = 5.0  # times more sweeps of rigid contacts, about
 
 
 def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
@@ -45,7 +46,8 @@ def _needs(given: Granulate, case: Case) -> Needs:
         strained=given.strained,
     )
     each = GRAIN_TIME * (1.0 if grains.law.compliance > 0.0 else RIGID)
-    return replace(needs, seconds=each * grains.number * motion.duration / motion.step)
+    steps = motion.duration / motion.step
+    return replace(needs, seconds=(STEP_TIME + each * grains.number) * steps)
 
 
 def _compared(result: Dataset) -> Dataset:
