@@ -1,5 +1,6 @@
 """How the points of a sweep are shown, each a run in a folder of its own."""
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -18,7 +19,10 @@ MOST_NAMED = 3
 """Points that are named for one caution."""
 
 MOST_TOLD = 10
-"""Cautions that are told, which may differ from point to point by a number."""
+"""Sentences that are told of cautions, and of points without a result."""
+
+NUMBER = re.compile(r"\b\d[\d.e+-]*( \S+)?")
+"""A number and its unit."""
 
 MOST_SHOWN = 200
 """Points of a table or a figure."""
@@ -55,10 +59,17 @@ def _first(cautions: Iterable[str]) -> list[str]:
 
 
 def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
-    places: dict[str, list[int]] = {}
+    """Points of each sentence; of those that differ by their numbers, the first stands for all."""
+    alike: dict[str, dict[str, list[int]]] = {}
     for text, point in found:
-        places.setdefault(text, []).append(point)
-    return places
+        alike.setdefault(NUMBER.sub("", text), {}).setdefault(text, []).append(point)
+    first = " (numbers of the first of these points)"
+    return {
+        next(iter(same)) + (first if len(same) > 1 else ""): sorted(
+            point for at in same.values() for point in at
+        )
+        for same in alike.values()
+    }
 
 
 def _list(names: list[str], at: list[int]) -> str:

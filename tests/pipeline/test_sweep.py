@@ -13,7 +13,7 @@ from multiscale.errors import CaseError, FileError, MultiscaleError
 from multiscale.macro import solve_static
 from multiscale.pipeline import load_case, load_sweep, run, run_sweep
 from multiscale.pipeline.stages.joint import solve_joint
-from multiscale.pipeline.sweep_points import tabulate_sweep
+from multiscale.pipeline.sweep_points import _places, tabulate_sweep
 from multiscale.plotting import plot_sweep, sweep_ends
 from tests.support import TWO_BLOCKS, small_steel, write_law
 
@@ -290,6 +290,14 @@ def test_a_sweep_without_any_result_is_an_error(write, tmp_path):
     sweep = load_sweep(write(SMALL + "[sweep]\ncell.points = [[16, 16]]\n"))
     with pytest.raises(MultiscaleError, match=r"none of the 1 points .* at cell.points = \[16"):
         run_sweep(sweep, tmp_path / "out")
+
+
+def test_sentences_of_points_that_differ_by_numbers_are_told_once():
+    told = [("body_1 reaches 631 MPa", 0), ("body_2 reaches 2 MPa", 1), ("body_1 reaches 2 GPa", 2)]
+    assert _places(told) == {
+        "body_1 reaches 631 MPa (numbers of the first of these points)": [0, 2],
+        "body_2 reaches 2 MPa": [1],
+    }
 
 
 @pytest.mark.slow
