@@ -100,4 +100,4 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 def _size(error: np.ndarray, scale: np.ndarray, sure: np.ndarray) -> np.ndarray:
     """Size of the errors, at least the root mean square of all relative ones where not sure."""
     usual = scale * np.sqrt(np.nanmean((error / scale) ** 2))
-    return np.where(sure, np.abs(error), np.fmax(np.abs(error), usual))
+    return np.asarray(np.where(sure, np.abs(error), np.fmax(np.abs(error), usual)))
