@@ -315,11 +315,11 @@ class BodyInterface(Settings):
         """Both faces in words."""
         return " on ".join(reversed(self.sides))
 
-    def over(self, shared: JointLaw) -> JointLaw:
-        """Return the keys of ``[interface]`` with those of this interface in their place."""
+    def over(self, shared: JointLaw | None) -> JointLaw:
+        """Return the keys of ``[interface]``, if given, with those of this interface in place."""
         own = {name: getattr(self, name) for name in ("law", "friction", "stiffness_ratio")}
         given = {name: value for name, value in own.items() if value is not None}
-        return shared.model_copy(update=given)
+        return (shared or JointLaw()).model_copy(update=given)
 
 
 class BodyBolt(Settings):

@@ -215,7 +215,7 @@ class Bodies(StructureKind):
         if case.has_cells:
             told = ("friction", "stiffness_ratio") if case.micro.shear is not None else ()
             for number, one in enumerate(self.interfaces):
-                own = one.over(case.interface or JointLaw())
+                own = one.over(case.interface)
                 if one.law is None and (
                     missing := own.tell_missing(told, case.strict, f"interface {number}")
                 ):
@@ -338,7 +338,7 @@ class Bodies(StructureKind):
         read: dict[Any, Dataset | None] = {}
         laws = []
         for number, one in enumerate(self.interfaces):
-            source = one.over(case.interface or JointLaw())
+            source = one.over(case.interface)
             key = (
                 one.asperities
                 or one.exponential
@@ -392,7 +392,7 @@ class Bodies(StructureKind):
             sound = changed.get(number) or law_from_dataset(law)
             damage = one.damage or float(law.get("interface_damage", 0.0))
             worn = Damaged(sound, damage) if damage else sound
-            source = one.over(case.interface or JointLaw())
+            source = one.over(case.interface)
             given = {
                 name: getattr(source, name)
                 for name in ("friction", "stiffness_ratio")
@@ -408,7 +408,7 @@ class Bodies(StructureKind):
     def _stated(self, case: "Case", number: int, slabs: int) -> InterfaceLaw:
         """Law of an interface that is stated, with a friction that is given."""
         one = self.interfaces[number]
-        source = one.over(case.interface or JointLaw())
+        source = one.over(case.interface)
         if missing := source.tell_missing((), case.strict, f"interface {number}"):
             raise CaseError(missing)
         assert source.friction is not None  # else told as missing
@@ -428,13 +428,12 @@ class Bodies(StructureKind):
 
     def assumed(self, case: "Case") -> list[str]:
         """Say what stated laws leave to theory, one sentence each."""
-        shared = case.interface or JointLaw()
         return [
             f"interface {number}: the stiffness ratio of "
             f"{alike_bodies(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
             f"take the law of cells that are sheared"
             for number, one in enumerate(self.interfaces)
-            if one.exponential is not None and one.over(shared).stiffness_ratio is None
+            if one.exponential is not None and one.over(case.interface).stiffness_ratio is None
         ]
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
@@ -518,8 +517,7 @@ class Bodies(StructureKind):
 
     def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
         """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
-        shared = case.interface or JointLaw()
-        frictions = [one.over(shared).friction for one in self.interfaces]
+        frictions = [one.over(case.interface).friction for one in self.interfaces]
         any_law = Exponential(1e9, 1e-6)
         laws = [
             Sliders(any_law, 1.0 if mu is None else mu, 1.0, pressures=(1e6, 1e8))

@@ -35,6 +35,7 @@ from multiscale.upscaling.budget import (
     NO_PART,
     NO_STATED,
     assemble_budget,
+    has_budget,
     how_attribute,
 )
 from multiscale.upscaling.budget_terms import FEW_CELLS, STATED, Term
@@ -43,11 +44,11 @@ from multiscale.upscaling.shear_budget import loss_term
 from multiscale.upscaling.structure_errors import STRETCH
 
 __all__ = [
-    "PARAMETERS",
     "Change",
+    "ErrorSources",
     "JointSolve",
-    "JointsOfLaw",
     "change_friction",
+    "changed_sliders",
     "few_steps",
     "not_solved",
     "with_joint_budget",
@@ -90,6 +91,19 @@ class JointsOfLaw:
     joints: tuple[int, ...]
     measured: Collection[str]
 
+    def changes(self, pressure: np.ndarray | None) -> dict[str, Change]:
+        """Return what a structure is solved again with, by what changes.
+
+        ``pressure`` of the joints, Pa, is None where they carry nothing, and nothing slips.
+        """
+        normal = changed_laws(self.law, pressure)
+        sliders = [] if pressure is None else [*shear_errors(self.law, pressure)]
+        return {key: Change(self.joints, one) for key, one in normal.items()} | {
+            key: Change(self.joints, factors={key: 1.0 + STRETCH})
+            for key in sliders
+            if key in self.measured
+        }
+
 
 JointSolve = Callable[[Change], "Dataset"]
 """From a change to the joints at their preloads and, if they slip, in cycles of few steps; workers
@@ -104,6 +118,62 @@ UNKNOWN_LOSS = (
     "the error of the loss of a cycle is not known, since no cells of the law went through closed "
     "cycles; shear cells by [micro.shear]"
 )
+
+
+NO_BUDGET = (
+    "intervals do not count the error of the law of interface {number}, which is not known: take "
+    'the law of a run, or state half-widths of its values, as in friction = "0.2 +- 10 %"'
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSources:
+    """What bodies with interfaces know of their errors.
+
+    Attributes
+    ----------
+    laws : list of JointsOfLaw, whose errors are independent
+    stated : list of Uncertainty and structure
+        What is unknown of stated values and representative volumes, each with the structure in
+        which the parameter is larger by :data:`STRETCH`; independent of each other and of the laws.
+    unknown : list of str, the laws of which nothing is known, a sentence each
+    """
+
+    laws: list[JointsOfLaw]
+    stated: list[tuple[Uncertainty, Bodies]]
+    unknown: list[str]
+
+    @classmethod
+    def of(cls, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]) -> "ErrorSources":
+        """Find them."""
+        found, unknown = [], []
+        for number, law in enumerate(laws):
+            one = bodies.interfaces[number]
+            if not has_budget(law):
+                if law is not None or not any(one.uncertain(1.0)):  # else what is stated tells
+                    unknown.append(NO_BUDGET.format(number=number))
+            elif not any(law is other for other in laws[:number]):  # the first interface of its law
+                source = one.over(case.interface)
+                joints = tuple(k for k, other in enumerate(laws) if other is law)
+                measured = [name for name in PARAMETERS if getattr(source, name) is None]
+                found.append(JointsOfLaw(law, joints, measured))
+        return cls(found, bodies.uncertainties(), unknown)
+
+    def __bool__(self) -> bool:
+        """Whether any error is known."""
+        return bool(self.laws or self.stated)
+
+
+def changed_sliders(
+    bodies: Bodies,
+    case: Case,
+    laws: Sequence[Dataset | None],
+    change: Change,
+    slabs: int | None = None,
+) -> list[InterfaceLaw]:
+    """Make the laws of all interfaces, as :meth:`Bodies.sliders`, with a change."""
+    normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
+    return change_friction(bodies.sliders(case, laws, normal, slabs), change)
 
 
 def few_steps(case: Case) -> int:
@@ -124,12 +194,11 @@ def change_friction(laws: Sequence[InterfaceLaw], change: Change) -> list[Interf
 
 def with_joint_budget(
     result: Dataset,
-    laws: Sequence[JointsOfLaw],
+    sources: ErrorSources,
     solve: JointSolve,
     asked: JointAnswers,
     coarser: Mapping[float, Bodies],
     job: Job,
-    uncertain: Sequence[tuple[Uncertainty, Bodies]] = (),
 ) -> Dataset:
     """Return the result of rough joints with error budget and intervals of their answers.
 
@@ -137,15 +206,12 @@ def with_joint_budget(
     ----------
     result : Dataset
         Follows ``MACRO_RESULT``; joints at their preloads, then in cycles, with their contact.
-    laws : sequence of JointsOfLaw, whose errors are independent
+    sources : ErrorSources
     solve : callable, whose paths have the rests and the cycles that are asked
     asked : JointAnswers
     coarser : mapping of float to structure
         The structure on larger elements, if it has them, by the ratio of their sizes.
     job : Job, whose executor solves all changes
-    uncertain : sequence of Uncertainty and structure
-        What is unknown of stated values and representative volumes, each with the structure in
-        which the parameter is larger by :data:`STRETCH`; independent of each other and of the laws.
 
     Returns
     -------
@@ -154,7 +220,8 @@ def with_joint_budget(
         its end, NaN elsewhere and where a law knows nothing; and with the intervals of
         :func:`~multiscale.upscaling.with_intervals`, also those of other cycles.
     """
-    known = result["known"].to_numpy() == 1
+    result = with_cautions(result, *sources.unknown)
+    laws, uncertain, known = sources.laws, sources.stated, result["known"].to_numpy() == 1
     rests, cycles = asked.rests[known[asked.rests]], asked.cycles
     if not rests.size:
         return result
@@ -181,7 +248,7 @@ def with_joint_budget(
             jobs["bed"] = Change(every, slabs=SLABS // 2)
     jobs |= {ratio: Change(structure=structure) for ratio, structure in coarser.items()}
     for number, one in enumerate(of_laws):
-        jobs |= {(number, key): change for key, change in one.changes().items()}
+        jobs |= {(number, key): change for key, change in one.of.changes(one.pressure).items()}
     jobs |= {("other", k): Change(structure=changed) for k, (_, changed) in enumerate(uncertain)}
     solved: dict[Hashable, np.ndarray] = {}
 
@@ -204,7 +271,7 @@ def with_joint_budget(
     once = [Dependence(np.ones(left.shape), {"macro discretisation": left})]
     budgets = []
     for number, one in enumerate(of_laws):
-        changed = {key: solved[number, key] for key in one.changes()}
+        changed = {key: solved[number, key] for key in one.of.changes(one.pressure)}
         result = with_cautions(result, *one.cautions)
         # the errors of the mesh and of the beds count once
         own = ([], 0.0 * beds) if number else (once, beds)
@@ -263,9 +330,7 @@ class _OfLaw:
 
     Attributes
     ----------
-    law : Dataset, with the scales of the joints
-    joints, measured
-        See :class:`JointsOfLaw`.
+    of : JointsOfLaw, whose law has the scales of the joints
     asked : JointAnswers
     pressure : ndarray, shape (columns,), mean pressure of the closed points of the joints, Pa
     cells : ndarray, shape (2, columns)
@@ -275,9 +340,7 @@ class _OfLaw:
     cautions : tuple of str
     """
 
-    law: Dataset
-    joints: tuple[int, ...]
-    measured: Collection[str]
+    of: JointsOfLaw
     asked: JointAnswers
     pressure: np.ndarray
     cells: np.ndarray
@@ -318,16 +381,8 @@ class _OfLaw:
         if cycles is not None and "shear_loss_ratio" not in law:
             said.append(UNKNOWN_LOSS)
         load = pressure @ own / (whole @ area)
-        return cls(law, of.joints, of.measured, asked, mean, cells, load, loss, tuple(said))
-
-    def changes(self) -> dict[str, Change]:
-        """Return what the structure is solved again with, by what changes."""
-        normal = changed_laws(self.law, self.pressure)
-        sliders = [name for name in shear_errors(self.law, self.pressure) if name in self.measured]
-        return {
-            **{key: Change(self.joints, one) for key, one in normal.items()},
-            **{key: Change(self.joints, factors={key: 1.0 + STRETCH}) for key in sliders},
-        }
+        of = replace(of, law=law)
+        return cls(of, asked, mean, cells, load, loss, tuple(said))
 
     def budget(
         self,
@@ -339,7 +394,7 @@ class _OfLaw:
         beds: np.ndarray,
     ) -> Dataset:
         """Carry the budget of the law to answers, from those with its changes, mesh and beds."""
-        law, mean, cycles = self.law, self.pressure, self.asked.cycles
+        law, mean, cycles = self.of.law, self.pressure, self.asked.cycles
         rows, own = np.array(names), {}
         lost = rows[:, None] == ("" if cycles is None else cycles.loss)
         passed = list(others)
@@ -353,7 +408,7 @@ class _OfLaw:
                 told = "the loss ratio on two grids"
                 grid = Term(told, law["shear_loss_grid_error"].to_numpy())
                 own["micro discretisation"] = _part_of(grid, lost * self.loss)
-        real = [bool(set(self.asked.real.get(name, ())) & set(self.joints)) for name in names]
+        real = [bool(set(self.asked.real.get(name, ())) & set(self.of.joints)) for name in names]
         if any(real):
             passed.append(contact_dependence(law, mean, np.array(real)))
         for name, half_width in shear_errors(law, mean).items():

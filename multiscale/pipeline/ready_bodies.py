@@ -6,7 +6,7 @@ from typing import Any
 
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_settings import Bodies, StructureParts
-from multiscale.pipeline.body_budget import Change, change_friction
+from multiscale.pipeline.body_budget import Change, changed_sliders
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.settings import Case
@@ -92,9 +92,8 @@ class SolveAgain:
 
     def __call__(self, change: Change) -> Dataset:
         """Follow the path again."""
-        normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
         source = change.structure or self.bodies
-        laws = change_friction(source.sliders(self.case, self.laws, normal), change)
+        laws = changed_sliders(source, self.case, self.laws, change)
         if change.structure is None:
             problem = self.problem.with_laws(laws)
             return self.follow(problem, self.areas, self.method, near=self.near)

@@ -1,6 +1,7 @@
 """How wrong a law is: every term estimated and none assumed."""
 
 from collections.abc import Mapping
+from typing import TypeGuard
 
 import numpy as np
 
@@ -31,6 +32,7 @@ __all__ = [
     "add_terms",
     "assemble_budget",
     "error_budget",
+    "has_budget",
     "how_attribute",
     "mean_law_error",
     "total_error",
@@ -215,6 +217,11 @@ def mean_law_error(budget: Dataset) -> np.ndarray:
     half[:, few] = bias[:, few] = 0.0
     error = add_terms(half, bias, np.isfinite(half).any(axis=(0, 2)))
     return np.where(np.isfinite(budget["error_total"]), error, np.nan)
+
+
+def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:
+    """Whether there is a law, and it carries its error budget."""
+    return law is not None and "error_half_width" in law
 
 
 def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:

@@ -7,13 +7,14 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import NormalLaw, StretchedLaw
-from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset
+from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
     add_terms,
     assemble_budget,
+    has_budget,
     how_attribute,
     mean_law_error,
 )
@@ -126,7 +127,7 @@ def structure_budget(
     CaseError
         If the law carries no budget.
     """
-    if "error_half_width" not in law:
+    if not has_budget(law):
         raise CaseError(
             "the law carries no error budget; add it by with_budget(law, error_budget(...))"
         )
@@ -175,8 +176,12 @@ def structure_budget(
     return assemble_budget(terms, names, None, steps=value.shape[1])
 
 
-def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None = None) -> Dataset:
-    """Return a macro result with the 95 % intervals of all answers that its budget is of.
+def with_intervals(
+    result: Dataset,
+    along: Mapping[str, tuple[str, int]] | None = None,
+    schema: Schema = MACRO_RESULT,
+) -> Dataset:
+    """Return a result of a structure with the 95 % intervals of all answers of its budget.
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
     lies, whose interface holds only so many cells. Of answers for each cycle the last one has
@@ -196,10 +201,10 @@ def with_intervals(result: Dataset, along: Mapping[str, tuple[str, int]] | None 
             value = result[name].to_numpy()
             if result[name].dims != ("step",):
                 half = np.append(np.full(value.size - 1, np.nan), half[-1])
-            part = MACRO_RESULT.optional[name].uncertain_part
+            part = schema.optional[name].uncertain_part
             share = value / result[part].to_numpy() if part else 1.0
             values[f"{name}_{kind}"] = limits(value, half, share)
-    return MACRO_RESULT.assign(result, values)
+    return schema.assign(result, values)
 
 
 def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:

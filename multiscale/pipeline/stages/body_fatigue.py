@@ -23,9 +23,8 @@ from multiscale.micro.damage.fatigue_material import FatigueMaterial
 from multiscale.micro.damage.inclusion import STATE_SIZE
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_budget import PARAMETERS, Change, change_friction, not_solved
+from multiscale.pipeline.body_budget import ErrorSources, changed_sliders, not_solved
 from multiscale.pipeline.fatigue_settings import FatigueSettings
-from multiscale.pipeline.joint_settings import JointLaw
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
@@ -44,8 +43,8 @@ from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions
-from multiscale.upscaling import Dependence, changed_laws, shear_errors, structure_budget
-from multiscale.upscaling.budget import mean_law_error
+from multiscale.upscaling import Dependence, shear_errors, structure_budget
+from multiscale.upscaling.budget import has_budget, mean_law_error
 from multiscale.upscaling.budget_terms import NORMAL
 from multiscale.upscaling.structure_errors import STRETCH
 
@@ -258,36 +257,26 @@ def _law_errors(
     With the elements that crack first with changed laws, and what the laws do not know.
     """
     squares, places, cautions = {"mean_law": 0.0, "one_part": 0.0}, list[int](), list[str]()
-    shared = cycled.case.interface or JointLaw()
-    for number, law in enumerate(cycled.laws):
-        if law is None or "error_half_width" not in law:
-            cautions.append(NO_LAW_BUDGET.format(number=number))
-            continue
-        if any(law is other for other in cycled.laws[:number]):  # counted already
-            continue
-        joints = tuple(k for k, other in enumerate(cycled.laws) if other is law)
+    cautions += [
+        NO_LAW_BUDGET.format(number=k) for k, one in enumerate(cycled.laws) if not has_budget(one)
+    ]
+    for one in ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws:
         traction = -result["traction"].to_numpy()[-1, :, 0]
-        own = traction[np.isin(result["point_joint"].to_numpy(), joints) & (traction > 0.0)]
+        mine = np.isin(result["point_joint"].to_numpy(), one.joints)
+        own = traction[mine & (traction > 0.0)]
         pressure = np.array([own.mean()]) if own.size else None
-        source = cycled.bodies.interfaces[number].over(shared)
-        changes = {key: Change(joints, one) for key, one in changed_laws(law, pressure).items()}
-        friction = {} if pressure is None else shear_errors(law, pressure)
-        measured = [name for name in PARAMETERS if getattr(source, name) is None]
-        friction = {name: one for name, one in friction.items() if name in measured}
-        changes |= {name: Change(joints, factors={name: 1.0 + STRETCH}) for name in friction}
-        lives = {}
+        changes, lives = one.changes(pressure), {}
         for done, (key, change) in enumerate(changes.items(), start=1):
-            normal = {} if change.normal is None else dict.fromkeys(joints, change.normal)
-            laws = cycled.bodies.sliders(cycled.case, cycled.laws, normal)
-            stress = cycled.solve(change_friction(laws, change))
-            found = first(stress, material)
+            laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
+            found = first(cycled.solve(laws), material)
             places.append(int(np.argmin(found)))
             lives[key] = np.array([[float(found.min())]])
             job.progress(done, len(changes), "solves for the intervals of the life")
         value = np.array([[middle]])
+        friction = {} if pressure is None else shear_errors(one.law, pressure)
         budget = structure_budget(
             ("life",),
-            law,
+            one.law,
             not_solved,
             answer=value,
             pressure=pressure,
@@ -295,8 +284,9 @@ def _law_errors(
             others=[
                 Dependence(np.abs(lives[name] / value - 1.0) / STRETCH, errors)
                 for name, errors in friction.items()
+                if name in lives
             ],
-            changed={key: one for key, one in lives.items() if key not in friction},
+            changed=lives,
         )
         squares["mean_law"] += float(mean_law_error(budget)[0, 0]) ** 2
         squares["one_part"] += float(budget["error_total"].to_numpy()[0, 0]) ** 2

@@ -59,6 +59,7 @@ from multiscale.upscaling import (
     with_intervals,
     with_scales,
 )
+from multiscale.upscaling.budget import has_budget
 from multiscale.upscaling.fit import told_branches
 
 __all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_sections", "of_stiffness", "solve_joint"]
@@ -141,7 +142,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     facts = [*behaviour(law), share, *_tangential_facts(law, ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(kept & (result["known"].values == 1))
-    if not steps.size or "error_half_width" not in law:
+    if not steps.size or not has_budget(law):
         return result
 
     shear = [TANGENTIAL] if ratio is not None else []

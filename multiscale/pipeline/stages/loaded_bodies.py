@@ -10,9 +10,9 @@ from multiscale.io import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_budget import PARAMETERS, JointsOfLaw, few_steps, with_joint_budget
+from multiscale.pipeline.body_budget import ErrorSources, few_steps, with_joint_budget
 from multiscale.pipeline.joint_answers import load_answers
-from multiscale.pipeline.joint_settings import SLABS, JointLaw
+from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_interface_contact
 from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
@@ -33,7 +33,7 @@ from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 
-__all__ = ["LOADED_BODIES", "budgeted_laws"]
+__all__ = ["LOADED_BODIES"]
 
 KEPT = (
     "--quick takes larger elements in geometries, and elements of first order on meshes that are "
@@ -48,11 +48,6 @@ NO_COARSER = (
 COARSER_ALONE = (
     "the coarser meshes are not used: the error of the meshes is a part of an error budget, and no "
     "interface has a law with a budget; take the law of a run"
-)
-
-NO_BUDGET = (
-    "intervals do not count the error of the law of interface {number}, which is not known: take "
-    'the law of a run, or state half-widths of its values, as in friction = "0.2 +- 10 %"'
 )
 
 ANSWERS = (
@@ -100,13 +95,11 @@ def _with_budget(
 ) -> Dataset:
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
-    uncertain = bodies.uncertainties()
-    of_laws = any(law is not None and "error_half_width" in law for law in laws)
-    if not of_laws and not uncertain:
+    sources = ErrorSources.of(bodies, case, laws)
+    if not sources:
         return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
-    result, found = budgeted_laws(result, bodies, case, laws)
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
     whole = bool(result["converged"].values.all())
     few = few_steps(case) if whole else 0
@@ -115,12 +108,12 @@ def _with_budget(
     )
     follow = partial(_follow, short)
     near = follow(ready.structure.small, (), ready.method)
-    rise = path.cycle_steps if path.cycles and whole and of_laws else 0
+    rise = path.cycle_steps if path.cycles and whole and sources.laws else 0
     asked, coarser = load_answers(result, rise, few), bodies.coarser()
     if not coarser:
         result = with_cautions(result, NO_COARSER)
     solve = ready.again(follow, near)
-    return with_joint_budget(result, found, solve, asked, coarser, job, uncertain)
+    return with_joint_budget(result, sources, solve, asked, coarser, job)
 
 
 def _follow(
@@ -132,24 +125,6 @@ def _follow(
 ) -> Dataset:
     """Follow a path, maybe near another one, whatever the data of the laws."""
     return substructures.follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
-
-
-def budgeted_laws(
-    result: Dataset, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]
-) -> tuple[Dataset, list[JointsOfLaw]]:
-    """Find the laws with a budget and their joints; a result tells of those without one."""
-    shared, found = case.interface or JointLaw(), []
-    for number, law in enumerate(laws):
-        if law is None and any(bodies.interfaces[number].uncertain(1.0)):
-            continue  # what is not known of it is stated
-        if law is None or "error_half_width" not in law:
-            result = with_cautions(result, NO_BUDGET.format(number=number))
-        elif not any(law is other for other in laws[:number]):  # the first interface of its law
-            joints = tuple(k for k, other in enumerate(laws) if other is law)
-            source = bodies.interfaces[number].over(shared)
-            measured = [name for name in PARAMETERS if getattr(source, name) is None]
-            found.append(JointsOfLaw(law, joints, measured))
-    return result, found
 
 
 def _secants(result: Dataset) -> Iterator[str]:

@@ -10,7 +10,7 @@ import numpy as np
 from multiscale.io import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.body_budget import with_joint_budget
+from multiscale.pipeline.body_budget import ErrorSources, with_joint_budget
 from multiscale.pipeline.joint_answers import joint_answers
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
@@ -27,7 +27,6 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections, of_stiffness
-from multiscale.pipeline.stages.loaded_bodies import budgeted_laws
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
@@ -82,8 +81,7 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
-    uncertain = ready.bodies.uncertainties()
-    if "error_half_width" in law or uncertain:
+    if sources := ErrorSources.of(ready.bodies, case, ready.laws):
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = substructures.JointLoading(preloads[:solved])
@@ -91,11 +89,10 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
             short = substructures.JointLoading(
                 preloads, amplitudes=case.cycles.all_amplitudes, amplitude_steps=1
             )
-        result, laws = budgeted_laws(result, ready.bodies, case, ready.laws)
         near = substructures.follow_joint(small, short, method=ready.method)
         solve = ready.again(partial(_follow, short), near)
         asked, coarser = joint_answers(result), ready.bodies.coarser()
-        result = with_joint_budget(result, laws, solve, asked, coarser, job, uncertain)
+        result = with_joint_budget(result, sources, solve, asked, coarser, job)
     return ready.finish(result, facts)
 
 

@@ -14,7 +14,7 @@ from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_budget import Change, change_friction, with_joint_budget
+from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import with_cautions_of
@@ -23,7 +23,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
-from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER, budgeted_laws
+from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
@@ -31,7 +31,7 @@ from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, Dataset, with_cautions
 from multiscale.units import length_unit
-from multiscale.upscaling import interval_errors, limits, over_steps, with_budget
+from multiscale.upscaling import over_steps, with_budget, with_intervals
 from multiscale.upscaling.fit import told_branches
 
 if TYPE_CHECKING:
@@ -101,16 +101,15 @@ def _laws(
 ) -> list[InterfaceLaw]:
     """Make beds of many slabs, on the curve of unloading where cells have measured one."""
     asked = case.vibration
-    normal = {} if change.normal is None else dict.fromkeys(change.joints, change.normal)
-    made = bodies.sliders(case, laws, normal, asked.slabs)
+    few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
+    made = changed_sliders(bodies, case, laws, few, asked.slabs)
     for number, law in enumerate(laws):
         if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
             bed = cast(Sliders, made[number])  # a law of cells is one
             branch = (float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent"))
             unloading = HystereticLaw(cast(NormalLaw, bed.normal), *branch)
             made[number] = replace(bed, normal=unloading)
-    few = replace(change, slabs=change.slabs and asked.slabs // STATED_BED)
-    return change_friction(made, few)
+    return made
 
 
 def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Job) -> Dataset:
@@ -133,9 +132,8 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
     result = with_cautions_of(result, bodies, case, found, laws)
-    of_laws = any(law is not None and "error_half_width" in law for law in laws)
-    if of_laws or bodies.uncertainties():
-        result = _with_budget(result, bodies, case, laws, still, job)
+    if sources := ErrorSources.of(bodies, case, laws):
+        result = _with_budget(result, bodies, case, laws, still, sources, job)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
     pinned = "without friction" if not asked.preload_friction else "with friction"
     facts += [
@@ -157,10 +155,10 @@ def _with_budget(
     case: Case,
     laws: Sequence[Dataset | None],
     still: _Vibrating,
+    sources: ErrorSources,
     job: Job,
 ) -> Dataset:
     """Carry the budgets of all laws to frequency and damping of every amplitude."""
-    result, found = budgeted_laws(result, bodies, case, laws)
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
@@ -173,11 +171,7 @@ def _with_budget(
         count = result.sizes["step"]
         whole = over_steps(budget.isel(step=slice(1, None)), solved, count)
         whole = whole.assign_coords(step=result["step"])
-        values = {}
-        for kind, error in interval_errors(whole).items():
-            for name, half in zip(map(str, whole["quantity"].values), error, strict=True):
-                values[f"{name}_{kind}"] = limits(result[name].to_numpy(), half)
-        placed = VIBRATION.assign(with_budget(result, whole), values)
+        placed = with_intervals(with_budget(result, whole), schema=VIBRATION)
         return placed.assign_attrs(cautions=str(told.attrs.get("cautions", "")))
 
     slip = result["slipping"].values.max(axis=0)[solved] * result["pressure"].values[0, solved]
@@ -199,7 +193,7 @@ def _with_budget(
         free = substructures.CondensedProblem(still.rest.free, still.rest.free)
         still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
-    return with_joint_budget(rest, found, solve, asked, coarser, job, bodies.uncertainties())
+    return with_joint_budget(rest, sources, solve, asked, coarser, job)
 
 
 def _solve_changed(
