@@ -313,7 +313,7 @@ def macro_command(
         return
     _warn(result.attrs.get("cautions", "").splitlines())
     stage, *more = stages_of(settings.tables)
-    for line in stage.lines({stage.name: result}):
+    for line in stage.lines(result):
         typer.echo(line)
     for one in more:
         typer.echo(f"{one.name}: {out.with_name(f'{out.stem}-{one.file}')}")
@@ -382,7 +382,7 @@ def inspect_command(
     )
     page = write_inspection(out, told)
     _warn(list(INSPECTION.cautions(told)))
-    for line in INSPECTION.lines({INSPECTION.name: told}):
+    for line in INSPECTION.lines(told):
         typer.echo(line)
     typer.echo(f"page, figures and dataset: {page}")
     if case is not None and not told.attrs["proposal"]:

@@ -1,6 +1,16 @@
 """Errors that a user can correct; a message is one sentence: problem, place, value, remedy."""
 
-__all__ = ["CaseError", "ConvergenceError", "FileError", "MultiscaleError", "SchemaError"]
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = [
+    "CaseError",
+    "ConvergenceError",
+    "FileError",
+    "MultiscaleError",
+    "SchemaError",
+    "suggest",
+]
 
 
 class MultiscaleError(Exception):
@@ -21,3 +31,9 @@ class SchemaError(MultiscaleError):
 
 class ConvergenceError(MultiscaleError):
     """A solver stopped without a solution."""
+
+
+def suggest(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Ask for the known name that is nearest to a wrong one, or say something else."""
+    close = get_close_matches(name, list(known), n=1)
+    return f"did you mean {close[0]!r}?" if close else otherwise

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import mkstemp
 
-from multiscale.errors import CaseError, FileError
+from multiscale.errors import CaseError, FileError, suggest
 
 __all__ = [
     "logging_to",
@@ -17,6 +17,7 @@ __all__ = [
     "read_text",
     "remove",
     "replacing",
+    "say_missing",
     "try_to_write",
     "write_bytes",
     "writing",
@@ -132,9 +133,17 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise CaseError(f"{path}: no such file; check the path") from error
+        raise CaseError(say_missing(path)) from error
     except OSError as error:
         raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+
+
+def say_missing(path: Path) -> str:
+    """Say that there is no such file, and whether its folder has one with a similar name."""
+    names: list[str] = []
+    with suppress(OSError):
+        names = [entry.name for entry in path.parent.iterdir()]
+    return f"{path}: no such file; {suggest(path.name, names, 'check the name and the folder')}"
 
 
 def read_text(path: Path) -> str:

@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.io.files import say_missing
 from multiscale.units import readable
 
 if TYPE_CHECKING:
@@ -275,13 +275,7 @@ def _check_file(path: Path) -> None:
     if path.is_dir():
         raise CaseError(f"{path}: is a directory; give one topography file in it")
     if not path.exists():
-        try:
-            names = [entry.name for entry in path.parent.iterdir()]
-        except OSError:
-            names = []
-        close = get_close_matches(path.name, names, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else "check the name and the folder"
-        raise CaseError(f"{path}: no such file; {hint}")
+        raise CaseError(say_missing(path))
     if not path.is_file():
         raise CaseError(f"{path}: is a device or a pipe; give a topography file")
     if path.stat().st_size == 0:

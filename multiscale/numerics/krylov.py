@@ -17,7 +17,6 @@ def conjugate_gradients(
     *,
     goal: float,
     limit: int,
-    start: np.ndarray | None = None,
 ) -> tuple[np.ndarray, int]:
     r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape.
 
@@ -27,16 +26,14 @@ def conjugate_gradients(
     right_hand_side : ndarray, :math:`b`
     goal : float, norm of the residual at which to stop
     limit : int, most iterations
-    start : ndarray, optional, first :math:`x`; zero if not given
 
     Returns
     -------
     solution : ndarray
     iterations : int
     """
-    x = np.zeros_like(right_hand_side) if start is None else start.copy()
-    r = right_hand_side - apply(x) if x.any() else right_hand_side.copy()
-    p, rz_old = np.zeros_like(r), 1.0
+    x, r, p = np.zeros_like(right_hand_side), right_hand_side.copy(), np.zeros_like(right_hand_side)
+    rz_old = 1.0
     for iteration in range(limit):
         if not norm(r) > goal:
             return x, iteration

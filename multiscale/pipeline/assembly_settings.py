@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -11,7 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from multiscale import macro
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, suggest
 from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import (
@@ -507,8 +506,7 @@ class Bodies(StructureKind):
         body, boundary = self._find(what, face)
         known = sorted(meshes[body].boundaries)
         if boundary not in known:
-            close = get_close_matches(boundary, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"its faces are {', '.join(known)}"
+            hint = suggest(boundary, known, f"its faces are {', '.join(known)}")
             raise CaseError(
                 f"{what} names {face!r}, and the mesh of {self.bodies[body].name} has no face "
                 f"{boundary!r}; {hint}"

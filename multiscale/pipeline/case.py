@@ -1,12 +1,11 @@
 """Case files: found by path or name, read, and refused in sentences."""
 
 from collections.abc import Sequence
-from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, suggest
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
@@ -87,8 +86,7 @@ def find_case(case: str | Path) -> Path:
         return path
     if str(case) in shipped:
         return shipped[str(case)]
-    close = get_close_matches(str(case), shipped, n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"shipped cases: {', '.join(shipped)}"
+    hint = suggest(str(case), shipped, f"shipped cases: {', '.join(shipped)}")
     raise CaseError(f"no case named {str(case)!r}; {hint}")
 
 

@@ -133,8 +133,7 @@ def _doubts(told: Dataset) -> Iterator[str]:
         )
 
 
-def _lines(found: Datasets) -> list[str]:
-    told = found[INSPECTION.name]
+def _lines(told: Dataset) -> list[str]:
     lines = [f"{told.attrs['title']}: {told.attrs['format']}"]
     lines += [f"  channel {one}" for one in told.attrs["channels"].splitlines()]
     rows = tabulate_statistics(told, measured=True)
@@ -169,12 +168,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         yield Section("Proposed case", [told.attrs["held"]], rows=rows, files=files)
 
 
-def _summary(found: Datasets) -> Summary:
+def _summary(told: Dataset) -> Summary:
     """Say in a sentence how rough the surface is, and which waves are known."""
-    told = found[INSPECTION.name]
     height, slope = readable(f"{float(told['rms_height']):.3g} m"), float(told["rms_slope"])
     return Summary(
-        told.attrs["title"],
         "How rough is this surface, and which cells stand for it?",
         [
             f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "

@@ -77,9 +77,8 @@ class Section:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run was for: title, question, and the answer in a few sentences."""
+    """What a run was for: question, and the answer in a few sentences."""
 
-    title: str
     question: str
     answer: Sequence[str]
 
@@ -175,21 +174,21 @@ class Shown:
     schema : Schema
     cautions : callable
         From the dataset to what a user should know before trusting it, one sentence each.
-    lines : callable, from the datasets of a run to what the command line prints
+    lines : callable, from the dataset to what the command line prints
     sections : callable
         From the datasets and the run folder to parts of the page, with their figures.
     work : callable, from the datasets to rows that say how much was computed
-    summary : callable, from the datasets to the head of the page; the last one of a run counts
+    summary : callable, from the dataset to the head of the page; the last one of a run counts
     failure : callable
         From the dataset to why some of its steps have no answer; such a command ends with 1.
     """
 
     schema: Schema
     cautions: Callable[[Dataset], Iterable[str]] = list_cautions
-    lines: Callable[[Datasets], Iterable[str]] = _nothing
+    lines: Callable[[Dataset], Iterable[str]] = _nothing
     sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
     work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
-    summary: Callable[[Datasets], Summary] | None = None
+    summary: Callable[[Dataset], Summary] | None = None
     failure: Callable[[Dataset], str] = lambda dataset: ""
 
     @property

@@ -161,8 +161,7 @@ def structure_stage(
         own, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
         return replace(own, libraries=tuple(sorted({*own.libraries, "meshio", *installed})))
 
-    def lines(found: Datasets) -> Iterator[str]:
-        result = found[schema.name]
+    def lines(result: Dataset) -> Iterator[str]:
         yield from format_table(result.attrs["title"], *tabulate(result))
         yield from _told(result)
         for section in more(result):
@@ -175,13 +174,12 @@ def structure_stage(
         yield Section("Structure", [*_told(result), *_failures(result)], *tabulate(result))
         yield from more(result)
 
-    def summary(found: Datasets) -> Summary:
-        result = found[schema.name]
+    def summary(result: Dataset) -> Summary:
         steps, solved = result.sizes["step"], int((result["converged"] == 1).sum())
         told = answer(result)
         if solved < steps or not told:
             told.append(f"{solved} of {steps} steps have an answer; see the table.")
-        return Summary(result.attrs["title"], question, told)
+        return Summary(question, told)
 
     return Stage(
         schema=schema,

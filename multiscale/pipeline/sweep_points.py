@@ -77,9 +77,8 @@ def _list(names: list[str], at: list[int]) -> str:
     return f"{named}; and {len(at) - MOST_NAMED} more" if len(at) > MOST_NAMED else named
 
 
-def _summary(found: Datasets) -> Summary:
+def _summary(result: Dataset) -> Summary:
     """Say what is varied, and the range of each answer at the end of the points."""
-    result = found[POINTS.name]
     drawn = result["answer"].values[result["answer_drawn"].values == 1]
     labels = {str(name): str(result["answer_label"].sel(answer=name).values) for name in drawn}
     told = []
@@ -94,7 +93,6 @@ def _summary(found: Datasets) -> Summary:
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     points = f"{'all' if solved == count else f'the {solved} with a result of'} {count} points"
     return Summary(
-        result.attrs["title"],
         f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
         [f"At the end of {points}: {', '.join(told) or 'nothing known'}."],
     )
@@ -118,8 +116,8 @@ def _shown(result: Dataset) -> tuple[Dataset, list[str]]:
     return few, [f"{MOST_SHOWN} of {count} points are shown; {POINTS.file} has all."]
 
 
-def _lines(found: Datasets) -> list[str]:
-    few, more = _shown(found[POINTS.name])
+def _lines(result: Dataset) -> list[str]:
+    few, more = _shown(result)
     return [*format_table(few.attrs["title"], *tabulate_sweep(few)), *more]
 
 

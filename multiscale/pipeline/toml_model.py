@@ -5,7 +5,6 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import partial
 from hashlib import sha256
 from itertools import pairwise
@@ -24,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, suggest
 from multiscale.io import read_bytes, read_text
 from multiscale.units import to_si
 
@@ -279,8 +278,7 @@ def _faults(error: ValidationError, model: type[BaseModel], kinds: Kinds) -> Ite
         where = f"[{table}] " if table else ""
         if fault["type"] == "extra_forbidden":
             known = list(found_in.model_fields)
-            close = get_close_matches(key, known, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"known keys: {', '.join(known)}"
+            hint = suggest(key, known, f"known keys: {', '.join(known)}")
             yield f"{where}has no key {key!r}; {hint}"
         elif fault["type"] == "missing":
             yield f"{where}{key} is missing"

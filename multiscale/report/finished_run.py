@@ -57,7 +57,7 @@ class FinishedRun:
         The stage of the summary tells its answer if it prints nothing else.
         """
         for stage in self.stages[::-1]:
-            lines = list(stage.lines(self.found))
+            lines = list(stage.lines(self.found[stage.name]))
             yield from lines or (self.summary.answer if stage is self.answering else ())
 
     @property
@@ -70,7 +70,12 @@ class FinishedRun:
         """What the run was for, and its answer."""
         summarise = self.answering.summary
         assert summarise is not None  # or it would not answer
-        return summarise(self.found)
+        return summarise(self.found[self.answering.name])
+
+    @property
+    def title(self) -> str:
+        """Title of the case."""
+        return str(self.found[self.answering.name].attrs["title"])
 
 
 def open_finished(out: Path) -> FinishedRun:

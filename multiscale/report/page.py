@@ -118,7 +118,7 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
         return re.sub(r"\bbody_(?=\d)(?!\d\.\w)", "body ", sentence)  # not of tables
 
     return {
-        "title": head.title,
+        "title": run.title,
         "question": in_words(head.question),
         "answer": map(in_words, head.answer),
         "cautions": map(in_words, run.cautions),
@@ -207,7 +207,7 @@ def _work(run: FinishedRun) -> Iterator[Section]:
     yield Section(
         "Citation",
         [
-            f"{run.summary.title}, computed with {program}, {day}. The sources of its methods are "
+            f"{run.title}, computed with {program}, {day}. The sources of its methods are "
             f"listed in the README of the package."
         ],
     )

@@ -81,7 +81,7 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     scale = np.where(fine != 0.0, np.abs(fine), 1.0)
     if len(ratios) == 1 or abs(ratios[1] - r**2) > 0.05 * r**2:
         error = -d1 / (r**LOWEST_ORDER - 1.0)
-        one_sign = np.full(fine.shape, np.nanmin(d1) * np.nanmax(d1) >= 0.0)
+        one_sign = np.full(fine.shape, not (np.any(d1 < 0.0) and np.any(d1 > 0.0)))
         how = f"one coarser grid (spacing {r:g} times), order taken as {LOWEST_ORDER:g}"
         return GridEstimate(error, SAFETY * _size(error, scale, one_sign), np.nan, how)
     d2 = coarser[r] - coarser[ratios[1]]
@@ -99,5 +99,6 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
 def _size(error: np.ndarray, scale: np.ndarray, sure: np.ndarray) -> np.ndarray:
     """Size of the errors, at least the root mean square of all relative ones where not sure."""
-    usual = scale * np.sqrt(np.nanmean((error / scale) ** 2))
+    known = (error / scale)[np.isfinite(error)]
+    usual = scale * (np.sqrt(np.mean(known**2)) if known.size else np.nan)
     return np.asarray(np.where(sure, np.abs(error), np.fmax(np.abs(error), usual)))

@@ -67,7 +67,7 @@ def test_a_case_has_modes_backbone_page_and_series(meshes):
     assert all(name in VIBRATING_BODIES.pictures for name in drawn)
     for name in ("mode_shape_0", "damping_0", "slipping_0"):
         assert drawn[name](meshes / f"{name}.png").stat().st_size > 10_000
-    assert VIBRATING_BODIES.summary(results).answer[0].startswith("Mode 1 has ")
+    assert VIBRATING_BODIES.summary(results["vibration"]).answer[0].startswith("Mode 1 has ")
     assert VIBRATING_BODIES.compared(found)["frequency"].values[-1] == fast
 
 

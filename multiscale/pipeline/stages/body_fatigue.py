@@ -366,12 +366,6 @@ def _tabulate(life: Dataset) -> Table:
     ]
 
 
-def _lines(found: Datasets) -> Iterator[str]:
-    life = found[FATIGUE_LIFE.name]
-    yield from format_table(life.attrs["title"], *_tabulate(life))
-    yield _answer(life)
-
-
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     life = found[FATIGUE_LIFE.name]
     pictures = {
@@ -379,13 +373,6 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "fatigue_damage": on_axes(plot_element_field, life, "damage", near=True),
     }
     yield Section("Fatigue", [_answer(life)], *_tabulate(life), figures=pictures)
-
-
-def _summary(found: Datasets) -> Summary:
-    life = found[FATIGUE_LIFE.name]
-    return Summary(
-        life.attrs["title"], "After how many cycles does a crack start, and where?", [_answer(life)]
-    )
 
 
 def _needs(case: Case) -> Needs:
@@ -411,9 +398,11 @@ BODY_FATIGUE = Stage(
     run=_run,
     write_fields=write_life_fields,
     needs=_needs,
-    lines=_lines,
+    lines=lambda life: [*format_table(life.attrs["title"], *_tabulate(life)), _answer(life)],
     sections=_sections,
-    summary=_summary,
+    summary=lambda life: Summary(
+        "After how many cycles does a crack start, and where?", [_answer(life)]
+    ),
     pictures=("fatigue_amplitude", "fatigue_damage"),
     answers=(
         StageAnswer("cycles_to_crack", "life", "cycles"),

@@ -183,21 +183,19 @@ def _check(result: Dataset) -> None:
         )
 
 
-def _lines(found: Datasets) -> list[str]:
-    result = found[BRAKING.name]
+def _lines(result: Dataset) -> list[str]:
     table = format_table(result.attrs["title"], *_tabulate(result))
     return [*table, *list_facts(result)]
 
 
-def _summary(found: Datasets) -> Summary:
-    result = found[BRAKING.name]
+def _summary(result: Dataset) -> Summary:
     speed, warm = result["sliding_speed"].values, result["temperature"].values - ZERO_CELSIUS
     question = (
         f"How hard does the tread block brake under {1e-3 * float(result['preload'][0]):.4g} kPa, "
         f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to "
         f"{warm.max():.3g} °C?"
     )
-    return Summary(result.attrs["title"], question, braking_answer(result))
+    return Summary(question, braking_answer(result))
 
 
 def braking_answer(result: Dataset) -> list[str]:

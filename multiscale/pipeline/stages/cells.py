@@ -341,8 +341,8 @@ def count_cells(found: Datasets) -> list[tuple[str, str]]:
     ]
 
 
-def _lines(found: Datasets) -> list[str]:
-    measured = _measured(found[CELLS.name])
+def _lines(response: Dataset) -> list[str]:
+    measured = _measured(response)
     tables = (format_table(" ".join(one.lines), one.head, one.rows) for one in measured)
     return [line for table in tables for line in table]
 

@@ -113,13 +113,6 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     yield Section("Crack of the body", [_answer(cracked)], figures=figures)
 
 
-def _summary(found: Datasets) -> Summary:
-    cracked = found[CRACKED_BODY.name]
-    return Summary(
-        cracked.attrs["title"], "Under which load does the body crack?", [_answer(cracked)]
-    )
-
-
 def _needs(case: Case) -> Needs:
     assert isinstance(case.structure, Bodies)  # as the case has checked
     n = case.structure.bodies[0].load().t.shape[1]
@@ -137,9 +130,9 @@ CRACKED_BODY_STAGE = Stage(
     run=_run,
     needs=_needs,
     prepare=_prepare,
-    lines=lambda found: [_answer(found[CRACKED_BODY.name])],
+    lines=lambda cracked: [_answer(cracked)],
     sections=_sections,
-    summary=_summary,
+    summary=lambda cracked: Summary("Under which load does the body crack?", [_answer(cracked)]),
     pictures=("cracked_load", "crack_field"),
     answers=(
         StageAnswer("peak_load", "largest load over the loads of [statics]"),

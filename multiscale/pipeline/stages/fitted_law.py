@@ -219,9 +219,8 @@ def _say_ratio(law: Dataset, axis: int) -> str:
     return f"{value:.3g} ± {float(half_range(drawn)):.1g}"
 
 
-def _summary(found: Datasets) -> Summary:
+def _summary(law: Dataset) -> Summary:
     """Say the middle one of the pressures: gap, stiffness and contact of the interface."""
-    response, law = found[MICRO_RESPONSE.name], found[FITTED_LAW.name]
     pressures = law["fit_pressure"].to_numpy()
     middle = pressures.size // 2
     normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
@@ -252,7 +251,7 @@ def _summary(found: Datasets) -> Summary:
     planned = str(law.attrs.get("plan", "")).splitlines()
     tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
     said = [answer, *planned, *behaviour(law), *tight]
-    return Summary(response.attrs["title"], question, said)
+    return Summary(question, said)
 
 
 def _compared(law: Dataset) -> Dataset:

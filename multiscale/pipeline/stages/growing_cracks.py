@@ -78,8 +78,7 @@ def _tabulate(growth: Dataset) -> Table:
     return head, rows
 
 
-def _lines(found: Datasets) -> Iterator[str]:
-    growth = found[VOLUME_GROWTH.name]
+def _lines(growth: Dataset) -> Iterator[str]:
     yield from format_table("Growth of cracks by the size of the volume", *_tabulate(growth))
     yield _answer(growth)
 
@@ -92,12 +91,6 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     }
     told = [_answer(growth), "Means over volumes, ± one standard deviation."]
     yield Section("Growth of cracks", told, *_tabulate(growth), figures=figures)
-
-
-def _summary(found: Datasets) -> Summary:
-    growth = found[VOLUME_GROWTH.name]
-    question = "Which tension does the solid with its cracks bear, and how does it soften?"
-    return Summary(growth.attrs["title"], question, [_answer(growth)])
 
 
 def _needs(case: Case) -> Needs:
@@ -124,7 +117,10 @@ GROWING_CRACKS = Stage(
     prepare=lambda case: case.growth.volumes(case.rve),
     lines=_lines,
     sections=_sections,
-    summary=_summary,
+    summary=lambda growth: Summary(
+        "Which tension does the solid with its cracks bear, and how does it soften?",
+        [_answer(growth)],
+    ),
     pictures=("crack_damage", "softening"),
     answers=(
         StageAnswer("strength", "tensile strength", "MPa", 1e-6),

@@ -258,8 +258,7 @@ def _check(result: Dataset) -> None:
         raise ConvergenceError(f"the joint is unknown at every preload: {result.attrs['cautions']}")
 
 
-def _lines(found: Datasets) -> Iterator[str]:
-    result = found[JOINT.name]
+def _lines(result: Dataset) -> Iterator[str]:
     yield from _decisions(result)
     yield from format_table(result.attrs["title"], *tabulate(result))
     yield from _left_out(result)
@@ -275,14 +274,13 @@ def _decisions(result: Dataset) -> list[str]:
     return str(result.attrs.get("plan", "")).splitlines()
 
 
-def _summary(found: Datasets) -> Summary:
-    result = found[JOINT.name]
+def _summary(result: Dataset) -> Summary:
     preload = 1e-6 * result["preload"].values
     question = (
         f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
         f"{preload.max():.4g} MPa, and how much of it touches?"
     )
-    return Summary(result.attrs["title"], question, _answer(result))
+    return Summary(question, _answer(result))
 
 
 def _answer(result: Dataset) -> list[str]:

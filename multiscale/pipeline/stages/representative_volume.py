@@ -253,15 +253,13 @@ def _facts(rve: Dataset) -> list[str]:
     ]
 
 
-def _lines(found: Datasets) -> Iterator[str]:
-    rve = found[RVE.name]
+def _lines(rve: Dataset) -> Iterator[str]:
     yield from format_table(rve.attrs["title"], *_tabulate(rve))
     yield from _facts(rve)
     yield from format_table("Size study", *_sizes(rve))
 
 
-def _summary(found: Datasets) -> Summary:
-    rve = found[RVE.name]
+def _summary(rve: Dataset) -> Summary:
     E = 1e-9 * rve["modulus"].to_numpy()
     loss = 100.0 * (1.0 - E / (1e-9 * rve.attrs["youngs_modulus"]))
     k = int(np.argmin(E))
@@ -272,7 +270,7 @@ def _summary(found: Datasets) -> Summary:
         f"plane section has lost {100.0 * float(rve['damage'].max()):.3g} % of its area."
     )
     question = "How stiff is the solid with its pores and cracks, and which sections are damaged?"
-    return Summary(rve.attrs["title"], question, [answer, is_representative(rve)])
+    return Summary(question, [answer, is_representative(rve)])
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:

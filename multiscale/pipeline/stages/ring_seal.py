@@ -108,16 +108,14 @@ def _interval(step: Dataset) -> str:
     return f"{low:.2g} ... {high:.2g}" if np.isfinite(low) else "unknown"
 
 
-def _lines(found: Datasets) -> Iterator[str]:
-    result = found[RING_SEAL.name]
+def _lines(result: Dataset) -> Iterator[str]:
     yield from format_table(result.attrs["title"], *_tabulate(result))
     yield result.attrs["sealing"]
 
 
-def _summary(found: Datasets) -> Summary:
+def _summary(result: Dataset) -> Summary:
     """Say the middle one of the pressures, and from which one the ring is tight."""
-    told = found[RING_SEAL.name].attrs
-    step = found[RING_SEAL.name].isel(step=found[RING_SEAL.name].sizes["step"] // 2)
+    told, step = result.attrs, result.isel(step=result.sizes["step"] // 2)
     leak = _say(step, LEAK_RATE)
     answer = (
         f"{told['ring']}: pressed on by {1e-6 * float(step['nominal_pressure']):.4g} MPa it leaks "
@@ -125,7 +123,7 @@ def _summary(found: Datasets) -> Summary:
         f"{100.0 * float(step['contact_fraction']):.3g} % of it touches."
     )
     question = "How much leaks through the roughness under a ring, against its pressure?"
-    return Summary(told["title"], question, [answer, told["sealing"]])
+    return Summary(question, [answer, told["sealing"]])
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:

@@ -111,7 +111,7 @@ SLIDING = Stage(
     },
     run=_run,
     needs=_needs,
-    lines=lambda found: describe_sliding(found[SLIDING_RESPONSE.name]),
+    lines=describe_sliding,
     sections=_sections,
     pictures=("sliding",),
     answers=(
