@@ -33,10 +33,8 @@ class Solution:
 
     Attributes
     ----------
-    value : ndarray
-        The solution, with the shape and unit in the docstring of the solver.
-    status : Status
-        Why the solver stopped.
+    value : ndarray, the solution, with the shape and unit in the docstring of the solver
+    status : Status, why the solver stopped
     residuals : tuple of float
         Dimensionless residual after each iteration. Empty if none was computed.
     seconds : tuple of float
@@ -83,10 +81,8 @@ def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> St
 
     Parameters
     ----------
-    residuals : sequence of float
-        Residuals of all iterations, at least one; dimensionless.
-    tolerance : float
-        Largest residual that counts as converged, dimensionless.
+    residuals : sequence of float, residuals of all iterations, at least one; dimensionless
+    tolerance : float, largest residual that counts as converged, dimensionless
     patience : float
         Iterations without a smaller residual after which the iteration counts as stalled.
     """

@@ -46,8 +46,7 @@ def run_jobs(
     function : callable
         The function, importable by name if an executor is given. Workers call it with one thread
         for kernels, because they share the machine, unless ``NUMBA_NUM_THREADS`` is set for them.
-    jobs : iterable of key and tuple
-        Arguments of each call.
+    jobs : iterable of key and tuple, arguments of each call
     executor : Executor, optional
         Executor of ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py; serial, with
         all threads, if not given. A pool must spawn its processes
@@ -109,10 +108,8 @@ def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
 
     Parameters
     ----------
-    jobs : int
-        Number of processes on this machine; 0 for one per core.
-    dask : str, optional
-        Address of a scheduler whose workers replace the processes.
+    jobs : int, number of processes on this machine; 0 for one per core
+    dask : str, optional, address of a scheduler whose workers replace the processes
 
     Raises
     ------

@@ -48,10 +48,8 @@ class Cost:
     Attributes
     ----------
     stage : str
-    memory : int
-        Estimated peak of its largest solve, byte.
-    seconds : float
-        Estimated time on one core, s; NaN where there is no estimate.
+    memory : int, estimated peak of its largest solve, byte
+    seconds : float, estimated time on one core, s; NaN where there is no estimate
     """
 
     stage: str
@@ -73,24 +71,16 @@ class Needs:
 
     Attributes
     ----------
-    unknowns_per_contact : int
-        1 without friction, 3 with it.
-    kinematics : str
-        For instance ``"small strain, the mesh follows the surface"``.
-    choices : tuple of Choice
-        Parts that are built, and parts that only other scenes build.
-    state_variables : tuple of str
-        History kept at each point; none for an elastic scene.
-    fields : tuple of str
-        Local fields kept in the result.
-    libraries : tuple of str
-        Heavy libraries that are imported.
-    memory : int
-        Estimated peak memory of the largest solve, byte.
+    unknowns_per_contact : int, 1 without friction, 3 with it
+    kinematics : str, for instance ``"small strain, the mesh follows the surface"``
+    choices : tuple of Choice, parts that are built, and parts that only other scenes build
+    state_variables : tuple of str, history kept at each point; none for an elastic scene
+    fields : tuple of str, local fields kept in the result
+    libraries : tuple of str, heavy libraries that are imported
+    memory : int, estimated peak memory of the largest solve, byte
     seconds : float
         Estimated time on one core, s; NaN where there is no estimate, or the parts are joined.
-    costs : tuple of Cost
-        Costs of stages, of a case that has several.
+    costs : tuple of Cost, costs of stages, of a case that has several
     """
 
     unknowns_per_contact: int = 1

@@ -58,13 +58,11 @@ def to_si(text: object, unit: str) -> float:
     ----------
     text : str
         Number and unit. A number without a unit is accepted only if ``unit`` is ``"1"``.
-    unit : str
-        The SI unit of the result, for instance ``"m"`` or ``"Pa"``.
+    unit : str, the SI unit of the result, for instance ``"m"`` or ``"Pa"``
 
     Returns
     -------
-    float
-        The number in ``unit``.
+    float, the number in ``unit``
 
     Raises
     ------

@@ -31,8 +31,7 @@ def read_table(
 
     Returns
     -------
-    dict of str to list
-        Values of each column in the units of the file.
+    dict of str to list, values of each column in the units of the file
 
     Raises
     ------

@@ -33,14 +33,11 @@ class Topography:
 
     Attributes
     ----------
-    path : Path
-        The file.
-    format : str
-        Format of the file in words.
+    path : Path, the file
+    format : str, format of the file in words
     channels : tuple of str
         All channels of the file with number, name, kind, points, size and unit, as text.
-    channel : str
-        Number and name of the channel that was read.
+    channel : str, number and name of the channel that was read
     heights : ndarray, shape (nx, ny)
         Heights, m, NaN where they are undefined. A line scan has ``ny = 1``.
     size : tuple of float
@@ -129,8 +126,7 @@ def read_surface(
     channel : int or str, optional
         Number, counted from 0, or name of the channel. The format's default height channel if not
         given.
-    size : sequence of float, optional
-        Edge lengths along x and y, m, instead of those of the file.
+    size : sequence of float, optional, edge lengths along x and y, m, instead of those of the file
     unit : float, optional
         Length of one unit of heights (and positions) in the file, m, where the file gives none.
 

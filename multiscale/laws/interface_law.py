@@ -198,10 +198,8 @@ class NormalLaw(InterfaceLaw):
 
         Parameters
         ----------
-        pressure : ndarray, optional
-            Pressures, Pa; those of the data if not given.
-        ax : Axes, optional
-            The current axes if not given.
+        pressure : ndarray, optional, pressures, Pa; those of the data if not given
+        ax : Axes, optional, the current axes if not given
 
         Raises
         ------

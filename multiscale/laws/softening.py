@@ -64,8 +64,7 @@ class Softening:
         Parameters
         ----------
         youngs_modulus : float, Pa
-        width : float
-            Width :math:`h` of the crack band, m: of the element across the crack.
+        width : float, width :math:`h` of the crack band, m: of the element across the crack
         count : int, number of teeth
 
         Returns

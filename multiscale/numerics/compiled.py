@@ -176,12 +176,9 @@ def _content(value: Any, names: dict[str, Any], seen: list[_Kernel]) -> Any:
 
     Parameters
     ----------
-    value : object
-        A kernel, its byte code or a constant.
-    names : dict
-        Globals of the kernel.
-    seen : list of kernels
-        Those met so far, which gets longer.
+    value : object, a kernel, its byte code or a constant
+    names : dict, globals of the kernel
+    seen : list of kernels, those met so far, which gets longer
     """
     if isinstance(value, _Kernel):
         if value in seen:

@@ -15,7 +15,7 @@ from multiscale.micro.mesh.file_cell import cell_from_file
 from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.measured_sides import RoughSide, measured_map, measured_side
-from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.windows import Measured
 from multiscale.surfaces import composite, self_affine
@@ -69,14 +69,11 @@ def _composite(*pair: tuple[float, float]) -> tuple[float, float]:
 
 def longest_wave(case: Case) -> float:
     """Longest wavelength of the roughness of both bodies, m; the cell for a map or a mesh."""
-    synthetic = [
-        body.surface.longest_wave
-        for body in case.bodies
-        if body.surface is not None and not isinstance(body.surface, InstrumentSurface)
-    ]
-    measured = any(isinstance(body.surface, InstrumentSurface) for body in case.bodies)
-    whole = measured or case.cell.mesh is not None
-    return max([*synthetic, *([max(case.cell.size)] if whole else [])])
+    surfaces = [body.surface for body in case.bodies]
+    waves = [one.longest_wave for one in surfaces if isinstance(one, SyntheticSurface)]
+    if case.measured or case.cell.mesh is not None:
+        waves.append(max(case.cell.size))
+    return max(waves)
 
 
 def make_cells(case: Case) -> list[AnyCell]:

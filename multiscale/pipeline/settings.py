@@ -637,22 +637,16 @@ class Case(Settings):
         """
         if self.rve is None:
             raise CaseError(f"{self.title}: the case has no [rve], and so no representative volume")
-        others = set(type(self).model_fields) - {"title", "rve", "growth", "elastic", "strict"}
-        return self.model_copy(update=dict.fromkeys(others))
+        return self._only("rve", "growth")
 
     def without_structure(self) -> Self:
         """Return the part of the case that ends at the law."""
-        after = (
-            "rve",
-            "growth",
-            "structure",
-            "substructures",
-            "fatigue",
-            "seal",
-            "accuracy",
-            *WITH_STRUCTURE,
-        )
-        return self.model_copy(update=dict.fromkeys(after))
+        return self._only(*CELLS, "law", "slide")
+
+    def _only(self, *tables: str) -> Self:
+        """Return the case with some of its tables, and what it says outside of tables."""
+        others = set(type(self).model_fields) - {"title", "elastic", "strict", *tables}
+        return self.model_copy(update=dict.fromkeys(others))
 
     def quick(self) -> Self:
         """Return the same case with coarser and fewer cells, elements, grains and steps.

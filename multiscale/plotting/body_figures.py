@@ -35,8 +35,7 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
 
     Parameters
     ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``, with elements.
+    result : Dataset, follows ``MACRO_RESULT``, with elements
     step : int, load step
     ax : Axes3D
         Axes to draw on. The title says how many times the displacements are enlarged.

@@ -37,8 +37,7 @@ def plot_error_budget(
     budget : Dataset
         Follows ``ERROR_BUDGET``, or a law or macro result that carries one; steps without any
         term are left out.
-    quantity : str, optional
-        Quantity to plot; the first of the budget if not given.
+    quantity : str, optional, quantity to plot; the first of the budget if not given
     """
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity

@@ -86,10 +86,8 @@ def plot_element_field(
 
     Parameters
     ----------
-    life : Dataset
-        Follows ``FATIGUE_LIFE``, with the mesh of the body, or ``CRACKED_BODY``.
-    name : str
-        A key of :data:`ELEMENT_FIELDS`.
+    life : Dataset, follows ``FATIGUE_LIFE``, with the mesh of the body, or ``CRACKED_BODY``
+    name : str, a key of :data:`ELEMENT_FIELDS`
     near : bool
         Whether only the surroundings of damaged elements are shown. A ring marks the crack.
     ax : Axes, optional

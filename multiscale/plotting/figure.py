@@ -93,12 +93,9 @@ def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
 
     Parameters
     ----------
-    mappable : ScalarMappable
-        Coloured artist on the axes.
-    ax : Axes
-        The axes.
-    label : str
-        Quantity and unit.
+    mappable : ScalarMappable, coloured artist on the axes
+    ax : Axes, the axes
+    label : str, quantity and unit
     """
     from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
@@ -123,14 +120,10 @@ def plot_energy_parts(
 
     Parameters
     ----------
-    result : Dataset
-        Motion with ``time``, s, and energies, J.
-    parts : mapping of str to str
-        Variables by their label.
-    work : str
-        Label of the negative work.
-    ax : Axes, optional
-        Axes to draw on.
+    result : Dataset, motion with ``time``, s, and energies, J
+    parts : mapping of str to str, variables by their label
+    work : str, label of the negative work
+    ax : Axes, optional, axes to draw on
     """
     ax, time = axes_or_current(ax), result["time"].values
     energies = {label: result[name].values for label, name in parts.items()}
@@ -150,10 +143,8 @@ def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
 
     Parameters
     ----------
-    ax : Axes3D
-        Axes in space.
-    low, high : ndarray, shape (3,)
-        Corners of the box, in the unit of the axes.
+    ax : Axes3D, axes in space
+    low, high : ndarray, shape (3,), corners of the box, in the unit of the axes
     """
     from matplotlib.ticker import FixedLocator, MaxNLocator
 

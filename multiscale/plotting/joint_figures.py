@@ -81,8 +81,7 @@ def plot_joint_plan(
     ----------
     quantity : str
         ``"contact_state"``, ``"pressure"`` or ``"dissipation"``, the loss of the last cycle.
-    step : int
-        Step; the last one if not given.
+    step : int, step; the last one if not given
     joint : int, number of the joint
     title : str, its preload and shear if not given
     """

@@ -51,8 +51,7 @@ def plot_deformed_links(
     Parameters
     ----------
     ax : Axes3D, where to draw
-    step : int
-        Step; the last one if not given.
+    step : int, step; the last one if not given
     scale : float, factor of the displacements
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection

@@ -58,8 +58,7 @@ def plot_contact_map(fields: Dataset, *, step: int | None = None, ax: Axes | Non
 
     Parameters
     ----------
-    step : int, optional
-        Load step; the middle one if not given.
+    step : int, optional, load step; the middle one if not given
     """
     from matplotlib.patches import Patch
 

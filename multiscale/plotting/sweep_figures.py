@@ -64,10 +64,8 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result : Dataset
-    answer : str
-        One of the coordinate ``answer``, such as ``"joint_stiffness"``.
-    ax : Axes, optional
-        Axes to draw on.
+    answer : str, one of the coordinate ``answer``, such as ``"joint_stiffness"``
+    ax : Axes, optional, axes to draw on
     """
     import matplotlib
     from matplotlib.ticker import EngFormatter
@@ -112,10 +110,8 @@ def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) ->
     Parameters
     ----------
     result : Dataset
-    answer : str
-        One of the coordinate ``answer`` whose ``answer_over`` is another.
-    ax : Axes, optional
-        Axes to draw on.
+    answer : str, one of the coordinate ``answer`` whose ``answer_over`` is another
+    ax : Axes, optional, axes to draw on
     """
     import matplotlib
 

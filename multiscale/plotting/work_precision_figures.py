@@ -47,8 +47,7 @@ def plot_work_precision(
 
     Parameters
     ----------
-    scene : str, optional
-        Scene whose runs are plotted; all scenes if not given.
+    scene : str, optional, scene whose runs are plotted; all scenes if not given
     error : str
         Variable to plot. ``own_ERROR`` is the error against the limit of the method, and
         ``ERROR_uncertainty`` the uncertainty of the reference.
@@ -104,8 +103,7 @@ def plot_history(work_precision: Dataset, *, scene: str, ax: Axes | None = None)
 
     Parameters
     ----------
-    scene : str
-        Scene whose runs are plotted.
+    scene : str, scene whose runs are plotted
     """
     ax = axes_or_current(ax)
     methods = list(dict.fromkeys(work_precision["method"].values))

@@ -105,8 +105,7 @@ def draw_figures(out: str | Path) -> list[Path]:
 
     Returns
     -------
-    list of Path
-        The PNG files, in the order of the page.
+    list of Path, the PNG files, in the order of the page
     """
     with reading_run(out):
         return draw_run(Path(out), open_finished(Path(out)).sections())

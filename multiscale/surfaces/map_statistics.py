@@ -28,14 +28,11 @@ class SelfAffineFit:
     ----------
     hurst_exponent : float
         :math:`H`, between 0 and 1.
-    roll_off : float
-        Wavelength :math:`\lambda_r` above which the density is flat, m.
+    roll_off : float, wavelength :math:`\lambda_r` above which the density is flat, m
     level : float
         Density of the flat part, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).
-    deviation : float
-        Root mean square deviation of the density from the fit, in decades.
-    dimensions : int
-        2 for a map and 1 for a profile.
+    deviation : float, root mean square deviation of the density from the fit, in decades
+    dimensions : int, 2 for a map and 1 for a profile
     """
 
     hurst_exponent: float
@@ -68,13 +65,11 @@ def fit_self_affine(
     ----------
     wavenumber, density : ndarray, shape (bins,)
         Wavenumbers, rad/m, rising, and the positive density of a map, m^4, or of a profile, m^3.
-    dimensions : {2, 1}
-        Whether the density belongs to a map or to a profile.
+    dimensions : {2, 1}, whether the density belongs to a map or to a profile
 
     Returns
     -------
-    SelfAffineFit or None
-        None if fewer than six intervals of a twelfth of a decade have waves.
+    SelfAffineFit or None, none if fewer than six intervals of a twelfth of a decade have waves
     """
     q, C = _logarithmic_bins(wavenumber, density)
     if q.size < FEWEST_BINS:
@@ -103,10 +98,8 @@ def describe_surface(
     surface : Surface
         Map, or line scan of one point across, without trend. Statistics of heights and slopes
         leave out filled points; the density counts them.
-    resolution : float, optional
-        Shortest wavelength that the instrument resolves, m.
-    waves : Spectrum, optional
-        Spectrum of the surface, not periodic, where it is known already.
+    resolution : float, optional, shortest wavelength that the instrument resolves, m
+    waves : Spectrum, optional, spectrum of the surface, not periodic, where it is known already
 
     Returns
     -------

@@ -51,8 +51,7 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
 
     Returns
     -------
-    Surface
-        Heights :math:`\bar h + w(x)\, w(y)\, (h - \bar h)` with Tukey's window :math:`w`, m.
+    Surface, heights :math:`\bar h + w(x)\, w(y)\, (h - \bar h)` with Tukey's window :math:`w`, m
 
     Raises
     ------
@@ -116,8 +115,7 @@ def rotate(surface: Surface, angle: float) -> Surface:
 
     Parameters
     ----------
-    surface : Surface
-        The map; it need not be periodic.
+    surface : Surface, the map; it need not be periodic
     angle : float
         Angle, rad. Multiples of a right angle are exact. Otherwise heights are interpolated by
         cubic splines, which damps the shortest waves, and the result is the largest rectangle,
@@ -164,8 +162,7 @@ def resample(surface: Surface, points: tuple[int, int]) -> Surface:
     Parameters
     ----------
     surface : Surface
-    points : tuple of int
-        Grid points (nx, ny) of the result; fewer than 2 each are refused.
+    points : tuple of int, grid points (nx, ny) of the result; fewer than 2 each are refused
     """
     from scipy.signal import resample as resample_axis
 
@@ -203,8 +200,7 @@ def composite(surface_1: Surface, surface_2: Surface) -> Surface:
 
     Returns
     -------
-    Surface
-        Heights :math:`h_1 + h_2`, m: pressed against a plane, it has the same gaps.
+    Surface, heights :math:`h_1 + h_2`, m: pressed against a plane, it has the same gaps
 
     Raises
     ------

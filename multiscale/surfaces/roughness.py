@@ -22,12 +22,9 @@ class Roughness:
 
     Attributes
     ----------
-    rms_height, rms_slope : float
-        Root mean square height, m, and slope, dimensionless.
-    longest_wave : float
-        Wavelength, m, beyond which a hundredth of the mean square height remains.
-    shortest_wave : float
-        Wavelength, m, below which a hundredth of the mean square slope remains.
+    rms_height, rms_slope : float, root mean square height, m, and slope, dimensionless
+    longest_wave : float, wavelength, m, beyond which a hundredth of the mean square height remains
+    shortest_wave : float, wavelength, m, below which a hundredth of the mean square slope remains
     """
 
     rms_height: float
@@ -42,8 +39,7 @@ class Spectrum:
 
     Attributes
     ----------
-    wavenumber : ndarray, shape (waves,)
-        Wavenumbers, rad/m.
+    wavenumber : ndarray, shape (waves,), wavenumbers, rad/m
     power : ndarray, shape (waves,)
         Share of each wave in the mean square height, averaged over the surfaces, m^2.
     measured : tuple of float
@@ -155,10 +151,8 @@ class Lay:
 
     Attributes
     ----------
-    angle : float
-        Angle of the lay to the x axis, rad, from 0 to pi.
-    ratio : float
-        Root mean square slope across the lay over the slope along it, at least 1.
+    angle : float, angle of the lay to the x axis, rad, from 0 to pi
+    ratio : float, root mean square slope across the lay over the slope along it, at least 1
     oblique : float
         Share of the lay that a mirror image loses: 0 for an isotropic map and for a lay along an
         axis, :math:`|\sin 2\theta|` for parallel ridges.
@@ -176,8 +170,7 @@ def find_lay(surface: Surface, short_cutoff: float) -> Lay:
     ----------
     surface : Surface
         The map, detrended. Hann's window makes it periodic.
-    short_cutoff : float
-        Shortest wavelength that counts, m.
+    short_cutoff : float, shortest wavelength that counts, m
 
     Notes
     -----

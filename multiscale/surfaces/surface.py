@@ -114,8 +114,7 @@ def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
     ----------
     heights : ndarray, shape (nx, ny)
         Heights, m. The fit leaves out points that are NaN, and they stay NaN.
-    order : {0, 1, 2}
-        Degree: 0 removes the mean, 1 a plane, 2 a plane and the curvature.
+    order : {0, 1, 2}, degree: 0 removes the mean, 1 a plane, 2 a plane and the curvature
 
     Returns
     -------

@@ -22,8 +22,7 @@ class Anisotropy:
     ratio : float
         Length of the waves along the lay over their length across it, at least 1; also the root
         mean square slope across the lay over the slope along it.
-    direction : float
-        Angle of the lay, the direction of ridges and grooves, to the x axis, rad.
+    direction : float, angle of the lay, the direction of ridges and grooves, to the x axis, rad
 
     Raises
     ------
@@ -56,8 +55,7 @@ def self_affine(
 
     Parameters
     ----------
-    points, size : tuple
-        Grid points (nx, ny) and edge lengths (Lx, Ly) of the cell, m.
+    points, size : tuple, grid points (nx, ny) and edge lengths (Lx, Ly) of the cell, m
     seed : int
     hurst_exponent : float
         :math:`0 \le H \le 1`, dimensionless.
