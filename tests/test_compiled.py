@@ -6,11 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import multiscale
 from multiscale.errors import MultiscaleError
-from multiscale.numerics.compiled import compiled
+from multiscale.numerics.compiled import compiled, prange
 from tests.support import run_python
 
 PROGRAM = """
@@ -97,6 +98,28 @@ def test_a_cache_that_cannot_be_written_to_is_refused_with_the_setting_that_help
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     with pytest.raises(MultiscaleError, match=r"cannot be kept.*set NUMBA_CACHE_DIR"):
         kernel(1.0)
+
+
+def test_a_parallel_loop_is_translated_as_a_part_of_its_kernel_alone(tmp_path, monkeypatch):
+    from numba.core.codegen import JITCPUCodegen
+
+    @compiled(parallel=True)
+    def kernel(x):
+        total = 0.0
+        for k in prange(len(x)):
+            total += x[k]
+        return total
+
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    names, add = [], JITCPUCodegen._add_module
+
+    def note(codegen, module):
+        names.append(module.name)
+        add(codegen, module)
+
+    monkeypatch.setattr(JITCPUCodegen, "_add_module", note)
+    assert kernel(np.arange(4.0)) == 6.0
+    assert [name for name in names if "kernel" in name or "gufunc" in name] == [kernel.__qualname__]
 
 
 @pytest.mark.parametrize(

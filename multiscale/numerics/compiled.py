@@ -21,6 +21,18 @@ __all__ = ["compiled", "prange", "thread_count", "threads"]
 prange = range
 """``numba.prange`` in kernels, once they are compiled."""
 
+LOOP_LAYERS = (
+    "__numba_parfor_gufunc",
+    "<numba.np.ufunc.wrappers._GufuncWrapper",
+    "parallelgufuncwrapper",
+)
+"""What numba names the code around a parallel loop, which only the kernel of the loop calls."""
+
+PRANGE_ONLY = {"prange": True} | dict.fromkeys(
+    ("comprehension", "fusion", "inplace_binop", "numpy", "reduction", "setitem", "stencil"), False
+)
+"""What becomes a parallel loop: no array expression, which is short and within one."""
+
 LONGEST_WAIT = 120.0  # s for the process that compiles a kernel, before it is compiled here too
 
 
@@ -62,7 +74,33 @@ def _numba() -> Any:
     left = os.environ.get("OMP_NUM_THREADS", "")
     if "NUMBA_NUM_THREADS" not in os.environ and left.isdigit():
         numba.set_num_threads(max(1, min(int(left), numba.get_num_threads())))
+    _translate_loops_once()
     return numba
+
+
+def _translate_loops_once() -> None:
+    """Have a parallel loop optimised and translated as a part of its kernel alone.
+
+    By itself, numba does so for each of the layers around the loop too and throws the result away:
+    three quarters of the time to compile a parallel kernel.
+    """
+    from numba.core import codegen as numba_codegen
+
+    kind: Any = numba_codegen.JITCPUCodegen
+    create, set_environment = kind.create_library, kind.set_env
+
+    def create_library(codegen: Any, name: str, **options: Any) -> Any:
+        library = create(codegen, name, **options)
+        if name.startswith(LOOP_LAYERS):
+            library._optimize_final_module = lambda: None
+            library._finalize_final_module = lambda: setattr(library, "_finalized", True)
+        return library
+
+    def set_env(codegen: Any, name: str, environment: Any) -> None:
+        if codegen._engine.is_symbol_defined(name):  # it is none of a layer
+            set_environment(codegen, name, environment)
+
+    kind.create_library, kind.set_env = create_library, set_env
 
 
 @contextmanager
@@ -89,7 +127,10 @@ class _Kernel:
         numba, names = _numba(), self._function.__globals__
         if names.get("prange") is prange:
             names["prange"] = numba.prange
-        dispatcher = numba.njit(error_model="numpy", **self._options)(self._function)
+        options = {"error_model": "numpy", "no_cfunc_wrapper": True} | self._options
+        if options.get("parallel"):
+            options["parallel"] = PRANGE_ONLY
+        dispatcher = numba.njit(**options)(self._function)
         dispatcher._cache = _LockedCache(self)
         return dispatcher
 

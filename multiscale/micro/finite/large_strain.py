@@ -86,7 +86,7 @@ class _LargeStrainCell:
         return np.zeros((*self.points, rows, BATCH)) if rows else None
 
     def apply(self, v: np.ndarray) -> np.ndarray:
-        out = np.empty_like(v)
+        out = np.zeros_like(v)
         apply_tangent(self.tangent, v, out)
         return out
 

@@ -256,10 +256,9 @@ def _inverse_strain(s, out):  # type: ignore[no-untyped-def]
 
 @parallel_kernel
 def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
-    """Multiply a displacement, m, by the tangent and write forces, N; see :func:`respond_cell`."""
+    """Multiply a displacement, m, by the tangent and add forces, N; see :func:`respond_cell`."""
     nx, layers, components, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
-    out[:] = 0.0
     for colour in range(2):
         for pair in prange((nx + 1 - colour) // 2):
             i = 2 * pair + colour
