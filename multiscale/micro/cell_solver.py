@@ -15,12 +15,12 @@ from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, Mesh
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import CellProblem, ContactState, average_contact
 from multiscale.micro.path import Path
-from multiscale.schema import MICRO_RESPONSE, Dataset
+from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-__all__ = ["solve_cell"]
+__all__ = ["SPOTS", "record_cell", "solve_cell"]
 
 logger = logging.getLogger(__name__)
 
@@ -75,6 +75,31 @@ def solve_cell(
     CaseError
         If the cell cannot be meshed, or is asked for what its kind does not have.
     """
+    record = record_cell(
+        cell,
+        path,
+        keep_fields=keep_fields,
+        keep_spots=keep_spots,
+        keep_flow=keep_flow,
+        recover_stress=recover_stress,
+        tolerance=tolerance,
+        checkpoint=checkpoint,
+    )
+    return MICRO_RESPONSE.build(record.values, **record.attributes)
+
+
+def record_cell(
+    cell: AnyCell,
+    path: Path,
+    *,
+    keep_fields: bool = False,
+    keep_spots: bool = False,
+    keep_flow: bool = False,
+    recover_stress: bool = False,
+    tolerance: float = 1e-8,
+    checkpoint: Checkpoint | None = None,
+) -> PlainDataset:
+    """Solve a cell as :func:`solve_cell` does, without making a dataset of what it answers."""
     shapes: dict[str, tuple[int, ...]] = {}
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)
@@ -103,7 +128,7 @@ def solve_cell(
         _pad_spots(steps)
     if keep_flow:
         steps = [step | _let_through(step, cell.grid_spacing) for step in steps]
-    return _dataset(steps, path, shapes)
+    return _record(steps, path, shapes)
 
 
 @lru_cache(maxsize=1)
@@ -245,7 +270,7 @@ def _pad_spots(steps: Steps) -> None:
             step[name] = padded
 
 
-def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> Dataset:
+def _record(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> PlainDataset:
     """Join the steps with the fields asked for beside; values that a failed step lacks are NaN."""
     shapes: dict[str, tuple[int, ...]] = {"traction": (3,), "displacement_jump": (3,)}
     shapes |= dict.fromkeys(("mean_gap", "contact_fraction"), ()) | asked
@@ -265,4 +290,4 @@ def _dataset(steps: Steps, path: Path, asked: dict[str, tuple[int, ...]]) -> Dat
     if path.time is not None:
         values["time"] = np.array(path.time)
     ended = "; ".join(str(step["ended"]) for step in steps if "ended" in step)
-    return MICRO_RESPONSE.build(values, **({"ended": ended} if ended else {}))
+    return PlainDataset(values, {"ended": ended} if ended else {})

@@ -1,7 +1,7 @@
 """Many cells along one path, one file each, joined into one response."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path as FilePath
 from time import perf_counter
@@ -13,14 +13,17 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.micro.cell import AnyCell
-from multiscale.micro.cell_solver import solve_cell
+from multiscale.micro.cell_solver import SPOTS, record_cell
 from multiscale.micro.checkpoint import WORTH, Checkpoint
 from multiscale.micro.path import Path
-from multiscale.schema import MICRO_RESPONSE, Dataset, Schema
+from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset, Schema
 
-__all__ = ["run_ensemble", "run_realisations"]
+__all__ = ["record_realisation", "run_ensemble", "run_realisations"]
 
 logger = logging.getLogger(__name__)
+
+LOCAL = frozenset({"height", "pressure", "gap"})
+"""Fields that stay in the files of single realisations."""
 
 
 def run_ensemble(
@@ -70,7 +73,7 @@ def run_ensemble(
         If a worker process died; finished cells are kept.
     """
     response = run_realisations(
-        _solve_realisation,
+        record_realisation,
         [
             (
                 cell,
@@ -99,7 +102,7 @@ def run_ensemble(
 
 
 def run_realisations(
-    function: Callable[..., Dataset],
+    function: Callable[..., PlainDataset],
     arguments: Sequence[tuple[Any, ...]],
     *,
     executor: Executor | None,
@@ -115,15 +118,13 @@ def run_realisations(
     Parameters
     ----------
     function : callable
-        Importable by name; gives the response to its arguments, of one realisation or of several.
+        Importable by name; returns one realisation or several.
     arguments : sequence of tuple
     executor, folder, sparing, identity, progress
         See :func:`run_ensemble`.
     name : str, of the files, before their number
     schema : Schema, of the responses
     """
-    import xarray as xr
-
     numbers = range(len(arguments))
     files = [_file_of(folder, k, name) if folder else None for k in numbers]
     results = {
@@ -132,7 +133,7 @@ def run_realisations(
         if (found := _finished(file, identity, schema)) is not None
     }
 
-    def finish(k: int, response: Dataset) -> None:
+    def finish(k: int, response: PlainDataset) -> None:
         results[k] = response
         logger.info("%s %d: %d of %d are finished", name, k, len(results), len(numbers))
         progress(len(results))
@@ -141,44 +142,58 @@ def run_realisations(
     progress(len(results))
     jobs = ((k, (function, arguments[k], files[k], identity, sparing, schema)) for k in todo)
     run_jobs(_compute_and_keep, jobs, executor, finish)
-    ordered = [
-        results[k].drop_vars(["height", "pressure", "gap", "x", "y"], errors="ignore")
-        for k in numbers
-    ]
-    most = max(one.sizes.get("spot", 0) for one in ordered)
-    if most:  # realisations have different numbers of spots
-        ordered = [one.reindex(spot=range(most)) for one in ordered]
-    joined = xr.concat(ordered, "realisation", join="exact", combine_attrs="override")
-    joined = joined.assign_coords(realisation=range(joined.sizes["realisation"]))
+    records = [results[k] for k in numbers]
     ended = "\n".join(
-        f"realisation {k}: {results[k].attrs['ended']}"
-        for k in numbers
-        if "ended" in results[k].attrs
+        f"{name} {k}: {one.attributes['ended']}"
+        for k, one in enumerate(records)
+        if "ended" in one.attributes
     )
     # provenance and identity belong to single realisations
-    joined.attrs = {"ended": ended} if ended else {}
-    return joined
+    joined = schema.join(_without_fields(records), "realisation")
+    return schema.build(joined.values, **({"ended": ended} if ended else {}))
+
+
+def _without_fields(records: list[PlainDataset]) -> list[PlainDataset]:
+    """Leave out local fields, and give spots one number of rows: those without a spot are NaN."""
+    most = max(np.shape(one.values.get("spot_area", [[[]]]))[2] for one in records)
+
+    def padded(spots: np.ndarray) -> np.ndarray:
+        whole = np.full((*spots.shape[:2], most, *spots.shape[3:]), np.nan)
+        whole[:, :, : spots.shape[2]] = spots
+        return whole
+
+    return [
+        PlainDataset(
+            {
+                name: padded(array) if name in SPOTS else array
+                for name, array in one.values.items()
+                if name not in LOCAL
+            }
+        )
+        for one in records
+    ]
 
 
 def _compute_and_keep(
-    function: Callable[..., Dataset],
+    function: Callable[..., PlainDataset],
     arguments: tuple[Any, ...],
     file: FilePath | None,
     identity: str,
     sparing: bool,
     schema: Schema,
-) -> Dataset:
+) -> PlainDataset:
     """Compute a realisation and write its file, unless it is spared."""
     begun = perf_counter()
-    response = function(*arguments)
+    record = function(*arguments)
     if file is not None and not (sparing and perf_counter() - begun < WORTH):
         make_folder(file.parent)
+        response = schema.build(record.values, **record.attributes)
         write_dataset(response, file, schema, identity=identity)
         remove(_steps_of(file))
-    return response
+    return record
 
 
-def _finished(file: FilePath | None, identity: str, schema: Schema) -> Dataset | None:
+def _finished(file: FilePath | None, identity: str, schema: Schema) -> PlainDataset | None:
     """Return the response of a realisation computed before, if it is whole."""
     if file is None or not file.exists():
         return None
@@ -191,7 +206,7 @@ def _finished(file: FilePath | None, identity: str, schema: Schema) -> Dataset |
             f"{file} was computed for another case; choose another folder, or delete "
             f"{file.parent} to compute it again"
         )
-    return found
+    return schema.plain(found)
 
 
 def _file_of(folder: FilePath, k: int, name: str = "realisation") -> FilePath:
@@ -203,12 +218,10 @@ def _steps_of(file: FilePath) -> FilePath:
     return file.with_name(f".{file.stem}.npz")
 
 
-def _solve_realisation(
-    cell: AnyCell,
-    path: Path,
-    kept: dict[str, bool],
-    checkpoint: Checkpoint | None,
-) -> Dataset:
-    """Solve one cell and add its statistics."""
-    response = solve_cell(cell, path, **kept, checkpoint=checkpoint)
-    return MICRO_RESPONSE.assign(response, cell.surface_record(heights=kept["keep_fields"]))
+def record_realisation(
+    cell: AnyCell, path: Path, kept: Mapping[str, Any], checkpoint: Checkpoint | None = None
+) -> PlainDataset:
+    """Solve one cell and add the statistics of its surface; ``kept`` are keywords of the solver."""
+    found = record_cell(cell, path, **kept, checkpoint=checkpoint)
+    statistics = cell.surface_record(heights=kept.get("keep_fields", False))
+    return PlainDataset({**found.values, **statistics}, found.attributes)

@@ -26,7 +26,14 @@ from multiscale.schema.damage_schema import (
     VOLUME_GROWTH,
     WOEHLER,
 )
-from multiscale.schema.dataset_schema import COMPONENTS, Dataset, Schema, Variable, with_cautions
+from multiscale.schema.dataset_schema import (
+    COMPONENTS,
+    Dataset,
+    PlainDataset,
+    Schema,
+    Variable,
+    with_cautions,
+)
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
 from multiscale.schema.structure_schema import (
     GRANULATE,
@@ -81,6 +88,7 @@ __all__ = [
     "WOEHLER",
     "WORK_PRECISION",
     "Dataset",
+    "PlainDataset",
     "Schema",
     "Variable",
     "branch_of",

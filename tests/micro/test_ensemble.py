@@ -29,7 +29,7 @@ from multiscale.micro import (
 from multiscale.micro import ensemble as module
 from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import ContactState
-from multiscale.schema import MICRO_RESPONSE
+from multiscale.schema import MICRO_RESPONSE, PlainDataset
 from multiscale.surfaces import rms_slope
 from tests.support import rough_square
 
@@ -56,6 +56,18 @@ def test_realisations_are_joined_with_labels_units_and_statistics(cells):
     assert np.ptp(response["mean_gap"].values[:, 0]) > 0.0
 
 
+def test_what_a_realisation_lacks_is_nan_and_what_all_share_stands_once():
+    first = PlainDataset({"mean_gap": np.ones((2, 3)), "branch": np.zeros(3, int)})
+    second = PlainDataset({"mean_gap": np.ones((1, 3)), "slip_fraction": np.full((1, 3), 0.5)})
+    joined = MICRO_RESPONSE.join([first, second], "realisation").values
+    assert joined["mean_gap"].shape == (3, 3)
+    assert joined["branch"].shape == (3,)
+    np.testing.assert_array_equal(joined["slip_fraction"][:, 0], [np.nan, np.nan, 0.5])
+    longer = PlainDataset({"mean_gap": np.ones((1, 4))})
+    with pytest.raises(ValueError, match="dimension"):
+        MICRO_RESPONSE.join([first, longer], "realisation")
+
+
 def test_executors_give_the_same_response(cells, tmp_path):
     serial = run_ensemble(cells, PATH)
     with ThreadPoolExecutor(1) as executor:
@@ -72,10 +84,10 @@ def test_finished_realisations_are_not_computed_again(cells, tmp_path, monkeypat
     damaged = tmp_path / "realisation-0002.nc"
     damaged.write_bytes(damaged.read_bytes()[:1000])
     solved = []
-    solve = module.solve_cell
+    solve = module.record_cell
     monkeypatch.setattr(
         module,
-        "solve_cell",
+        "record_cell",
         lambda cell, *args, **kw: solved.append(cell) or solve(cell, *args, **kw),
     )
     second = run_ensemble(cells, PATH, folder=tmp_path, identity="a", progress=counts.append)

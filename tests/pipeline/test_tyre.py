@@ -50,9 +50,9 @@ def test_the_friction_of_the_cells_moves_along_the_speed_by_the_shift_factor(tmp
     start, end = text.index("speeds = "), text.index("temperatures = ")
     text = text[:start] + 'speeds = ["1 cm/s", "0.1 m/s", "1 m/s", "10 m/s"]\n' + text[end:]
     case = case_of(tmp_path, text)
-    found = slide_road(case, make_roads(case)[0])
-    assert found["converged"].values.all()
-    mu = found["traction"].values[0, :, 1].reshape(3, 3, 4)
+    found = slide_road(case, make_roads(case)[0]).values
+    assert np.all(found["converged"])
+    mu = found["traction"][0, :, 1].reshape(3, 3, 4)
     np.testing.assert_allclose(mu[0, :, :3], mu[1, :, 1:], rtol=1e-5)
     np.testing.assert_allclose(mu[1, :, :3], mu[2, :, 1:], rtol=1e-5)
 

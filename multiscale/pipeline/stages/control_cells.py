@@ -4,14 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from multiscale.micro import Path, solve_cell
-from multiscale.micro.ensemble import run_realisations
+from multiscale.micro import Path
+from multiscale.micro.ensemble import record_realisation, run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset, with_cautions
+from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset, PlainDataset, with_cautions
 from multiscale.upscaling import loading_branch, normal_observations
 from multiscale.upscaling.control_variates import Control, best_ratio
 
@@ -70,20 +70,18 @@ def press_control(case: Case, count: int, job: Job) -> Dataset:
     return control.isel(realisation=range(count))
 
 
-def _press_batch(case: Case, start: int, stop: int) -> Dataset:
+def _press_batch(case: Case, start: int, stop: int) -> PlainDataset:
     """Press the flat cells of some realisations under all pressures of the path, rising."""
-    import xarray as xr
-
     if case.measured:
         cells = make_cells(case.control(stop))[start:]
     else:
         micro = case.micro.model_copy(update={"seed": case.micro.seed + start})
         cells = make_cells(case.model_copy(update={"micro": micro}).control(stop - start))
     path = Path(pressure=tuple(sorted({*case.micro.path})))
-    found = [solve_cell(cell, path, tolerance=TOLERANCE) for cell in cells]
-    records = [cell.surface_record(heights=False) for cell in cells]
-    known = [MICRO_RESPONSE.assign(*one) for one in zip(found, records, strict=True)]
-    return xr.concat(known, "realisation", combine_attrs="override")
+    records = [record_realisation(cell, path, {"tolerance": TOLERANCE}) for cell in cells]
+    ended = [str(one.attributes["ended"]) for one in records if "ended" in one.attributes]
+    values = MICRO_RESPONSE.join(records, "realisation").values
+    return PlainDataset(values, {"ended": "; ".join(ended)} if ended else {})
 
 
 def _best_count(pairs: int, control: Control | None) -> tuple[int, str]:

@@ -33,7 +33,7 @@ from multiscale.plotting.rve_figures import (
     plot_rve_damage,
     plot_size_study,
 )
-from multiscale.schema import RVE, RVE_VOLUMES, Dataset
+from multiscale.schema import RVE, RVE_VOLUMES, Dataset, PlainDataset
 from multiscale.units import readable
 
 __all__ = ["REPRESENTATIVE_VOLUME", "is_representative", "measure_case", "say_interval", "say_mean"]
@@ -98,8 +98,8 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
 
 def _measure(
     measure: Callable[..., Dataset], volume: Cavities | VoxelImage, voxels: int, share: float
-) -> Dataset:
-    return measure(volume, voxels=voxels, share=share)
+) -> PlainDataset:
+    return RVE_VOLUMES.plain(measure(volume, voxels=voxels, share=share))
 
 
 def _cautions(

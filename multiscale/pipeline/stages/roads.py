@@ -17,7 +17,7 @@ from multiscale.pipeline.toml_model import read_toml, validate
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.surface_figures import plot_road
-from multiscale.schema import MICRO_RESPONSE, Dataset
+from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine
 from multiscale.surfaces.surface import Surface
 
@@ -34,12 +34,12 @@ def make_roads(case: TyreCase) -> list[Surface]:
     ]
 
 
-def slide_road(case: TyreCase, road: Surface) -> Dataset:
+def slide_road(case: TyreCase, road: Surface) -> PlainDataset:
     """Slide rubber over one road at every temperature, pressure and speed, in this order.
 
     Returns
     -------
-    Dataset, follows ``MICRO_RESPONSE``, with temperature and speed along ``step``
+    PlainDataset, follows ``MICRO_RESPONSE``, with temperature and speed along ``step``
     """
     slides = case.sliding
     steps = list(product(slides.temperatures, slides.pressures, slides.speeds))
@@ -65,7 +65,7 @@ def slide_road(case: TyreCase, road: Surface) -> Dataset:
     traction[0, :, 1] = p * [one.friction for one in found]
     jump[0, :, 0] = mean_gap - (road.heights.max() - road.heights.mean())
     statistics = (rms_height, rms_slope, nayak_parameter)
-    return MICRO_RESPONSE.build(
+    return PlainDataset(
         {
             "displacement_jump": jump,
             "traction": traction,
