@@ -17,7 +17,7 @@ Kernel = tuple[Callable[[], object], float, float]
 """One application, the bytes that it must read and write, and its operations."""
 
 
-def _stiffness(points: int) -> Kernel:
+def _stiffness(dtype: type[np.floating], points: int) -> Kernel:
     """Stiffness of the conforming cell: 2 x 2 x 2 Gauss points in each hexahedron."""
     from multiscale.bench.micro_family import scene_surface
     from multiscale.micro.elastic_operator import stiffness_operator
@@ -26,9 +26,9 @@ def _stiffness(points: int) -> Kernel:
     surface = scene_surface(points)
     mesh = GraphMesh(surface, graded_planes(surface.size[0], LAYERS, surface.spacing[0]))
     apply = stiffness_operator(mesh, *np.ones((2, LAYERS)))
-    u = np.random.default_rng(seed=1).standard_normal((points, LAYERS, 3, points))
+    u = np.random.default_rng(seed=1).standard_normal((points, LAYERS, 3, points)).astype(dtype)
     out = np.empty_like(u)
-    return partial(apply, u, out), 16.0 * u.size, 1000.0 * u.size / 3.0
+    return partial(apply, u, out), 2.0 * u.nbytes, 1000.0 * u.size / 3.0
 
 
 def _inverse(points: int) -> Kernel:
@@ -55,8 +55,9 @@ def _convolution(points: int) -> Kernel:
     return partial(SurfaceFilter(symbol), values), 16.0 * values.size + symbol.nbytes, flops
 
 
-LIMIT_SCENES = {
-    "stiffness of a conforming cell": _stiffness,
+LIMIT_SCENES: dict[str, Callable[[int], Kernel]] = {
+    "stiffness of a conforming cell, double precision": partial(_stiffness, np.float64),
+    "stiffness of a conforming cell, single precision": partial(_stiffness, np.float32),
     "inverse of a flat cell": _inverse,
     "compliance of a flat cell": _convolution,
 }

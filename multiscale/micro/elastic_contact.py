@@ -142,7 +142,7 @@ def solve_elastic_contact(
     out_of_balance = np.zeros(body.shape, body.dtype)  # beside the contact forces before
 
     residuals: list[float] = []
-    n_linear, fewest, patience, changed, sharp = 0, gap.size + 1, _BLOCKS, True, False
+    n_linear, fewest, patience, changed = 0, gap.size + 1, _BLOCKS, True
     status, rounding = Status.MAX_ITERATIONS, _ROUNDING * float(np.finfo(body.dtype).eps)
     drift = rounding  # of the residual away from its recurrence
     stage = _LinearStage(body, gap, closing, active, load, tolerance)
@@ -163,7 +163,7 @@ def solve_elastic_contact(
             force,
             room,
             square,
-            0.0 if sharp else _LOOSE,
+            _LOOSE if patience > 0 else 0.0,
             _LINEAR_LIMIT - n_linear,
         )
         n_linear += iterations
@@ -198,7 +198,6 @@ def solve_elastic_contact(
         else:
             patience -= changed
         if patience <= 0 and n_wrong:  # exchange single nodes by least index
-            sharp = True
             wrong &= np.arange(gap.size).reshape(gap.shape) == np.flatnonzero(wrong)[:1]
         if changed:
             active = active ^ wrong
@@ -331,7 +330,6 @@ class _LinearStage:
             last = 0.5 * residual
         target = max(last, loose * residual)
         while True:
-            residual = self.residual(square, force)
             if residual <= target and not np.any(self.wrong(u, delta, force)):
                 target = last
             patience -= 1
@@ -355,7 +353,7 @@ class _LinearStage:
             square = advance(alpha, _flat(p), _flat(u), _flat(q), _flat(out_of_balance))
             force -= alpha * reaction
             delta += alpha * p_delta
-            rz_old = rz
+            residual, rz_old = self.residual(square, force), rz
             iteration += 1
 
 

@@ -34,7 +34,8 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
         return np.linspace(0.0, depth, layers + 1)
 
     power, total = np.arange(layers), depth / top_thickness
-    ratio, step = total ** (1.0 / (layers - 1)), np.inf  # too large, so that Newton falls to it
+    # too large, so that Newton falls to it; scipy.optimize would load for longer than a cell takes
+    ratio, step = total ** (1.0 / (layers - 1)), np.inf
     while step > 1e-15 * ratio:
         thickness = ratio**power
         step = (thickness.sum() - total) / (power @ thickness / ratio)

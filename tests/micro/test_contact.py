@@ -1,5 +1,7 @@
 """The contact loop: complementarity, control, extremes, and what it says when it fails."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, elastic_contact, self_affine, solve_cell
-from multiscale.micro.elastic_contact import ElasticBody
+from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.flat import solve_flat
 from multiscale.micro.graph_cell import assemble_graph_cell
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
@@ -49,6 +51,28 @@ def test_solution_satisfies_every_condition_of_contact(pressure):
     assert np.min(distance) >= -1e-8 * np.ptp(gap)
     assert np.max(np.abs(distance[state.active])) <= 1e-10 * np.ptp(gap)
     assert np.all(state.force[~state.active] <= 1e-8 * largest)
+
+
+def test_iterations_in_single_and_in_double_precision_end_at_one_answer():
+    body, gap, closing = assemble_graph_cell(cell_of(rough())).solve.args
+    assert body.dtype is np.float32
+    single, double = (
+        solve_elastic_contact(replace(body, dtype=precision), gap, closing, load=0.02)
+        for precision in (np.float32, np.float64)
+    )
+    assert single.displacement.dtype == np.float64
+    assert single.linear_iterations <= double.linear_iterations
+    np.testing.assert_array_equal(single.active, double.active)
+    assert single.approach == pytest.approx(double.approach, rel=1e-8)
+    distance = np.linalg.norm(single.force - double.force)
+    assert distance <= 1e-8 * np.linalg.norm(double.force)
+
+
+@pytest.mark.parametrize("nu", [0.4, 0.4999])
+def test_nearly_incompressible_cells_iterate_in_double_precision(nu):
+    """In single precision they would take up to a tenth more iterations."""
+    body, *_ = assemble_graph_cell(cell_of(rough(), poissons_ratio=nu)).solve.args
+    assert body.dtype is np.float64
 
 
 def test_prescribing_the_approach_found_for_a_pressure_gives_the_pressure_back():
