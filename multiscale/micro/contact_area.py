@@ -146,11 +146,10 @@ def contact_areas(
                 outer = np.unravel_index(edge_nodes, force.shape)
                 inner = [_shifted(outer, axis, -k * side, force.shape) for k in range(4)]
                 inwards = [square[nodes] for nodes in inner]
-                fall = [
-                    _fall(*(square[_shifted(outer, k, step, force.shape)] for step in (-1, 0, 1)))
-                    for k in (0, 1)
-                ]
-                share = weight[outer] * fall[axis] / np.maximum(fall[0] + fall[1], TINY)
+                sides = [square[_shifted(outer, 1 - axis, k, force.shape)] for k in (-1, 1)]
+                along = np.maximum(inwards[1] - inwards[0], inwards[0]) ** 2  # free outside
+                across = _fall(sides[0], inwards[0], sides[1])
+                share = weight[outer] * along / np.maximum(along + across, TINY)
                 place = _smooth_edge(inwards, edge)
                 for k in (2, 1, 0) if flows else ():
                     before = inwards[k - 1] if k else 0.0
