@@ -39,7 +39,8 @@ from multiscale.micro.finite.element_stiffness import (
     walsh,
 )
 from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
-from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
+from multiscale.micro.finite.plastic import plastic, plastic_state
+from multiscale.micro.finite.plastic_tangent import SINGLE_ROWS
 from multiscale.micro.hexahedron import BATCH, gather, scatter
 from multiscale.numerics.compiled import compiled, prange
 
@@ -86,6 +87,7 @@ def _dilate(s, q):  # type: ignore[no-untyped-def]
 
 @part
 def _spread(g, weight, det, out):  # type: ignore[no-untyped-def]
+    """Add one direction of this flux to its rows of the three components."""
     for v in range(BATCH):
         volume = weight[v] * det[v]
         out[v] += volume * g[v]
