@@ -15,8 +15,10 @@ from multiscale.macro import (
     tensegrity_grid,
 )
 from multiscale.macro.discrete import link_newton
-from multiscale.macro.discrete.compatibility import compatibility
-from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.macro.discrete.compatibility import compatibility, equations
+from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
+from multiscale.macro.discrete.link_zones import unbalanced_zones
+from multiscale.numerics.newton import Limits
 
 
 def equilibrium_error(system, result, load_factor):
@@ -49,13 +51,57 @@ def test_factors_without_slack_that_are_kept_lead_to_the_same_tensions(load_fact
     monkeypatch.setattr(
         Tangent, "factorise", lambda *args, **key: made.append(1) or factorise(*args, **key)
     )
-    monkeypatch.setattr(link_newton, "KEPT_FROM", 0)
+    monkeypatch.setattr(link_newton, "LARGE", 0)
     result = solve_static(grid, load_factor, method="newton")
     assert result.converged == 1
     assert load_factor == 4.0 or 1 < len(made) <= 3, "one or two beside those without slack"
     assert equilibrium_error(grid, result, load_factor) < 1e-9
     largest = float(np.abs(reference.tension).max())
     np.testing.assert_allclose(result.tension, reference.tension, atol=1e-9 * largest)
+
+
+def test_zones_solved_alone_save_factorisations_of_the_whole(monkeypatch):
+    grid, sizes, factorise = tensegrity_grid(16), [], Tangent.factorise
+
+    def count(tangent, entries, **options):
+        sizes.append(tangent.diagonal.size)
+        return factorise(tangent, entries, **options)
+
+    monkeypatch.setattr(Tangent, "factorise", count)
+    whole = []
+    for large in (10**9, 0):
+        monkeypatch.setattr(link_newton, "LARGE", large)
+        sizes.clear()
+        assert solve_static(grid, 4.0, method="newton").converged == 1
+        whole.append(sizes.count(max(sizes)))
+    assert min(sizes) < 0.1 * max(sizes)
+    assert whole[1] <= 0.75 * whole[0], "8 and 12"
+
+
+def test_zones_out_of_balance_are_apart_and_balanced_by_their_own_equations():
+    grid = tensegrity_grid(24)
+    model = equations(grid)
+    tangent = prepare_tangent(grid, model)
+    load = np.zeros(model.n)
+    load[model.number[[30, 550], 2]] = -1e4  # two nodes of the lower layer, far apart
+    u = np.random.default_rng(seed=5).uniform(-1e-7, 1e-7, model.n)
+    elastic = model.stiffness * model.elongate(u)
+    parts = list(unbalanced_zones(model, tangent, load, elastic))
+    for unknowns, part, part_tangent, largest in parts:
+        assert largest == pytest.approx(1e4, rel=0.01)
+        nothing = np.zeros(unknowns.size)
+        state = link_newton.solve_newton(part, part_tangent, 1.0, nothing, Limits())
+        assert state.solution.converged
+        u[unknowns] += state.solution.value
+    assert len(parts) == 2
+    tension = np.clip(
+        model.prestress + model.stiffness * model.elongate(u), model.lower, model.upper
+    )
+    residual = np.abs(load - model.gather(tension))
+    inside = np.concatenate([unknowns for unknowns, *_ in parts])
+    assert inside.size == np.unique(inside).size <= 0.1 * model.n
+    assert residual[inside].max() < 1e-9 * 1e4
+    assert residual.max() > 1.0, "the rest was held"
 
 
 def test_the_corrected_solution_is_symmetric_and_meets_the_last_step():

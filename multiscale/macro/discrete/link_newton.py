@@ -1,6 +1,6 @@
 """Proximal semismooth Newton method for links that go slack."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState, force_scale, round_off, state_of
 from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.macro.discrete.link_zones import unbalanced_zones
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
@@ -27,12 +28,23 @@ SHORT_STEP, GOOD_STEP = 0.01, 0.5
 MAX_SHORT_STEPS = 4
 """Number of successive short steps after which the method stops."""
 
-KEPT_FROM = 10_000
-"""Unknowns from which a factorisation costs so many solves that the first factors are kept."""
+LARGE = 10_000
+"""Unknowns from which a factorisation costs so much that the first factors are kept, and that \
+zones out of balance are solved before the next one."""
 
 MAX_SOFTENING, KEPT_DECREASE = 1.5, 0.5
 """Length of the first step up to which factors without slack suit the structure that has slack, \
 and share to which every step with them must reduce the work of the forces out of balance."""
+
+SOFTENED_STIFFNESS = 0.3
+"""Stiffness of a slack link in a large structure after a longer first step."""
+
+FAST_DECREASE = 0.1
+"""Decrease of the residual in one step up to which a large structure with an unchanged set of \
+slack links needs no new factors."""
+
+ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)
+"""Of a zone; the tolerance is relative to its largest force out of balance."""
 
 MAX_PAIRS = 8
 """Number of last steps whose curvature corrects kept factors."""
@@ -109,6 +121,9 @@ def solve_newton(
     increased while so many are slack that the tangent is singular; they have none in the residual.
     In large structures that few slack links soften, the factors without slack are kept at first and
     corrected by the curvature of the last steps [1]_, until the set of slack links is constant.
+    Elsewhere few links whose change the tangent did not foresee would cut every step: after a whole
+    step the zones around the largest forces out of balance are solved, each alone with the rest
+    held [2]_, and the step goes along the sum of both displacements if that makes it longer.
 
     The elongations are summed step by step beside the displacement, not computed from it: their
     rounding is then relative to their own size, and equilibrium is met to the rounding of the
@@ -117,6 +132,7 @@ def solve_newton(
     References
     ----------
     .. [1] J. Nocedal, Math. Comput. 35 (1980) 773-782, doi:10.1090/S0025-5718-1980-0572855-7.
+    .. [2] P. J. Lanzkron, D. J. Rose and J. T. Wilkes, SIAM J. Sci. Comput. 17 (1996) 538-559.
     """
     u = np.array(start, dtype=float)
     load = load_factor * model.load
@@ -128,7 +144,8 @@ def solve_newton(
     residual, direction, step = imbalance, u, 0.0
     solve, factored = taut, np.ones(elastic.size, dtype=bool)
     factored_share = slack_stiffness.share
-    kept, before, last_work = taut is not None and model.n >= KEPT_FROM, factored, np.inf
+    large = model.n >= LARGE
+    kept, before, last_work = taut is not None and large, factored, np.inf
     pairs: list[tuple[np.ndarray, np.ndarray]] = []
 
     while True:
@@ -152,7 +169,9 @@ def solve_newton(
             direction = secant_direction(solve, pairs, residual)
             kept = residual @ direction <= KEPT_DECREASE * last_work
         if not kept:
-            if solve is None or not same or slack_stiffness.share != factored_share:
+            fast = large and np.abs(residual).max() < FAST_DECREASE * np.abs(last).max()
+            stale = slack_stiffness.share != factored_share and not fast
+            if solve is None or not same or stale:
                 share = np.where(carries, 1.0, slack_stiffness.share)
                 try:
                     solve = tangent.factorise(tangent.entries(share * model.stiffness))
@@ -164,11 +183,33 @@ def solve_newton(
         growth = model.stiffness * model.elongate(direction)
         before, last_work = carries, float(residual @ direction)
         step = exact_step(elastic, growth, model.stiffness, lower, upper, last_work)
+        if large and not kept:
+            relaxed = direction + relax_zones(model, tangent, load, elastic + growth)
+            relaxed_growth = model.stiffness * model.elongate(relaxed)
+            work = float(residual @ relaxed)
+            longer = exact_step(elastic, relaxed_growth, model.stiffness, lower, upper, work)
+            if work > 0.0 and longer > step:
+                direction, growth, step = relaxed, relaxed_growth, longer
         u, elastic = u + step * direction, elastic + step * growth
         kept = kept and (bool(pairs) or step <= MAX_SOFTENING)
         slack_stiffness.adapt(step)
+        if large and not run.steps and step > MAX_SOFTENING:
+            slack_stiffness.share = SOFTENED_STIFFNESS
 
     return state_of(model, run.solution(u), elastic)
+
+
+def relax_zones(
+    model: LinkEquations, tangent: Tangent, load: np.ndarray, elastic: np.ndarray
+) -> np.ndarray:
+    """Return the displacement that balances the zones farthest from equilibrium, each alone, m."""
+    u = np.zeros(model.n)
+    for unknowns, part, part_tangent, residual in unbalanced_zones(model, tangent, load, elastic):
+        tolerance = ZONE_LIMITS.tolerance * residual / force_scale(part, part.load)
+        limits = replace(ZONE_LIMITS, tolerance=tolerance)
+        state = solve_newton(part, part_tangent, 1.0, u[unknowns], limits)
+        u[unknowns] = state.solution.value
+    return u
 
 
 def secant_direction(

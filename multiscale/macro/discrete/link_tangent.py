@@ -11,7 +11,7 @@ from multiscale.numerics.cholesky import Factorise, prepare_cholesky
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 
-__all__ = ["Tangent", "prepare_tangent"]
+__all__ = ["Tangent", "place_rows", "prepare_tangent"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +38,12 @@ class Tangent:
     def diagonal(self) -> np.ndarray:
         """Indices of the entries on the diagonal, shape (n,)."""
         return self.start[:-1]
+
+    @property
+    def pattern(self) -> csr_array:
+        """Upper triangle of ones, shape (n, n)."""
+        n = self.start.size - 1
+        return csr_array((np.ones(self.column.size, np.int8), self.column, self.start), (n, n))
 
     def entries(self, stiffness: np.ndarray) -> np.ndarray:
         """Return the upper triangle of B^T k B, N/m, for stiffnesses k of shape (rows,), N/m."""
@@ -85,6 +91,11 @@ def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
     graph = csr_array(coo_array((np.ones(pairs[0].size, dtype=np.int8), pairs), shape=size))
     graph.sort_indices()
     start, column = _pattern(graph.indptr, graph.indices, model.number, model.n)
+    return place_rows(model, start, column)
+
+
+def place_rows(model: LinkEquations, start: np.ndarray, column: np.ndarray) -> Tangent:
+    """Return the tangent of a known pattern, the upper triangle by rows."""
     place = _places(model.unknown, start, column)
     return Tangent(start, column, place, model.coefficient, prepare_cholesky(start, column))
 
