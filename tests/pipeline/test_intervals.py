@@ -21,7 +21,7 @@ from multiscale.upscaling import error_budget, fit_law, sliders_from_dataset, wi
 from tests.support import TWO_BLOCKS, joints_of, write_scene
 from tests.upscaling.responses import response_of
 
-CYCLES = '[cycles]\nshear = "1.5 MPa"\ncycles = 1\nsteps = 4\n'
+CYCLES = '[cycles]\nshear = "1.5 MPa"\ncycles = 1\nsteps = 2\n'
 SCENE = TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction') + CYCLES
 PRESSURE = np.geomspace(1e6, 2e8, 9)
 CELL = 2e-3  # m, on blocks of 20 mm
