@@ -1,8 +1,10 @@
 """What the command line tells while it works."""
 
+import sys
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from time import sleep
+from types import SimpleNamespace
 
 import pytest
 import typer
@@ -11,7 +13,18 @@ import multiscale
 from multiscale import cli
 from multiscale.executors import workers
 from multiscale.needs import say_time
-from tests.support import run_python
+from tests.support import run_python, write_scene
+
+PORES = """
+title = "Pores"
+[rve]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+size = "1 mm"
+[rve.recipe]
+porosity = 0.1
+pore_radius = "0.2 mm"
+"""
 
 
 def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeypatch, capsys):
@@ -28,6 +41,22 @@ def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeyp
         "6 of 6 points",
         "0 of 3 steps",
     ]
+
+
+@pytest.mark.parametrize("command", [["run"], ["damage"]])
+def test_a_run_that_lacks_answers_shows_what_it_has_and_ends_with_one(
+    command, monkeypatch, tmp_path, capsys
+):
+    finished = SimpleNamespace(cautions=["few"], lines=lambda: ["half"], failure="no other step")
+    monkeypatch.setattr("multiscale.pipeline.run", lambda case, out, **options: None)
+    monkeypatch.setattr("multiscale.report.show_run", lambda out: finished)
+    case = write_scene(tmp_path, PORES)
+    monkeypatch.setattr(sys, "argv", ["multiscale", *command, str(case), "-o", str(tmp_path)])
+    with pytest.raises(SystemExit, match="1"):
+        cli.main()
+    said = capsys.readouterr()
+    assert said.out.splitlines()[0] == "half"
+    assert said.err.splitlines()[-2:] == ["caution: few", "multiscale: Pores: no other step"]
 
 
 def test_long_times_are_told_in_minutes_hours_and_days():

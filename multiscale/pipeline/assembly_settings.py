@@ -391,13 +391,8 @@ class Bodies(StructureKind):
             sound = changed.get(number) or law_from_dataset(law)
             damage = one.damage or float(law.get("interface_damage", 0.0))
             worn = Damaged(sound, damage) if damage else sound
-            source = one.over(case.interface)
-            given = {
-                name: getattr(source, name)
-                for name in ("friction", "stiffness_ratio")
-                if getattr(source, name) is not None
-            }
-            made.append(replace(sliders_from_dataset(law, normal=worn, **beds), **given))
+            bed = sliders_from_dataset(law, normal=worn, **beds)
+            made.append(replace(bed, **one.over(case.interface).given))
         return made
 
     def beds(self, case: "Case") -> dict[str, Any]:

@@ -84,7 +84,7 @@ class JointsOfLaw:
     law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
     joints : tuple of int, numbers of the joints
     measured : collection of str
-        Parameters of their sliders, of :data:`PARAMETERS`, that come from the law, and not given.
+        Parameters of their sliders that come from the law, as the case gives none.
     """
 
     law: Dataset
@@ -110,9 +110,6 @@ JointSolve = Callable[[Change], "Dataset"]
 must be able to import it."""
 
 BED = "friction bed"  # a term
-
-PARAMETERS = ("friction", "stiffness_ratio")
-"""Parameters of the sliders, which are those of the law where the case gives none."""
 
 UNKNOWN_LOSS = (
     "the error of the loss of a cycle is not known, since no cells of the law went through closed "
@@ -155,7 +152,7 @@ class ErrorSources:
             elif not any(law is other for other in laws[:number]):  # the first interface of its law
                 source = one.over(case.interface)
                 joints = tuple(k for k, other in enumerate(laws) if other is law)
-                measured = [name for name in PARAMETERS if getattr(source, name) is None]
+                measured = {"friction", "stiffness_ratio"} - source.given.keys()
                 found.append(JointsOfLaw(law, joints, measured))
         return cls(found, bodies.uncertainties(), unknown)
 

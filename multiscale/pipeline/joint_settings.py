@@ -132,6 +132,11 @@ class JointLaw(LawSource):
         "the ratio of the law, or else 2 (1 - nu)/(2 - nu), with a caution.",
     )
 
+    @property
+    def given(self) -> dict[str, Any]:
+        """Parameters of the sliders that the case gives, by their names."""
+        return self.model_dump(include={"friction", "stiffness_ratio"}, exclude_none=True)
+
     def tell_missing(self, known: Collection[str], strict: bool, where: str = "[interface]") -> str:
         """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
         if self.friction is None and "friction" not in known:

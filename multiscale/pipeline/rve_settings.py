@@ -180,10 +180,7 @@ class RveSettings(Settings):
     def _read_size(cls, value: object) -> object:
         return (value,) * 3 if isinstance(value, str) else value
 
-    @field_validator("parts")
-    @classmethod
-    def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        return must_rise(value)
+    _rise = field_validator("parts")(must_rise)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

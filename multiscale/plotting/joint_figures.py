@@ -21,7 +21,6 @@ from multiscale.units import Unit, stiffness_unit
 
 if TYPE_CHECKING:
     from matplotlib.collections import Collection
-    from matplotlib.colors import Colormap
 
 __all__ = [
     "draw_joint",
@@ -85,6 +84,7 @@ def plot_joint_plan(
     joint : int, number of the joint
     title : str, its preload and shear if not given
     """
+    from matplotlib.colors import ListedColormap
     from matplotlib.patches import Patch
     from matplotlib.transforms import ScaledTranslation
 
@@ -93,7 +93,9 @@ def plot_joint_plan(
     area = result["point_area"].values[mine]
     if quantity == "contact_state":
         state = result["contact_state"].values[step, mine]
-        draw_points(result, mine, state, ax).set(cmap=_zones(), clim=(-0.5, 2.5))
+        draw_points(result, mine, state, ax).set(
+            cmap=ListedColormap(ZONE_COLOURS), clim=(-0.5, 2.5)
+        )
         middle = ScaledTranslation(0.5, 0.0, ax.transAxes)  # type: ignore[arg-type]
         handles = [
             Patch(
@@ -122,13 +124,6 @@ def plot_joint_plan(
         title = f"preload {preload:.3g} MPa, {at}"
     ax.set_title(title)
     return ax
-
-
-def _zones() -> "Colormap":
-    """Colours of open, sticking and slipping points."""
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(list(ZONE_COLOURS))
 
 
 def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes) -> "Collection":

@@ -37,7 +37,7 @@ def friction_observations(response: Dataset) -> Observations:
     if "sliding_speed" in response.variables:
         speed = np.asarray(response["sliding_speed"].to_numpy(), dtype=float)
     elif "slip_fraction" in response.variables:
-        slipping = _slip_fraction(response)
+        slipping = np.asarray(response["slip_fraction"].to_numpy(), dtype=float)
         counted &= slipping == 1.0
         if not np.any(counted):
             raise CaseError(
@@ -58,13 +58,6 @@ def friction_observations(response: Dataset) -> Observations:
         np.where(counted, coefficient, np.nan)[:, steps],
         **inherited(response),
     )
-
-
-def _slip_fraction(response: Dataset) -> np.ndarray:
-    """Share of the contact that slips (realisations, steps); NaN where not known."""
-    if "slip_fraction" not in response.variables:
-        return np.full(response["mean_gap"].shape, np.nan)
-    return np.asarray(response["slip_fraction"].to_numpy(), dtype=float)
 
 
 def _speeds(response: Dataset, counted: np.ndarray) -> np.ndarray:

@@ -60,10 +60,6 @@ ANSWERS = (
 )
 
 
-def _run(case: Case, found: Datasets, job: Job) -> Dataset:
-    return measure_case(case.rve, job).assign_attrs(title=case.title)
-
-
 def measure_case(rve: RveSettings, job: Job) -> Dataset:
     """Measure all volumes of the settings, of which finished ones are kept, and average them."""
     volumes = [*rve.jobs()]
@@ -332,7 +328,7 @@ REPRESENTATIVE_VOLUME = Stage(
     schema=RVE,
     tables=("rve",),
     reads={"title", "rve"},
-    run=_run,
+    run=lambda case, found, job: measure_case(case.rve, job).assign_attrs(title=case.title),
     needs=_needs,
     prepare=lambda case: case.rve.first(),
     cautions=list_cautions,
