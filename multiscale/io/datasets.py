@@ -132,7 +132,10 @@ def open_dataset(path: str | PathLike[str], schema: Schema | None = None) -> "xr
 
 def _load(path: Path) -> "xr.Dataset | None":
     """Load a file; None if it is damaged. Then h5py and xarray raise exceptions of many kinds."""
+    import h5netcdf
     import xarray as xr
+
+    from multiscale.io.kept_objects import KeptObjects
 
     hook, dataset = sys.unraisablehook, None
     # h5netcdf fails again when it deletes a file it cannot open
@@ -140,7 +143,9 @@ def _load(path: Path) -> "xr.Dataset | None":
     try:
         if is_endless(path):
             return None
-        dataset = xr.load_dataset(path, engine="h5netcdf")
+        with KeptObjects(path) as objects, h5netcdf.File(objects, "r") as file:
+            dataset = xr.load_dataset(xr.backends.H5NetCDFStore(file))
+        dataset.encoding["source"] = str(path)
     except Exception as error:
         logger.debug("%s: %s", path, error)
     finally:

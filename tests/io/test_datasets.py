@@ -41,6 +41,9 @@ def test_every_schema_can_be_built_and_round_trips(schema, tmp_path):
     write_dataset(written, tmp_path / "d.nc", schema)
     read = open_dataset(tmp_path / "d.nc", schema)
     xr.testing.assert_equal(read, written)
+    plain = xr.load_dataset(tmp_path / "d.nc", engine="h5netcdf")
+    xr.testing.assert_identical(read, plain)
+    assert read.encoding["source"] == plain.encoding["source"]
     for variable in schema.variables | schema.optional:
         assert read[variable].attrs["units"] == (schema.variables | schema.optional)[variable].units
 
