@@ -6,7 +6,7 @@ import platform
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
@@ -60,7 +60,10 @@ def write_dataset(
     MultiscaleError
         If the file cannot be written.
     """
+    import h5netcdf
     import xarray as xr
+
+    from multiscale.io.kept_objects import KeptObjects
 
     schema.check(dataset)
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -75,9 +78,8 @@ def write_dataset(
     )
     content = BytesIO()
     # to_netcdf would import dask where it is installed, and ask a cluster for a lock on these bytes
-    store = xr.backends.H5NetCDFStore.open(content, mode="w", lock=False)
-    with closing(store):
-        whole.dump_to_store(store)
+    with KeptObjects(content, "w") as objects, h5netcdf.File(objects, "w") as file:
+        whole.dump_to_store(xr.backends.H5NetCDFStore(file, lock=False))
     write_bytes(path, content.getvalue())
 
 
@@ -143,7 +145,7 @@ def _load(path: Path) -> "xr.Dataset | None":
     try:
         if is_endless(path):
             return None
-        with KeptObjects(path) as objects, h5netcdf.File(objects, "r") as file:
+        with KeptObjects(path, "r") as objects, h5netcdf.File(objects, "r") as file:
             dataset = xr.load_dataset(xr.backends.H5NetCDFStore(file))
         dataset.encoding["source"] = str(path)
     except Exception as error:
