@@ -145,7 +145,10 @@ def _load(path: Path) -> "xr.Dataset | None":
     try:
         if is_endless(path):
             return None
-        with KeptObjects(path, "r") as objects, h5netcdf.File(objects, "r") as file:
+        with (
+            KeptObjects(path, "r") as objects,
+            h5netcdf.File(objects, "r", decode_vlen_strings=True) as file,
+        ):
             dataset = xr.load_dataset(xr.backends.H5NetCDFStore(file))
         dataset.encoding["source"] = str(path)
     except Exception as error:

@@ -31,7 +31,7 @@ def test_every_schema_can_be_built_and_round_trips(schema, tmp_path):
     ) | {"component": 3}
     values = {
         name: (
-            np.array(["a", "b"])
+            np.array(["a", "µ"])
             if name in ("method", "scene")
             else np.ones([sizes[dim] for dim in variable.dims])
         )
