@@ -22,9 +22,9 @@ class GridEstimate:
 
     Attributes
     ----------
-    error : ndarray, shape (steps,), estimated error of the answer, answer minus limit, in its unit
-    half_width : ndarray, shape (steps,), about a 95 % bound on its size, same unit
-    order : float, observed order, one for all steps; NaN if the grids tell none
+    error : ndarray, shape (..., steps), estimated error, answer minus limit, in the answer's unit
+    half_width : ndarray, shape (..., steps), about a 95 % bound on its size, same unit
+    order : float, observed order, one for all answers and steps; NaN if the grids tell none
     how : str, the estimate in words
     """
 
@@ -39,8 +39,8 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
     Parameters
     ----------
-    answer : ndarray, shape (steps,), on the finest grid; any unit
-    coarser : mapping of float to ndarray, shape (steps,)
+    answer : ndarray, shape (..., steps), on the finest grid; any unit, for each answer its own
+    coarser : mapping of float to ndarray, shape (..., steps)
         From the ratio :math:`r > 1` of the spacings to the answer there; one or two grids, the
         second with :math:`r^2`.
 
@@ -58,13 +58,14 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
         q = \frac{\ln (\|d_2\| / \|d_1\|)}{\ln r}, \qquad e = -\frac{d_1}{r^q - 1}, \qquad
         |e_{95}| = 1.25\, |e|.    \tag{1}
 
-    The order belongs to the discretisation and is one for all steps: at a single step, where a
-    difference passes through zero, the ratio of both may be anything, and the bound is at least
-    the one of the root mean square of :math:`e` there. With one coarser grid the order is 1, the
-    order of the contact fraction and the lowest of the averages, and this holds for all steps if
-    :math:`d_1` changes its sign over them. Where three grids tell no order
-    between 0.5 and 3, or the differences are not alike (a cosine below a half), the bound is
-    three times the largest difference. The factors are taken from the grid convergence index [1]_.
+    The order belongs to the discretisation and is one for all answers and steps: at a single step,
+    where a difference passes through zero, the ratio of both may be anything, and the bound is at
+    least the root mean square of :math:`e_{95}` over the steps there. With one coarser grid the
+    order is 1, the order of the contact fraction and the lowest of the averages, and this bound
+    holds at all steps of an answer whose :math:`d_1` changes its sign over them. Where three grids
+    tell no order between 0.5 and 3, or the differences are not alike (a cosine below a half), the
+    bound is three times the largest difference. The factors are taken from the grid convergence
+    index [1]_. Where a coarser grid has no answer, NaN, the error is not known.
 
     References
     ----------
@@ -81,9 +82,9 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
     scale = np.where(fine != 0.0, np.abs(fine), 1.0)
     if len(ratios) == 1 or abs(ratios[1] - r**2) > 0.05 * r**2:
         error = -d1 / (r**LOWEST_ORDER - 1.0)
-        one_sign = np.full(fine.shape, not (np.any(d1 < 0.0) and np.any(d1 > 0.0)))
+        falls, rises = (np.any(one, axis=-1, keepdims=True) for one in (d1 < 0.0, d1 > 0.0))
         how = f"one coarser grid (spacing {r:g} times), order taken as {LOWEST_ORDER:g}"
-        return GridEstimate(error, SAFETY * _size(error, scale, one_sign), np.nan, how)
+        return GridEstimate(error, SAFETY * _size(error, scale, ~(falls & rises)), np.nan, how)
     d2 = coarser[r] - coarser[ratios[1]]
     product, *squares = (float(np.nansum(one / scale**2)) for one in (d1 * d2, d1**2, d2**2))
     how = f"two coarser grids (spacing {r:g} and {ratios[1]:g} times), observed order "
@@ -98,7 +99,9 @@ def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray])
 
 
 def _size(error: np.ndarray, scale: np.ndarray, sure: np.ndarray) -> np.ndarray:
-    """Size of the errors, at least the root mean square of all relative ones where not sure."""
-    known = (error / scale)[np.isfinite(error)]
-    usual = scale * (np.sqrt(np.mean(known**2)) if known.size else np.nan)
-    return np.asarray(np.where(sure, np.abs(error), np.fmax(np.abs(error), usual)))
+    """Size of errors, at least the root mean square of relative ones over the steps if not sure."""
+    square = (error / scale) ** 2
+    known = np.isfinite(square)
+    count = np.maximum(np.count_nonzero(known, axis=-1, keepdims=True), 1)
+    usual = scale * np.sqrt(np.sum(square, axis=-1, keepdims=True, where=known) / count)
+    return np.asarray(np.where(sure, np.abs(error), np.maximum(np.abs(error), usual)))

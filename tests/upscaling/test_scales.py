@@ -52,6 +52,13 @@ def test_one_coarser_grid_whose_difference_changes_its_sign_has_no_small_error_a
     np.testing.assert_allclose(same.half_width, 1.25 * np.abs(difference))
 
 
+def test_one_coarser_grid_bounds_each_of_several_answers_by_its_own_differences():
+    answer = np.array([[2.0, 2.0, 2.0], [1.0, 1.0, 1.0]])
+    coarse = np.array([[2.1, 1.9, np.nan], [0.8, 0.8, 0.8]])
+    half_width = estimate_grid_error(answer, {2.0: coarse}).half_width
+    np.testing.assert_allclose(half_width, [[0.125, 0.125, np.nan], [0.25, 0.25, 0.25]])
+
+
 def test_a_grid_is_not_judged_by_finer_or_no_others():
     with pytest.raises(CaseError, match="at least one coarser"):
         estimate_grid_error(np.ones(1), {})
