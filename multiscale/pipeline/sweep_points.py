@@ -1,6 +1,7 @@
 """How the points of a sweep are shown, each a run in a folder of its own."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -59,10 +60,16 @@ def _first(cautions: Iterable[str]) -> list[str]:
 
 
 def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
-    """Points of each sentence; of those that differ by their numbers, the first stands for all."""
-    alike: dict[str, dict[str, list[int]]] = {}
+    """Points of each sentence; of those that differ by their numbers, the first stands for all.
+
+    Sentences of one point, such as those of two interfaces, are told apart by their order.
+    """
+    alike: dict[tuple[str, int], dict[str, list[int]]] = {}
+    seen: Counter[tuple[str, int]] = Counter()
     for text, point in found:
-        alike.setdefault(NUMBER.sub("", text), {}).setdefault(text, []).append(point)
+        rest = NUMBER.sub("", text)
+        alike.setdefault((rest, seen[rest, point]), {}).setdefault(text, []).append(point)
+        seen[rest, point] += 1
     first = " (numbers of the first of these points)"
     return {
         next(iter(same)) + (first if len(same) > 1 else ""): sorted(

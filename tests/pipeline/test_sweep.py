@@ -298,6 +298,8 @@ def test_sentences_of_points_that_differ_by_numbers_are_told_once():
         "body_1 reaches 631 MPa (numbers of the first of these points)": [0, 2],
         "body_2 reaches 2 MPa": [1],
     }
+    both = [(f"interface {joint}: no budget", point) for point in (0, 1) for joint in (0, 1)]
+    assert _places(both) == {"interface 0: no budget": [0, 1], "interface 1: no budget": [0, 1]}
 
 
 @pytest.mark.slow
