@@ -479,7 +479,9 @@ def bench_command(
         typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
         joined = join_families(measured)  # what is finished stays if the next family is killed
         write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
-    _print_table("cheapest way to an error of at most", *tabulate_cheapest(joined))
+    head, rows = tabulate_cheapest(joined)
+    if rows:
+        _print_table("cheapest way to an error of at most", head, rows)
     typer.echo(f"all runs: {out / 'work_precision.nc'}")
 
 

@@ -89,11 +89,12 @@ def tabulate_cheapest(
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the cheapest method and setting of every scene for each error that may be asked for.
 
-    Of the dataset of :func:`join_families`, head and one row for each scene; "none" where no run
-    reached the error, "unknown" where the reference is less certain.
+    Of the dataset of :func:`join_families`, head and one row for each scene that has errors; "none"
+    where no run reached the error, "unknown" where the reference is less certain.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
-    scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values)
+    timed_alone = work_precision["error"].isnull() & (work_precision["converged"] == 1)
+    scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values[~timed_alone])
     return head, [
         (scene, *(_cheapest(work_precision, scene, target) for target in TARGETS))
         for scene in scenes

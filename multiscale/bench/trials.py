@@ -132,7 +132,7 @@ def measure_family(
                 process=family.process,
             )
             settings = "".join(f", {name} {value:g}" for name, value in trial.settings.items())
-            report(f"{scene}, {trial.method}{settings}: {runs[trial].wall_time:.3g} s")
+            report(f"{scene}, {trial.method}{settings}: a run of {runs[trial].wall_time:.3g} s")
         if mine:
             rows += _judged(family, scene, mine)
             keep(_arranged(family, rows, runs, cautions, load))
