@@ -44,7 +44,7 @@ FAST_DECREASE = 0.1
 slack links needs no new factors."""
 
 ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)
-"""Of a zone; the tolerance is relative to its largest force out of balance."""
+"""Limits for a zone; the tolerance is relative to the largest force out of balance of all zones."""
 
 MAX_PAIRS = 8
 """Number of last steps whose curvature corrects kept factors."""
