@@ -122,6 +122,25 @@ def test_a_parallel_loop_is_translated_as_a_part_of_its_kernel_alone(tmp_path, m
     assert [name for name in names if "kernel" in name or "gufunc" in name] == [kernel.__qualname__]
 
 
+def test_universal_functions_of_others_are_translated_as_ever():
+    """In a process of their own: one that is not translated ends the process when it is called."""
+    program = """
+        import numba, numpy as np
+        from multiscale.numerics.compiled import thread_count
+
+        thread_count()  # brings numba
+
+        @numba.guvectorize(["void(float64[:], float64[:])"], "(n)->(n)", target="{}")
+        def double(x, out):
+            for k in range(x.size):
+                out[k] = 2.0 * x[k]
+
+        print(double(np.arange(3.0)))
+    """
+    for target in ("cpu", "parallel"):
+        assert "[0. 2. 4.]" in run_python(program.format(target)).stdout
+
+
 @pytest.mark.parametrize(
     ("given", "taken"),
     [

@@ -82,12 +82,15 @@ def _translate_loops_once() -> None:
     """Have a parallel loop optimised and translated as a part of its kernel alone.
 
     By itself, numba does so for each of the layers around the loop too and throws the result away:
-    three quarters of the time to compile a parallel kernel.
+    three quarters of the time to compile a parallel kernel. Elsewhere numba calls layers of the
+    same names by themselves, as those of ``guvectorize``, which are translated as ever.
     """
     from numba.core import codegen as numba_codegen
+    from numba.parfors import parfor_lowering
 
     kind: Any = numba_codegen.JITCPUCodegen
     create, set_environment = kind.create_library, kind.set_env
+    lower = parfor_lowering._lower_parfor_parallel
 
     def create_library(codegen: Any, name: str, **options: Any) -> Any:
         library = create(codegen, name, **options)
@@ -100,7 +103,15 @@ def _translate_loops_once() -> None:
         if codegen._engine.is_symbol_defined(name):  # it is none of a layer
             set_environment(codegen, name, environment)
 
-    kind.create_library, kind.set_env = create_library, set_env
+    def lower_loop(*arguments: Any) -> None:
+        before = kind.create_library, kind.set_env
+        kind.create_library, kind.set_env = create_library, set_env
+        try:
+            lower(*arguments)
+        finally:
+            kind.create_library, kind.set_env = before
+
+    parfor_lowering._lower_parfor_parallel = lower_loop
 
 
 @contextmanager
