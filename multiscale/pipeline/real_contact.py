@@ -67,9 +67,9 @@ def with_real_pressure(case: Case, response: Dataset) -> Dataset:
         modulus = surface_modulus(case)
         if largest > ELASTIC * modulus and not case.elastic:
             caution = (
-                f"{reached}, {largest / modulus:.2g} of the contact modulus, and nothing flows: a "
-                f"metal does well below; give its hardness, or set elastic = true for a body that "
-                f"does not flow"
+                f"{reached}, {largest / modulus:.2g} of the contact modulus, and nothing flows, "
+                f"though a metal flows well below: give its hardness, or set elastic = true for a "
+                f"body that does not flow"
             )
     else:
         told += f" The mean real pressure reaches {largest / hardness:.2f} of that hardness."

@@ -58,5 +58,5 @@ def tabulate_statistics(told: Dataset, *, measured: bool) -> list[tuple[str, str
     if is_map:
         degrees, ratio = np.rad2deg(float(told["lay_angle"])), float(told["lay_ratio"])
         lay = f"at {round(degrees) % 180} degrees to x" if ratio >= LAY else "no lay"
-        rows.append(("rms slope across over along the lay", f"{ratio:.3g}, {lay}"))
+        rows.append(("rms slope across the lay over along it", f"{ratio:.3g}, {lay}"))
     return rows

@@ -251,8 +251,8 @@ def _losses(
             lost.append(
                 f"its windows hold {pieces / whole:.2g}, "
                 + (
-                    f"where cells of {_length(edge)}, of whose windows the map holds {separate}, "
-                    f"have room for the waves of {HELD:g}"
+                    f"where cells of {_length(edge)} would hold {HELD:g} (the map has room for the "
+                    f"windows of {separate} side by side)"
                     if order == 0 and edge > max(cell.size)
                     else "as the map is rougher elsewhere: more realisations cover more of it"
                 )
