@@ -92,6 +92,13 @@ def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray],
             f"{path}: no column {' and no column '.join(missing)}; the first line should name "
             f"{example}, found {', '.join(table)}"
         )
+    for head in table:
+        name, _ = _named(head)
+        if name in wanted and found[name][0] != head:
+            raise CaseError(
+                f"{path}: the columns {head!r} and {found[name][0]!r} have one name; leave one of "
+                f"them out"
+            )
     columns = {}
     for name, unit in wanted.items():
         head, given = found[name]
@@ -101,7 +108,7 @@ def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray],
                 f"{name} ({_EXAMPLE[unit]})"
             )
         try:
-            factor = to_si(f"1 {given}", _PINT[unit]) if given and given != "1" else 1.0
+            factor = 1.0 if (given or "1") == unit else to_si(f"1 {given}", _PINT[unit])
         except CaseError as error:
             raise CaseError(f"{path}: the column {head!r}: {error}") from error
         columns[name] = factor * np.array(table[head])

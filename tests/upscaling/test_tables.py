@@ -92,6 +92,11 @@ def test_specimens_give_bands_by_specimen():
             "pressure,stiffness (MPa/um)\n1,2\n",
             r"'pressure' has no unit; write it in the first line, such as pressure \(MPa\)",
         ),
+        ("pressure (1),stiffness (MPa/um)\n1,2\n", r"the column 'pressure \(1\)': "),
+        (
+            "pressure (MPa),stiffness (MPa/um),stiffness (MPa/mm)\n1,2,2000\n",
+            r"'stiffness \(MPa/um\)' and 'stiffness \(MPa/mm\)' have one name; leave one",
+        ),
         ("pressure (mm),stiffness (MPa/um)\n1,2\n", r"'pressure \(mm\)': .* cannot be converted"),
         ("pressure (MPa),stiffness (MPa)\n1,2\n", r"'1 MPa' cannot be converted to Pa/m"),
         ("pressure (MPa),stiffness (MPa/um)\n1,two\n", "line 2: .* should be a number, got 'two'"),
