@@ -179,12 +179,14 @@ class Schema:
         return PlainDataset(values, dataset.attrs)
 
     def join(self, datasets: Sequence[PlainDataset], dim: str) -> PlainDataset:
-        """Join arrays whose first dimension is ``dim``; others are those of the first dataset.
+        """Join arrays whose first dimension is ``dim``; the others are the same in all datasets.
 
         An array that a dataset lacks is NaN there. What is joined has no attributes.
 
         Raises
         ------
+        SchemaError
+            If an array without the dimension differs.
         ValueError
             If sizes along other dimensions differ.
         """
@@ -193,14 +195,26 @@ class Schema:
         known, joined = {**self.variables, **self.optional}, {}
         along = {name for name, variable in known.items() if variable.dims[:1] == (dim,)}
         counts = [len(next(one.values[k] for k in one.values if k in along)) for one in datasets]
-        for name in dict.fromkeys(name for one in datasets for name in one.values):
+        names = dict.fromkeys(name for one in datasets for name in one.values)
+        for name in sorted(names, key=along.__contains__):  # shared ones first: they say why sizes differ
             found = [one.values.get(name) for one in datasets]
-            first = np.asarray(next(one for one in found if one is not None))
-            parts = [
-                np.full((count, *first.shape[1:]), np.nan) if one is None else one
-                for one, count in zip(found, counts, strict=True)
-            ]
-            joined[name] = np.concatenate(parts) if name in along else first
+            given = [one for one in found if one is not None]
+            first = np.asarray(given[0])
+            if name in along:
+                lacking = np.full(first.shape[1:], np.nan)
+                joined[name] = np.concatenate(
+                    [
+                        [lacking] * count if one is None else one
+                        for one, count in zip(found, counts, strict=True)
+                    ]
+                )
+            elif all(np.array_equal(first, one) for one in given):
+                joined[name] = first
+            else:
+                raise SchemaError(
+                    f"{name} is not the same in all {self.name!r} datasets to be joined along "
+                    f"{dim}; compute them for the same {name}, in a folder of their own"
+                )
         return PlainDataset(joined)
 
     def _describe(self, values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from multiscale import executors
 from multiscale.convergence import Status
-from multiscale.errors import CaseError, MultiscaleError
+from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import process_pool, run_jobs
 from multiscale.micro import (
     Cell,
@@ -66,6 +66,13 @@ def test_what_a_realisation_lacks_is_nan_and_what_all_share_stands_once():
     longer = PlainDataset({"mean_gap": np.ones((1, 4))})
     with pytest.raises(ValueError, match="dimension"):
         MICRO_RESPONSE.join([first, longer], "realisation")
+
+
+@pytest.mark.parametrize("pressures", [(0.002, 0.02), (0.001, 0.01, 0.02)])
+def test_realisations_of_another_path_in_the_folder_are_not_joined(cells, tmp_path, pressures):
+    run_ensemble(cells[:1], PATH, folder=tmp_path)
+    with pytest.raises(SchemaError, match=r"(branch|nominal_pressure) is not the same in all"):
+        run_ensemble(cells[:2], Path(pressure=pressures), folder=tmp_path)
 
 
 def test_executors_give_the_same_response(cells, tmp_path):
