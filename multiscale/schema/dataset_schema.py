@@ -196,7 +196,7 @@ class Schema:
         along = {name for name, variable in known.items() if variable.dims[:1] == (dim,)}
         counts = [len(next(one.values[k] for k in one.values if k in along)) for one in datasets]
         names = dict.fromkeys(name for one in datasets for name in one.values)
-        for name in sorted(names, key=along.__contains__):  # shared ones first: they say why sizes differ
+        for name in sorted(names, key=along.__contains__):  # first those that all share
             found = [one.values.get(name) for one in datasets]
             given = [one for one in found if one is not None]
             first = np.asarray(given[0])
