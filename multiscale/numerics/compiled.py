@@ -28,6 +28,12 @@ LOOP_LAYERS = (
 )
 """What numba names the code around a parallel loop, which only the kernel of the loop calls."""
 
+NEWEST_TRIED = (0, 68)
+"""Newest numba, from 0.61 on, whose parallel loops are known to be right if translated once.
+
+With a newer one kernels are right too, and take longer to compile.
+"""
+
 PRANGE_ONLY = {"prange": True} | dict.fromkeys(
     ("comprehension", "fusion", "inplace_binop", "numpy", "reduction", "setitem", "stencil"), False
 )
@@ -74,7 +80,8 @@ def _numba() -> Any:
     left = os.environ.get("OMP_NUM_THREADS", "")
     if "NUMBA_NUM_THREADS" not in os.environ and left.isdigit():
         numba.set_num_threads(max(1, min(int(left), numba.get_num_threads())))
-    _translate_loops_once()
+    if numba.version_info.short <= NEWEST_TRIED:
+        _translate_loops_once()
     return numba
 
 

@@ -58,8 +58,7 @@ def unbalanced_zones(
     part_of, position = np.full(model.n + 1, -1), np.full(model.n + 1, -1, dtype=np.int32)
     part_of[unknowns] = part
     row_part = part_of[model.unknown].max(axis=1)  # -1, a fixed component, selects the last entry
-    for index in range(count):
-        rows, inside = np.flatnonzero(row_part == index), np.flatnonzero(part == index)
+    for rows, inside in zip(_members(row_part, count), _members(part, count), strict=True):
         position[unknowns[inside]] = np.arange(inside.size)
         equations = replace(
             model,
@@ -77,6 +76,12 @@ def unbalanced_zones(
         upper.sort_indices()
         part_tangent = place_rows(equations, upper.indptr, upper.indices)
         yield unknowns[inside], equations, part_tangent, float(residual.max())
+
+
+def _members(part: np.ndarray, count: int) -> list[np.ndarray]:
+    """Return the entries of each part, rising, of an array of their part, or of -1."""
+    order = np.argsort(part, kind="stable")
+    return np.split(order, np.searchsorted(part[order], np.arange(count + 1)))[1:-1]
 
 
 @compiled
