@@ -76,6 +76,16 @@ COMMAND = "from multiscale.cli import main; main()"
 
 
 SCENES = Path(__file__).parents[1] / "workflows" / "scenes"
+PORES = """
+title = "Pores"
+[rve]
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.3
+size = "1 mm"
+[rve.recipe]
+porosity = 0.1
+pore_radius = "0.2 mm"
+"""
 TWO_BLOCKS = """
 title = "Two blocks"
 [structure]

@@ -13,18 +13,7 @@ import multiscale
 from multiscale import cli
 from multiscale.executors import workers
 from multiscale.needs import say_time
-from tests.support import run_python, write_scene
-
-PORES = """
-title = "Pores"
-[rve]
-youngs_modulus = "70 GPa"
-poissons_ratio = 0.3
-size = "1 mm"
-[rve.recipe]
-porosity = 0.1
-pore_radius = "0.2 mm"
-"""
+from tests.support import PORES, run_python, write_scene
 
 
 def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeypatch, capsys):

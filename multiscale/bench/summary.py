@@ -89,8 +89,9 @@ def tabulate_cheapest(
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the cheapest method and setting of every scene for each error that may be asked for.
 
-    Of the dataset of :func:`join_families`, head and one row for each scene that has errors; "none"
-    where no run reached the error, "unknown" where the reference is less certain.
+    The table has a head and one row for each scene of the dataset of :func:`join_families` that has
+    errors; an entry is "none" where no run reached the error, and "unknown" where the reference is
+    less certain.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
     timed_alone = work_precision["error"].isnull() & (work_precision["converged"] == 1)

@@ -126,7 +126,7 @@ def read_surface(
     channel : int or str, optional
         Number, counted from 0, or name of the channel. The format's default height channel if not
         given.
-    size : sequence of float, optional, edge lengths along x and y, m, instead of those of the file
+    size : sequence of float, optional, edge lengths along x and y, m, by default from the file
     unit : float, optional
         Length of one unit of heights (and positions) in the file, m, where the file gives none.
 

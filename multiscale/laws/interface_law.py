@@ -198,7 +198,7 @@ class NormalLaw(InterfaceLaw):
 
         Parameters
         ----------
-        pressure : ndarray, optional, pressures, Pa; those of the data if not given
+        pressure : ndarray, optional, pressures, Pa, by default of the data
         ax : Axes, optional, the current axes if not given
 
         Raises

@@ -99,7 +99,7 @@ def record_cell(
     tolerance: float = 1e-8,
     checkpoint: Checkpoint | None = None,
 ) -> PlainDataset:
-    """Solve a cell as :func:`solve_cell` does, without making a dataset of what it answers."""
+    """Return the arrays and attributes of which :func:`solve_cell` makes a dataset."""
     shapes: dict[str, tuple[int, ...]] = {}
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)

@@ -89,8 +89,8 @@ def _translate_loops_once() -> None:
     """Have a parallel loop optimised and translated as a part of its kernel alone.
 
     By itself, numba does so for each of the layers around the loop too and throws the result away:
-    three quarters of the time to compile a parallel kernel. Elsewhere numba calls layers of the
-    same names by themselves, as those of ``guvectorize``, which are translated as ever.
+    three quarters of the time to compile a parallel kernel. Elsewhere, as in
+    ``guvectorize``, numba calls layers of the same names by themselves and translates them as ever.
     """
     from numba.core import codegen as numba_codegen
     from numba.parfors import parfor_lowering

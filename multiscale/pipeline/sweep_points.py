@@ -60,9 +60,9 @@ def _first(cautions: Iterable[str]) -> list[str]:
 
 
 def _places(found: Iterable[tuple[str, int]]) -> dict[str, list[int]]:
-    """Points of each sentence; of those that differ by their numbers, the first stands for all.
+    """Return the points of each sentence; the first of sentences that differ by numbers has all.
 
-    Sentences of one point, such as those of two interfaces, are told apart by their order.
+    Sentences of one point, such as the cautions of two interfaces, are told apart by their order.
     """
     alike: dict[tuple[str, int], dict[str, list[int]]] = {}
     seen: Counter[tuple[str, int]] = Counter()

@@ -18,7 +18,7 @@ from multiscale.pipeline.stages.vibrating_bodies import (
 )
 from multiscale.upscaling import law_from_dataset
 from tests.pipeline.test_body_cases import HIGH, LONG, STATED, TEXT, WIDE, write_scattered_law
-from tests.support import write_body, write_scene
+from tests.support import PORES, write_body, write_scene
 
 DENSE = TEXT.replace("poissons_ratio = 0.3", 'poissons_ratio = 0.3\ndensity = "7850 kg/m^3"')
 ONLY_PRESS = DENSE.replace(", { pull = 1 }", "")
@@ -197,17 +197,9 @@ def test_intervals_of_the_mean_law_are_as_wide_as_samples_scatter(meshes):
 
 def test_another_volume_of_a_body_asks_for_another_backbone(meshes):
     """The checksum of the stage changes with [rve], of which the cover takes its stiffness."""
-    volume = """
-[rve]
-youngs_modulus = "70 GPa"
-poissons_ratio = 0.3
-size = "1 mm"
-[rve.recipe]
-porosity = 0.1
-pore_radius = "0.1 mm"
-"""
     moduli = 'youngs_modulus = "210 GPa"\npoissons_ratio = 0.3\n'
     assert moduli in ONLY_PRESS
+    volume = PORES.replace('title = "Pores"', "")
     text = ONLY_PRESS.replace(moduli, "", 1) + VIBRATION + volume
     first, again, other = (
         VIBRATING_BODIES.identity(load_case(write_scene(meshes, text, *pairs)))

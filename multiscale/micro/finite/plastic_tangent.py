@@ -48,8 +48,8 @@ ZERO, HALF, ONE, TWO = (np.float32(number) for number in (0.0, 0.5, 1.0, 2.0))
 def plastic_tangent(s, w, turned, moduli, tangent):  # type: ignore[no-untyped-def]
     """Write the tangent (1) of one Gauss point.
 
-    ``w`` is scratch of SINGLE_ROWS in single precision. ``turned`` are the rows of e g, ``moduli``
-    those of kappa, tau_v and the factors of the first two terms, weighted.
+    ``w`` is scratch of SINGLE_ROWS in single precision. ``turned`` are the rows of e g, and
+    ``moduli`` the rows of kappa, tau_v and the factors of the first two terms, weighted.
     """
     for k in range(9 * BATCH):
         w[TURNS + k] = s[PULLED + k]
