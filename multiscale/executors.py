@@ -2,6 +2,7 @@
 
 import logging
 import os
+import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from itertools import islice
 from math import inf
 from queue import SimpleQueue
 from time import monotonic
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from multiscale.errors import CaseError, MultiscaleError
 
@@ -57,7 +58,7 @@ def run_jobs(
     Raises
     ------
     MultiscaleError
-        If a worker process died or the workers were lost.
+        If a worker process died, cannot load its job, or the workers were lost.
     """
     if executor is None:
         for key, arguments in jobs:
@@ -69,7 +70,7 @@ def run_jobs(
     try:
         while True:
             for key, arguments in islice(waiting, IN_FLIGHT - len(in_flight)):
-                future = executor.submit(call_on_one_thread, function, *arguments)
+                future = executor.submit(call_on_one_thread, _Job(function, arguments))
                 in_flight[future] = key
                 future.add_done_callback(ended.put)
             if not in_flight:
@@ -78,10 +79,12 @@ def run_jobs(
             finish(in_flight.pop(future), future.result())
             done += 1
     except BrokenExecutor as error:
+        # the last line of the traceback names the exception of a result that cannot be loaded
+        reason = str(error.__cause__ or "").strip(" \n'\"").splitlines()[-1:]
+        reason = reason or ["perhaps for lack of memory, or because it was forked, not spawned"]
         raise MultiscaleError(
-            f"a worker process died after {done} finished jobs, perhaps for lack of memory, or "
-            f"because it was forked instead of spawned; finished results are kept, so run again "
-            f"with fewer jobs"
+            f"a worker process died after {done} finished jobs ({reason[0]}); finished results "
+            f"are kept, so run again with fewer jobs"
         ) from error
     except CancelledError as error:
         raise MultiscaleError(
@@ -91,6 +94,31 @@ def run_jobs(
     finally:
         for future in in_flight:
             future.cancel()
+
+
+class _Job:
+    """A call that its worker loads inside the job, so that a failed import ends no worker."""
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        self.function, self.arguments = function, arguments
+
+    def __call__(self) -> Any:
+        return self.function(*self.arguments)
+
+    def __reduce__(self) -> tuple[Callable[[bytes], "_Job"], tuple[bytes]]:
+        return _load_job, (pickle.dumps((self.function, self.arguments)),)
+
+
+def _load_job(pickled: bytes) -> _Job:
+    """Load a job, or the refusal of a job that cannot be loaded."""
+    try:
+        return _Job(*pickle.loads(pickled))
+    except Exception as error:
+        return _Job(_refuse, (f"{type(error).__name__}: {error}",))
+
+
+def _refuse(reason: str) -> NoReturn:
+    raise MultiscaleError(f"a worker process cannot load the function or data of its job: {reason}")
 
 
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:

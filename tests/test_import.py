@@ -108,6 +108,38 @@ def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
     assert done.stdout.strip() == spins
 
 
+def refused_first(package, libraries=""):
+    return run_python(f"""
+        import sys{libraries}  # once, and not in each fork
+        from tests.first_imports import refused
+        sys.path.append(".")
+        print(*refused({package!r}), sep="\\n")
+    """).stdout.splitlines()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks of a process")
+def test_every_module_can_be_imported_first():
+    """A worker imports first the module of the function that it calls."""
+    libraries = ", numba, pydantic, scipy.sparse.linalg, skfem, xarray"
+    assert "".join(refused_first("multiscale", libraries)) == ""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs forks of a process")
+def test_a_module_whose_import_fails_only_at_the_start_is_named(tmp_path, monkeypatch):
+    texts = {
+        "__init__": "",
+        "early": "answer = 1; from ring.late import scale",
+        "late": "from ring.early import answer; scale = 2",
+        "user": "from ring.early import answer",
+    }
+    (tmp_path / "ring").mkdir()
+    for name, text in texts.items():
+        (tmp_path / "ring" / f"{name}.py").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    (line,) = refused_first("ring")
+    assert line.startswith("ring.late: cannot import name 'scale' from partially initialized")
+
+
 def test_the_package_offers_what_scripts_use_without_importing_it_first():
     for name in set(dir(multiscale)) - {"__citation__", "__version__"}:
         assert callable(getattr(multiscale, name))

@@ -8,15 +8,24 @@ from typing import Any
 import numpy as np
 
 from multiscale.macro import substructures
-from multiscale.pipeline.stages.joint import STIFFNESSES
 from multiscale.schema import MACRO_RESULT, Dataset
 from multiscale.upscaling import interval_errors, limits, over_steps, with_budget, with_intervals
 
-__all__ = ["CycleAnswers", "JointAnswers", "answer_at", "joint_answers", "load_answers"]
+__all__ = [
+    "STIFFNESSES",
+    "CycleAnswers",
+    "JointAnswers",
+    "answer_at",
+    "joint_answers",
+    "load_answers",
+]
 
 
 Reader = Callable[["Dataset"], np.ndarray]
 """From a result to the values of an answer."""
+
+STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
+"""Of the joint with its bodies, of the interface and of the bodies: all have an error budget."""
 
 AT_PRELOADS = (*STIFFNESSES, "tangential_stiffness", "real_pressure")
 IN_CYCLES = ("cycle_slip", "cycle_loss", "secant_stiffness")

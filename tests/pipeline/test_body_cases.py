@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex2, MeshTet
 
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.executors import process_pool
 from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_law, save_law
 from multiscale.laws import Asperities, AsperityLaw, gaussian_asperities
@@ -547,6 +548,18 @@ def test_independent_laws_err_less_than_one_law_of_both_interfaces(meshes):
         "slipping_load",
     }
     assert compared["load_stiffness"].values == pytest.approx(real["load_stiffness"].values[-1])
+
+
+def test_workers_solve_bodies_again_for_the_intervals_of_stated_values(meshes):
+    """Interface and bodies are springs in series: the interface has its share of the change."""
+    changes = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
+    changes += [('"0.3 um"', '"0.3 um +- 4 %"'), (", { pull = 1 }", "")]
+    case = load_case(write_scene(meshes, TEXT, *changes))
+    with process_pool(2) as executor:
+        found = run(case, meshes / "intervals", executor=executor)["macro_result"]
+    half = found.error_half_width.sel(quantity="load_stiffness press", step=0)
+    expected = np.log1p(0.04 * float(found.interface_compliance.sel(load="press")[0]))
+    assert float(half.sel(error_term="stated values")) == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from multiscale.laws import NormalLaw
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
+from multiscale.pipeline.joint_answers import STIFFNESSES
 from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
 from multiscale.pipeline.rows import (
     joint_unit,
@@ -62,13 +63,10 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import has_budget
 from multiscale.upscaling.fit import told_branches
 
-__all__ = ["ANSWERS", "JOINT", "STIFFNESSES", "budget_sections", "of_stiffness", "solve_joint"]
+__all__ = ["ANSWERS", "JOINT", "budget_sections", "of_stiffness", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
-
-STIFFNESSES = ("joint_stiffness", "interface_stiffness", "solid_stiffness")
-"""Of the whole, of its interface and of its bodies: all have an error budget."""
 
 of_stiffness = partial(StageAnswer, over="preload", choose=stiffness_unit)
 """Answer that is a stiffness over the preloads, from its name and label."""
@@ -100,7 +98,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
 
     Returns
     -------
-    Dataset, follows ``MACRO_RESULT``, with the budget of :data:`STIFFNESSES` if the law has one
+    Dataset, follows ``MACRO_RESULT``, with the budget of ``STIFFNESSES`` if the law has one
     """
     blocks = cast(Blocks, case.structure)
     lower, upper = (
