@@ -1,6 +1,6 @@
 """Readers and writers: the only place where files are opened."""
 
-from multiscale.io.csv_tables import read_table
+from multiscale.io.csv_tables import finite, positive, read_table
 from multiscale.io.datasets import (
     open_dataset,
     open_law,
@@ -34,6 +34,7 @@ from multiscale.io.surface_file import Topography, open_topography, read_surface
 __all__ = [
     "Topography",
     "VoxelImage",
+    "finite",
     "logging_to",
     "make_folder",
     "open_dataset",
@@ -42,6 +43,7 @@ __all__ = [
     "open_response",
     "open_run",
     "open_topography",
+    "positive",
     "read_bytes",
     "read_images",
     "read_mesh",

@@ -2,23 +2,44 @@
 
 import csv
 from collections.abc import Callable
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 from multiscale.errors import CaseError
 from multiscale.io.files import read_text
 
-__all__ = ["read_table"]
+__all__ = ["finite", "positive", "read_table"]
 
 SEPARATORS = (";", "\t", ",")
 """The first one that the line of names has separates all entries."""
 
-TYPE_NAMES = {int: "a whole number", float: "a number"}
-"""Names of the types of a column in messages."""
+
+def finite(cell: str) -> float:
+    """Read a number that is neither infinite nor ``nan``."""
+    if not isfinite(number := float(cell)):
+        raise ValueError(cell)
+    return number
+
+
+def positive(cell: str) -> float:
+    """Read a finite number above zero."""
+    if not 0.0 < (number := float(cell)) < inf:
+        raise ValueError(cell)
+    return number
+
+
+KINDS: dict[Callable[[str], Any], str] = {
+    int: "a whole number",
+    float: "a number",
+    finite: "a finite number",
+    positive: "a positive, finite number",
+}
+"""Names of the kinds of a column in messages."""
 
 
 def read_table(
-    path: Path, kind_of: Callable[[str], type] = lambda name: float
+    path: Path, kind_of: Callable[[str], Callable[[str], Any]] = lambda name: finite
 ) -> dict[str, list[Any]]:
     """Read a CSV file whose first line names the columns.
 
@@ -27,7 +48,9 @@ def read_table(
     path : Path
         File whose values are separated by commas, semicolons or tabs; numbers may have decimal
         commas where commas do not separate.
-    kind_of : callable, from the name of a column to ``float``, ``int`` or ``str``
+    kind_of : callable, optional
+        From the name of a column to the kind of its entries: :func:`finite`, the default,
+        :func:`positive`, ``float``, ``int`` or ``str``.
 
     Returns
     -------
@@ -36,7 +59,8 @@ def read_table(
     Raises
     ------
     CaseError
-        If the file is missing, a line has too few or too many entries, or a number is invalid.
+        If the file is missing, a line has too few or too many entries, or an entry is not of its
+        kind.
     """
     text = read_text(path).splitlines()
     names = next((line for line in text if line.strip()), "")
@@ -54,11 +78,12 @@ def read_table(
             raise CaseError(f"{path}, line {number}: {len(row)} entries for {len(head)} columns")
         for name, cell in zip(head, row, strict=True):
             kind = kind_of(name)
-            plain = cell.replace(",", ".") if kind is float and separator != "," else cell
+            decimal = kind not in (int, str) and separator != ","
+            plain = cell.replace(",", ".") if decimal else cell
             try:
                 table[name].append(kind(plain))
             except ValueError as error:
                 raise CaseError(
-                    f"{path}, line {number}: {name} should be {TYPE_NAMES[kind]}, got {cell!r}"
+                    f"{path}, line {number}: {name} should be {KINDS[kind]}, got {cell!r}"
                 ) from error
     return table

@@ -15,6 +15,7 @@ from multiscale.laws.softening import Softening
 from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.laws.stiffness import PowerStiffness, StiffnessLaw
 from multiscale.laws.stretched import StretchedLaw
+from multiscale.laws.tabulated import Tabulated
 from multiscale.laws.temperature_shift import wlf_shift
 from multiscale.laws.unloading import HystereticLaw, ShakenDownLaw
 
@@ -44,6 +45,7 @@ __all__ = [
     "SteadySliding",
     "StiffnessLaw",
     "StretchedLaw",
+    "Tabulated",
     "class_densities",
     "gaussian_asperities",
     "wlf_shift",

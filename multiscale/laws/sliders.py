@@ -309,7 +309,9 @@ class Sliders(InterfaceLaw):
         decay = np.where(K > 0.0, p / np.where(K > 0.0, K, 1.0), 1e-9)
         step = np.maximum(DIFFERENCE_STEP * decay, 1e-9 * np.abs(gap))
         bend = self._curve.stiffness(gap + step) - self._curve.stiffness(gap - step)
-        slope[0] = np.where(flows, 0.0, force / length**2 * bend / (2.0 * step))
+        still = flows | (step == 0.0)  # at first contact, where the pressure is zero
+        curve = force / length**2 * bend / np.where(still, 1.0, 2.0 * step)
+        slope[0] = np.where(still, 0.0, curve)
         if np.any(flows):
             step, sides = DIFFERENCE_STEP * length[flows], []
             for sign in (1.0, -1.0):

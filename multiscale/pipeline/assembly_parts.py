@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -14,11 +14,11 @@ from multiscale.errors import CaseError
 from multiscale.fe.facets import facet_normals, surface_of
 from multiscale.fe.mesh_file import load_geometry
 from multiscale.io import read_table
-from multiscale.laws import Exponential
+from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.pipeline.asperity_settings import StatedAsperities
 from multiscale.pipeline.body_settings import Material
-from multiscale.pipeline.joint_settings import Damage, JointLaw
+from multiscale.pipeline.joint_settings import Damage, JointLaw, LawError
 from multiscale.pipeline.toml_model import (
     Length,
     Pressure,
@@ -86,6 +86,9 @@ Stress = Annotated[float, BeforeValidator(partial(_read_component, unit="Pa")), 
 Newton = Annotated[float, BeforeValidator(partial(_read_component, unit="N")), with_unit("N")]
 Size = Annotated[float, quantity("N", uncertain=True), Field(gt=0.0), with_unit("N")]
 Stiffness = Annotated[float, quantity("N/m"), Field(gt=0.0), with_unit("N/m")]
+UncertainStiffness = Annotated[
+    float, quantity("Pa/m", uncertain=True), Field(gt=0.0), with_unit("Pa/m")
+]
 Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
 
@@ -240,6 +243,18 @@ class StatedLaw(Settings):
         return Exponential(self.pressure_scale, self.decay_length, pressure_range=self.pressures)
 
 
+class LinearLaw(Settings):
+    """A normal law without cells: the pressure K a at the overclosure a, and no tension."""
+
+    stiffness: UncertainStiffness = Field(description="Stiffness K of the interface, Pa/m.")
+    pressures: ClassVar[tuple[float, float]] = (1.0, 1e9)
+    """Pressures of the bed of sliders, Pa, which is one spring at any."""
+
+    def build(self) -> Tabulated:
+        """Make the law."""
+        return Tabulated(np.array([0.0, self.stiffness]), np.array([0.0, -1.0]))
+
+
 class StatedGap(Settings):
     """The initial gap of an interface, beside the gap of its law."""
 
@@ -252,7 +267,7 @@ class StatedGap(Settings):
 
     def build(self) -> "macro.GapMap":
         """Read the map."""
-        table = read_table(self.file)
+        table = read_table(self.file, lambda name: float)  # holes are nan
         if missing := sorted({"x", "y", "gap"} - set(table)):
             raise CaseError(
                 f"{self.file}: no column {missing[0]!r}; a map of a gap has x, y and gap"
@@ -270,10 +285,19 @@ class BodyInterface(Settings):
     law: Path | None = Field(
         None,
         description="Law of this interface: a dataset, the folder of a run, or a case, which is "
-        "run in a folder of its own; if not given, the law of the cells or of `[interface]`.",
+        "run in a folder of its own; or a table of `pressure` and `overclosure` in a `.csv` file; "
+        "if not given, the law of the cells or of `[interface]`.",
+    )
+    law_error: LawError | None = Field(
+        None,
+        description="Half-width of the 95 % interval of overclosure and stiffness of a table, over "
+        'them, such as `"10 %"`; its error is unknown if not given.',
     )
     exponential: StatedLaw | None = Field(
         None, description="Stated normal law, in place of `law`; takes a friction of its own."
+    )
+    linear: LinearLaw | None = Field(
+        None, description="Stated normal law of constant stiffness, as `exponential`."
     )
     asperities: StatedAsperities | None = Field(
         None,
@@ -301,14 +325,17 @@ class BodyInterface(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if sum(one is not None for one in (self.law, self.exponential, self.asperities)) > 1:
-            raise ValueError("an interface takes one of law, exponential and asperities")
+        stated = self.exponential, self.linear, self.asperities
+        if sum(one is not None for one in (self.law, *stated)) > 1:
+            raise ValueError("an interface takes one of law, exponential, linear and asperities")
+        if self.law_error is not None and self.law is None:
+            raise ValueError("law_error is of a table that law names, and the interface has no law")
         return self
 
     @property
     def is_stated(self) -> bool:
         """Whether the case itself states the normal law."""
-        return self.exponential is not None or self.asperities is not None
+        return any((self.exponential, self.linear, self.asperities))
 
     @property
     def name(self) -> str:
@@ -317,8 +344,11 @@ class BodyInterface(Settings):
 
     def over(self, shared: JointLaw | None) -> JointLaw:
         """Return the keys of ``[interface]``, if given, with those of this interface in place."""
-        own = {name: getattr(self, name) for name in ("law", "friction", "stiffness_ratio")}
+        names = ("law", "law_error", "friction", "stiffness_ratio")
+        own = {name: getattr(self, name) for name in names}
         given = {name: value for name, value in own.items() if value is not None}
+        if self.law is not None:
+            given["law_error"] = self.law_error  # of this law, whatever [interface] states
         return (shared or JointLaw()).model_copy(update=given)
 
 

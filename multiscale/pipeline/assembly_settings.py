@@ -341,7 +341,8 @@ class Bodies(StructureKind):
             key = (
                 one.asperities
                 or one.exponential
-                or (source.law, source.friction, source.stiffness_ratio)
+                or one.linear
+                or (source.law, source.law_error, source.friction, source.stiffness_ratio)
             )
             if key not in read:
                 ratio = self.poissons_ratio(one)
@@ -350,7 +351,7 @@ class Bodies(StructureKind):
                     law = (
                         case.interface_law(found)
                         if source.law is None
-                        else open_law(source.law, one.quick)
+                        else source.with_error(open_law(source.law, one.quick))
                     )
                     middle = float(np.sqrt(law.attrs["pressure_min"] * law.attrs["pressure_max"]))
                     where = f"interface {number}"
@@ -409,7 +410,7 @@ class Bodies(StructureKind):
         if one.asperities is not None:
             return one.asperities.build(source.friction, source.stiffness_ratio, one.damage)
         theory = alike_bodies(self.poissons_ratio(one))
-        stated = one.exponential
+        stated = one.exponential or one.linear
         assert stated is not None
         normal = stated.build()
         return Sliders(
@@ -427,7 +428,7 @@ class Bodies(StructureKind):
             f"{alike_bodies(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
             f"take the law of cells that are sheared"
             for number, one in enumerate(self.interfaces)
-            if one.exponential is not None and one.over(case.interface).stiffness_ratio is None
+            if (one.exponential or one.linear) and one.over(case.interface).stiffness_ratio is None
         ]
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:

@@ -119,7 +119,8 @@ UNKNOWN_LOSS = (
 
 NO_BUDGET = (
     "intervals do not count the error of the law of interface {number}, which is not known: take "
-    'the law of a run, or state half-widths of its values, as in friction = "0.2 +- 10 %"'
+    "the law of a run, or state law_error of a table, or half-widths of values, as in "
+    'friction = "0.2 +- 10 %"'
 )
 
 

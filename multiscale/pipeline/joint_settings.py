@@ -10,7 +10,6 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.io import open_law
 from multiscale.macro import substructures
 from multiscale.pipeline.toml_model import (
     Factor,
@@ -22,8 +21,16 @@ from multiscale.pipeline.toml_model import (
     must_rise,
 )
 from multiscale.schema import Dataset, with_cautions
-from multiscale.upscaling import assume_shear, state_shear, take_sliding_friction, tangential_values
+from multiscale.upscaling import (
+    assume_shear,
+    read_law,
+    state_shear,
+    take_sliding_friction,
+    tangential_values,
+    with_stated_error,
+)
 from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.reading import TABLE
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
@@ -32,6 +39,7 @@ __all__ = [
     "Cycles",
     "Damage",
     "JointLaw",
+    "LawError",
     "LawSource",
     "Preloads",
     "RisingPreloads",
@@ -51,6 +59,14 @@ SLABS, FEW_SLABS = 48, 8
 is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
 
 Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
+
+
+UNKNOWN_ERROR = (
+    "the error of a table is not known, and no interval counts it; state it by law_error, such as "
+    'law_error = "10 %"'
+)
+
+LawError = Annotated[Number, Field(gt=0.0, lt=1.0)]
 
 
 class Substructures(Settings):
@@ -93,8 +109,13 @@ class LawSource(Settings):
 
     law: Path | None = Field(
         None,
-        description="Dataset of a law from a run or fit; needless with cells, or if the command "
-        "names one.",
+        description="Dataset of a law from a run or fit, or a table of `pressure` and "
+        "`overclosure` in a `.csv` file; needless with cells, or if the command names one.",
+    )
+    law_error: LawError | None = Field(
+        None,
+        description="Half-width of the 95 % interval of overclosure and stiffness of a table, over "
+        'them, such as `"10 %"`; its error is unknown if not given.',
     )
     extrapolate: bool = Field(
         False,
@@ -115,7 +136,13 @@ class LawSource(Settings):
                 "the structure has joints but no law: name a file by [interface] law or by --law, "
                 "such as the interface_law.nc of a run"
             )
-        return open_law(self.law)
+        return self.with_error(read_law(self.law))
+
+    def with_error(self, law: Dataset) -> Dataset:
+        """Return the law with the error that the case states; a table without one is cautioned."""
+        if self.law_error is not None:
+            return with_stated_error(law, self.law_error)
+        return with_cautions(law, UNKNOWN_ERROR) if law.attrs.get("family") == TABLE else law
 
 
 class JointLaw(LawSource):

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, field_validator, m
 
 from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.io import open_mesh, read_table
+from multiscale.io import finite, open_mesh, read_table
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
 from multiscale.macro import substructures
 from multiscale.pipeline.structure_kind import StructureKind
@@ -230,9 +230,9 @@ class LinkTable(LinkStructure):
 
     def build(self) -> "macro.LinkSystem":
         """Build the structure of the tables."""
-        kinds = {"first": int, "second": int, "group": int, "law": str}
+        kinds: dict[str, Any] = {"first": int, "second": int, "group": int, "law": str}
         nodes = read_table(self.nodes)
-        links = read_table(self.links, lambda name: kinds.get(name, float))
+        links = read_table(self.links, lambda name: kinds.get(name, finite))
         return _stressed(macro.system_from_table(nodes, links, _laws(self.laws)), self.prestress)
 
 

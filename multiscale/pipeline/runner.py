@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from multiscale.errors import CaseError
-from multiscale.io import make_folder, open_dataset, open_law, write_dataset
+from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.checkpoint import WORTH
 from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.planner import plan
@@ -21,6 +21,7 @@ from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE, Dataset
+from multiscale.upscaling import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
@@ -178,9 +179,9 @@ def run_macro(
 def _job(out: Path, executor: Executor | None) -> Job:
     """Work in a folder, where the other cases that a case names are run in folders of their own."""
 
-    def read_law(file: Path, quick: bool) -> Dataset:
+    def law_of(file: Path, quick: bool) -> Dataset:
         if file.suffix != ".toml":
-            return open_law(file)
+            return read_law(file)
         other = load_case(file)
         if not (isinstance(other, Case) and other.has_cells):
             raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
@@ -200,7 +201,7 @@ def _job(out: Path, executor: Executor | None) -> Job:
         folder = out / kind / f"{file.stem}-{case.checksum()[:8]}"
         return run(case, folder, executor=executor)
 
-    return Job(out, executor, read_law=read_law, read_rve=read_rve)
+    return Job(out, executor, read_law=law_of, read_rve=read_rve)
 
 
 def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> Dataset:

@@ -227,6 +227,11 @@ class Case(Settings):
                 "[interface] law names a file beside cells whose law the structure takes; leave "
                 "out law, or the cells"
             )
+        if self.has_cells and self.interface is not None and self.interface.law_error is not None:
+            raise ValueError(
+                "[interface] law_error is of a table, and the law is of the cells, with their own "
+                "errors; leave out law_error"
+            )
         kind.check(self)
 
     def _check_cells(self) -> None:

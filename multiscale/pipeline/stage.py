@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from multiscale import __version__
-from multiscale.io import open_dataset, open_law
+from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.schema import RVE, Dataset, Schema
 from multiscale.units import Unit
+from multiscale.upscaling import read_law
 
 if TYPE_CHECKING:
     import numpy as np
@@ -136,7 +137,7 @@ class Job:
     progress: ShowProgress = unseen
     team: "ProcessGroup | None" = None
     sparing: bool = False
-    read_law: Callable[[Path, bool], Dataset] = lambda file, quick: open_law(file)
+    read_law: Callable[[Path, bool], Dataset] = lambda file, quick: read_law(file)
     read_rve: Callable[[Path, bool], Dataset] = lambda file, quick: open_dataset(file, RVE)
 
     def ensemble(

@@ -26,6 +26,8 @@ INTERFACE_LAW = Schema(
     optional={
         "knot": Variable(("term",), "m", "gap at which a term of the normal law vanishes"),
         "coefficient": Variable(("term",), "Pa m-3", "coefficient of the normal law"),
+        "table_pressure": Variable(("term",), "Pa", "pressures of a table, zero first"),
+        "table_gap": Variable(("term",), "m", "gaps at the pressures of a table"),
         "area_pressure": Variable(("area_term",), "Pa", "pressure knots of the area law"),
         "area_fraction": Variable(("area_term",), "1", "contact fraction at the pressure knots"),
         "fit_mean_gap": _step("m", "mean gap of the data fitted"),

@@ -20,6 +20,8 @@ from multiscale.upscaling.family import Parameter as Parameter
 from multiscale.upscaling.family import unloading_family as unloading_family
 from multiscale.upscaling.fit import fit_law as fit_law
 from multiscale.upscaling.law_checks import admissibility as admissibility
+from multiscale.upscaling.law_tables import read_law as read_law
+from multiscale.upscaling.law_tables import with_stated_error as with_stated_error
 from multiscale.upscaling.leakage import effective_permeability as effective_permeability
 from multiscale.upscaling.leakage import say_sealing as say_sealing
 from multiscale.upscaling.leakage import sealing_pressures as sealing_pressures

@@ -1,17 +1,19 @@
 """Observations from CSV files of tests or of other codes, whose heads carry the units."""
 
 import re
+from collections.abc import Callable, Collection, Mapping
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import read_table
+from multiscale.io import finite, positive, read_table
 from multiscale.units import to_si
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
 
-__all__ = ["read_observations"]
+__all__ = ["read_columns", "read_observations"]
 
 _COLUMN = {
     "gap": "gap",
@@ -41,8 +43,8 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     Raises
     ------
     CaseError
-        If a column or its unit is missing or of another dimension, a number is none, or a
-        specimen has two values at one point.
+        If a column or its unit is missing or of another dimension, an entry is no number, infinite
+        or, of all but gaps and speeds, zero or negative, or a specimen has two values at one point.
 
     Examples
     --------
@@ -62,7 +64,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         name.replace("_", " "): unit for name, unit in QUANTITIES[quantity].conditions.items()
     }
     wanted[_COLUMN[quantity]] = QUANTITIES[quantity].unit
-    columns, specimen = _columns(path, wanted)
+    columns, specimen, _ = read_columns(path, wanted, signed=("gap", "speed"))
     *conditions, values = columns.values()
     rows = specimen if specimen is not None else _occurrence(conditions)
     points, column = np.unique(np.column_stack(conditions), axis=0, return_inverse=True)
@@ -82,9 +84,25 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         raise CaseError(f"{path}: {error}") from error
 
 
-def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Return the wanted columns in SI, and the column of specimens if there is one."""
-    table = read_table(path, lambda head: float if _named(head)[0] in wanted else str)
+def read_columns(
+    path: Path, wanted: Mapping[str, str], *, signed: Collection[str], bare: bool = False
+) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
+    """Read columns of a table, in SI, and the column of specimens if there is one.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : mapping of str to str, names and SI units (UDUNITS spelling) of the columns
+    signed : collection of str, columns that may be zero or negative; the others are positive
+    bare : bool, default False
+        Whether a column may lack its unit, and then is in SI; the last result names these columns.
+
+    Raises
+    ------
+    CaseError
+        If a column or its unit is missing or of another dimension, or an entry is not of its kind.
+    """
+    table = read_table(path, lambda head: _kind(_named(head)[0], wanted, signed))
     found = {name: (head, unit) for head in table for name, unit in [_named(head)]}
     if missing := [name for name in wanted if name not in found]:
         example = ", ".join(f"{name} ({_EXAMPLE[unit]})" for name, unit in wanted.items())
@@ -99,9 +117,12 @@ def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray],
                 f"{path}: the columns {head!r} and {found[name][0]!r} have one name; leave one of "
                 f"them out"
             )
-    columns = {}
+    columns, without = {}, []
     for name, unit in wanted.items():
         head, given = found[name]
+        if not given and bare:
+            without.append(name)
+            given = unit
         if not given and unit != "1":
             raise CaseError(
                 f"{path}: the column {head!r} has no unit; write it in the first line, such as "
@@ -113,7 +134,13 @@ def _columns(path: Path, wanted: dict[str, str]) -> tuple[dict[str, np.ndarray],
             raise CaseError(f"{path}: the column {head!r}: {error}") from error
         columns[name] = factor * np.array(table[head])
     specimen = np.array(table[found["specimen"][0]]) if "specimen" in found else None
-    return columns, specimen
+    return columns, specimen, without
+
+
+def _kind(name: str, wanted: Collection[str], signed: Collection[str]) -> Callable[[str], Any]:
+    if name not in wanted:
+        return str
+    return finite if name in signed else positive
 
 
 def _named(head: str) -> tuple[str, str | None]:

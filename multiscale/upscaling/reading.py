@@ -7,12 +7,20 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import AreaLaw, BellFriction, ConvexDecreasing, NormalLaw, wlf_shift
+from multiscale.laws import (
+    AreaLaw,
+    BellFriction,
+    ConvexDecreasing,
+    NormalLaw,
+    Tabulated,
+    wlf_shift,
+)
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.bootstrap import most_confident, widening
 from multiscale.upscaling.family import FAMILIES, Family
 
 __all__ = [
+    "TABLE",
     "area_from_dataset",
     "areas_from_dataset",
     "fitted_law",
@@ -25,6 +33,9 @@ __all__ = [
     "refuse_band",
     "require_law",
 ]
+
+TABLE = "table"
+"""Family of laws that are linear between the points of a table of the user."""
 
 
 def law_from_dataset(
@@ -69,6 +80,10 @@ def fitted_laws(
         knot = dataset["knot"].to_numpy()
         coefficients = pick(dataset, "coefficient", samples)
         return [ConvexDecreasing(knot, one, pressure_range=data) for one in coefficients]
+    if name == TABLE:
+        require_law(dataset, "table_pressure", "table_gap")
+        points = dataset["table_pressure"].to_numpy(), dataset["table_gap"].to_numpy()
+        return [Tabulated(*points, pressure_range=data) for _ in samples]
     family = family or FAMILIES.get(str(name))
     if family is None or family.name != name:
         raise CaseError(

@@ -12,6 +12,7 @@ from multiscale.laws import (
     PowerLaw,
     Response,
     StretchedLaw,
+    Tabulated,
 )
 
 SIGNED = ConvexDecreasing(  # c < 0 in the middle: the curvature is a hat between ramps
@@ -26,6 +27,7 @@ LAWS = [
     pytest.param(Damaged(SIGNED, damage=0.3), id="damaged"),
     pytest.param(StretchedLaw(Exponential(2.0, 0.4), 1.3, gap=-0.1), id="stretched"),
     pytest.param(PowerLaw(pressure_scale=2.0, support=0.9, exponent=2.5, gap=0.1), id="power"),
+    pytest.param(Tabulated(np.array([0.0, 0.5, 2.5]), np.array([0.0, -0.5, -0.9])), id="table"),
 ]
 
 
@@ -161,6 +163,10 @@ def test_resolvent_refuses_a_direction_that_is_not_stiff():
         (lambda: PowerLaw(1.0, 0.0, 2.0), r"support must be positive and finite \(m\), got 0"),
         (lambda: PowerLaw(1.0, 1.0, 0.9), "exponent must be at least 1"),
         (lambda: ConvexDecreasing(np.ones(2), np.ones(3)), "lists of one length"),
+        (lambda: Tabulated(np.zeros(1), np.zeros(1)), "two points or more"),
+        (lambda: Tabulated(np.array([1.0, 2.0]), np.array([0.0, -1.0])), "begin at the pressure"),
+        (lambda: Tabulated(np.array([0.0, 2.0]), np.array([0.0, 1.0])), "point 0 to 1 of a table"),
+        (lambda: Tabulated(np.arange(3.0), np.array([0.0, -1.0, -3.0])), "not convex at point 1"),
         (lambda: ConvexDecreasing(np.array([1.0, 1.0]), np.ones(2)), "must increase"),
         (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([np.nan, 1.0])), "be finite"),
         (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([-2.0, 1.0])), "below the first"),

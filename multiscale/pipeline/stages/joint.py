@@ -106,7 +106,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     )
     joint = macro.RoughJoint((blocks.width, blocks.width), lower, upper)
     preload, extrapolate = np.array(case.statics.preloads), case.extrapolate
-    samples = range(law.sizes["sample"])
+    samples = range(law.sizes.get("sample", 0))
     result = macro.press_joint(
         joint,
         law_from_dataset(law),

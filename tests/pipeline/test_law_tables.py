@@ -1,0 +1,166 @@
+"""Laws that a user states: tables of pressure and overclosure, and a constant stiffness."""
+
+import numpy as np
+import pytest
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.pipeline import load_case, run_macro
+from multiscale.upscaling import law_from_dataset, read_law
+from tests.support import write_body, write_law, write_scene
+
+TABLE = "pressure (MPa), overclosure (um)\n0, 0\n1, 0.1\n10, 0.5\n100, 1.2\n"
+CHORDS = np.array([1e13, 9e6 / 0.4e-6, 90e6 / 0.7e-6])
+"""Stiffness of the chords of the table, Pa/m."""
+
+BLOCKS = """
+title = "Blocks"
+[body_1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[structure]
+kind = "blocks"
+height = "5 mm"
+width = "10 mm"
+[interface]
+law = "table.csv"
+law_error = "10 %"
+[statics]
+preloads = ["0.8 MPa", "3 MPa", "30 MPa"]
+"""
+
+BODIES = """
+title = "Cover on a housing"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "housing"
+mesh = "housing.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.0
+supports = { bottom = "clamped" }
+[[structure.bodies]]
+name = "cover"
+mesh = "cover.msh"
+unit = "mm"
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.0
+[[structure.interfaces]]
+sides = ["housing.top", "cover.bottom"]
+friction = 0.2
+stiffness_ratio = 0.8
+law = "table.csv"
+[[structure.loads]]
+name = "press"
+face = "cover.top"
+pressure = "4 MPa"
+[statics]
+steps = [{ press = 1 }]
+"""
+
+LINEAR = ('law = "table.csv"', 'linear = { stiffness = "1e13 Pa/m +- 10 %" }')
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a table and the meshes of two bodies, 0.02 m x 0.02 m in plan."""
+    folder = tmp_path_factory.mktemp("tables")
+    (folder / "table.csv").write_text(TABLE)
+    size = (0.02, 0.02, 0.01)
+    write_body(folder / "housing.msh", box_mesh(size, (2, 2, 1)))
+    write_body(folder / "cover.msh", box_mesh(size, (2, 2, 1), origin=(0.0, 0.0, 0.01)))
+    return folder
+
+
+def solve(folder, text, *pairs):
+    return run_macro(load_case(write_scene(folder, text, *pairs)), folder / "found.nc")
+
+
+def test_the_law_of_a_table_is_linear_between_its_rows(folder):
+    law = law_from_dataset(read_law(folder / "table.csv"))
+    np.testing.assert_allclose(law.gap_at(np.array([0.5e6, 5.5e6, 55e6])), [-5e-8, -3e-7, -0.85e-6])
+    np.testing.assert_allclose(law.stiffness(np.array([-5e-8, -3e-7, -0.85e-6])), CHORDS)
+    assert law.pressure_range == (1e6, 100e6)
+    # the last chord goes on
+    np.testing.assert_allclose(law.pressure(np.array([-1.9e-6])), 190e6)
+
+
+def test_a_table_without_units_is_read_in_si_and_cautioned(tmp_path):
+    bare = tmp_path / "bare.csv"
+    bare.write_text("pressure;overclosure\n0;0\n1e6;1e-7\n10e6;5e-7\n100e6;1,2e-6\n")
+    law = read_law(bare)
+    np.testing.assert_allclose(law["table_gap"], [0.0, -1e-7, -5e-7, -1.2e-6])
+    assert "no unit of its pressure and overclosure and is read in SI" in law.attrs["cautions"]
+
+
+def test_blocks_have_the_stiffness_of_a_table_and_its_stated_error(folder):
+    """1/K = 1/K_i + 1/K_s, and K_i errs by 10 %."""
+    found = solve(folder, BLOCKS)
+    np.testing.assert_allclose(found["interface_stiffness"], CHORDS, rtol=1e-9)
+    solid = found["solid_stiffness"].to_numpy()
+    K = 1.0 / (1.0 / CHORDS + 1.0 / solid)
+    np.testing.assert_allclose(found["joint_stiffness"], K, rtol=1e-9)
+    low, high = found["joint_stiffness_mean_law"].to_numpy()
+    np.testing.assert_allclose(high, 1.0 / (1.0 / (1.1 * CHORDS) + 1.0 / solid), rtol=2e-3)
+    np.testing.assert_allclose(low, 1.0 / (1.0 / (0.9 * CHORDS) + 1.0 / solid), rtol=2e-3)
+    assert found.attrs["how_stated_values"] == "law_error = 10 %"
+
+
+def test_the_error_of_a_table_is_unknown_if_it_is_not_stated(folder):
+    found = solve(folder, BLOCKS, ('law_error = "10 %"', ""))
+    assert "joint_stiffness_mean_law" not in found
+    assert "the error of a table is not known" in found.attrs["cautions"]
+
+
+def test_bodies_close_by_the_table(folder):
+    """Without Poisson's effect the pressure of 4 MPa is even, which the table reaches at
+    0.1 um + 3 MPa over the second chord.
+    """
+    found = solve(folder, BODIES)
+    np.testing.assert_allclose(found["traction"][0, :, 0], -4e6, rtol=1e-6)
+    np.testing.assert_allclose(found["jump"][0, :, 0], -(1e-7 + 3e6 / CHORDS[1]), rtol=1e-6)
+
+
+def test_a_constant_stiffness_is_stated_with_its_error(folder):
+    """The compliance 1/K A beside the compliance 2 h / (E A) of both bodies."""
+    found = solve(folder, BODIES, LINEAR)
+    np.testing.assert_allclose(found["jump"][0, :, 0], -4e-7, rtol=1e-6)
+    area, bodies = 4e-4, 2.0 * 0.01 / 210e9
+    stiffness = area / (1e-13 + bodies)
+    assert float(found["load_stiffness"][0, 0]) == pytest.approx(stiffness, rel=1e-6)
+    low, high = found["load_stiffness_mean_law"][:, 0, 0].to_numpy()
+    half = 0.1 * 1e-13 / (1e-13 + bodies) * stiffness
+    np.testing.assert_allclose([low, high], [stiffness - half, stiffness + half], rtol=2e-3)
+
+
+ROWS = {
+    "falls": ("0, 0\n1, 0.1\n10, 0.05\n", "row 3: the overclosure of 5e-08 m does not rise above"),
+    "pressure": ("0, 0\n1, 0.1\n1, 0.2\n", r"row 3: the pressure of 1e\+06 Pa does not rise above"),
+    "softens": ("0, 0\n1, 0.1\n1.5, 0.2\n", r"row 3: the stiffness falls from 1e\+13 to 5e\+12"),
+    "begins": ("1, 0.1\n2, 0.15\n", r"row 1: the pressure is 1e\+06 Pa, and a law begins at zero"),
+    "one": ("0, 0\n", "a law needs two rows or more, got 1"),
+    "infinite": (
+        "0, 0\ninf, 1\n",
+        r"line 3: pressure \(MPa\) should be a finite number, got 'inf'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("rows", "said"), ROWS.values(), ids=ROWS.keys())
+def test_rows_that_are_no_law_are_refused_with_their_values(tmp_path, rows, said):
+    file = tmp_path / "table.csv"
+    file.write_text("pressure (MPa), overclosure (um)\n" + rows)
+    with pytest.raises(CaseError, match=said):
+        read_law(file)
+
+
+def test_a_stated_error_is_of_a_table_only(folder):
+    write_law(folder / "law.nc")
+    with pytest.raises(CaseError, match="law_error is of a table of pressure and overclosure"):
+        solve(folder, BLOCKS, ("table.csv", "law.nc"))
+    with pytest.raises(CaseError, match="law_error is of a table that law names"):
+        solve(folder, BODIES, ('law = "table.csv"', "law_error = 0.1"))
