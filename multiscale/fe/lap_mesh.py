@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
-from multiscale.fe.gmsh_model import gmsh_model
+from multiscale.io.gmsh_model import gmsh_model
 
 if TYPE_CHECKING:
     from skfem import Mesh

@@ -10,8 +10,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.facets import facet_normals
-from multiscale.fe.gmsh_model import mesh_geometry
 from multiscale.io import read_mesh, read_text
+from multiscale.io.gmsh_model import mesh_geometry
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
@@ -46,16 +46,20 @@ def load_geometry(path: Path, element_size: float, *, scale: float, volume: str 
 def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool = False) -> "Mesh":
     """Read a mesh with its named boundaries from a file of gmsh or of another program.
 
+    Groups of facets name boundaries, and so do sets of nodes: the outer facets with all corners in
+    the set, if no group has its name.
+
     Parameters
     ----------
-    path : Path, a ``.msh`` file or any other that meshio reads
+    path : Path, a mesh of gmsh, Salome, Abaqus, CalculiX, or any other that meshio or gmsh reads
     scale : float, length of one unit of the file, m: ``1e-3`` for a file in millimetres
     volume : str
-        Named group of elements that is the body; all elements if not given. Facets of other
-        elements are left out of the boundaries.
+        Named group of elements that is the body, or ``"tetra"`` or ``"hexahedron"`` of a file with
+        both; all elements if not given. Facets of other elements are left out of the boundaries.
     curved : bool
-        Whether elements of second order are read, too: hexahedra of 20 nodes, whose faces get
-        nodes in their middle, hexahedra of 27 nodes and tetrahedra of 10.
+        Whether the nodes between the corners of elements of second order are kept: of hexahedra of
+        20 nodes, whose faces get nodes in their middle, hexahedra of 27 nodes and tetrahedra of 10.
+        They are dropped otherwise, and edges are straight.
 
     Returns
     -------
@@ -84,6 +88,11 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool 
             raise CaseError(f"{path}: boundary {name!r} has a facet that no element has")
         if max(index) >= 0:
             boundaries[name] = np.unique([facet for facet in index if facet >= 0])
+    outer = mesh.boundary_facets()
+    for name, nodes in arrays.node_sets.items():
+        inside = outer[np.isin(mesh.facets[:, outer], nodes).all(axis=0)]
+        if len(inside):
+            boundaries.setdefault(name, inside)
     if arrays.middles is not None:
         mesh = _bend(mesh, arrays.cells, scale * arrays.middles)
     return mesh.with_boundaries(boundaries).with_subdomains(arrays.volumes)

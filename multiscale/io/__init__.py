@@ -29,14 +29,17 @@ from multiscale.io.files import (
 )
 from multiscale.io.images import VoxelImage, read_images
 from multiscale.io.meshes import open_mesh, read_mesh
+from multiscale.io.named_mesh import NamedMesh, named_mesh
 from multiscale.io.surface_file import Topography, open_topography, read_surface
 
 __all__ = [
+    "NamedMesh",
     "Topography",
     "VoxelImage",
     "finite",
     "logging_to",
     "make_folder",
+    "named_mesh",
     "open_dataset",
     "open_law",
     "open_mesh",

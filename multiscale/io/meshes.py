@@ -1,43 +1,52 @@
-"""Meshes with named boundaries, from gmsh or any file that meshio reads."""
+"""Bodies with named boundaries from mesh files of gmsh, Abaqus, Salome and others."""
 
-from contextlib import redirect_stdout
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from multiscale.errors import CaseError
-
-if TYPE_CHECKING:
-    from meshio import Mesh
+from multiscale.io.gmsh_model import write_whole_mesh
+from multiscale.io.mesh_deck import read_deck
+from multiscale.io.named_mesh import NamedMesh, named_mesh
 
 __all__ = ["MeshArrays", "open_mesh", "read_mesh"]
 
-SOLIDS = ("hexahedron", "tetra", "quad", "triangle")
-"""Elements of a body, three dimensions before two."""
+SHAPES = {
+    **dict.fromkeys(("hexahedron", "hexahedron20", "hexahedron27"), "hexahedron"),
+    **dict.fromkeys(("tetra", "tetra10"), "tetra"),
+    **dict.fromkeys(("quad", "quad8", "quad9"), "quad"),
+    **dict.fromkeys(("triangle", "triangle6"), "triangle"),
+    **dict.fromkeys(("line", "line3"), "line"),
+}
+"""Elements of first order with the corners of elements of first and second order."""
 
 FACETS = {"hexahedron": "quad", "tetra": "triangle", "quad": "line", "triangle": "line"}
-"""Facets of these elements."""
-
-CURVED = {"hexahedron20": "hexahedron", "hexahedron27": "hexahedron", "tetra10": "tetra"}
-"""Elements of second order, which have nodes between the corners of these elements."""
-
-CURVED_FACETS = {"hexahedron20": "quad8", "hexahedron27": "quad9", "tetra10": "triangle6"}
-"""Facets of elements of second order."""
-
-SHAPES = CURVED | {"quad8": "quad", "quad9": "quad", "triangle6": "triangle"}
-"""Elements of first order with the corners of elements of second order."""
+"""Bodies and their facets."""
 
 CORNERS = {"hexahedron": 8, "tetra": 4, "quad": 4, "triangle": 3, "line": 2}
 
-DIMENSIONS = {"hexahedron": 3, "tetra": 3, "quad": 2, "triangle": 2, "line": 1}
+CURVED = ("hexahedron20", "hexahedron27", "tetra10")
+"""Solids of second order."""
+
+SOLIDS, PLATES = ("hexahedron", "tetra", "wedge", "pyramid", "poly"), ("quad", "triangle")
+"""Beginnings of the kinds of elements of three and of two dimensions."""
+
+HEADS = {
+    ".msh": (b"$MeshFormat", b"$NOD", b"$Comments"),
+    **dict.fromkeys((".med", ".mmed", ".rmed", ".cgns"), (b"\x89HDF",)),
+    ".unv": (b"",),
+}
+"""First bytes of meshes that gmsh reads; it would run another text as a script."""
 
 
 @dataclass(frozen=True)
 class MeshArrays:
-    """A mesh as plain arrays.
+    """A mesh of one kind of element as plain arrays.
 
     Attributes
     ----------
@@ -47,6 +56,7 @@ class MeshArrays:
     boundaries : dict of str to ndarray of int, shape (facets, corners)
         Corners of the facets of every named boundary.
     volumes : dict of str to ndarray of int, shape (elements,), elements of every named set of them
+    node_sets : dict of str to ndarray of int, corners in every named set of nodes
     middles : ndarray, shape (d, elements, nodes), optional
         Coordinates of the nodes between the corners of elements of second order, in the order of
         VTK: of edges, of faces and inside.
@@ -57,43 +67,90 @@ class MeshArrays:
     cells: np.ndarray
     boundaries: dict[str, np.ndarray]
     volumes: dict[str, np.ndarray] = field(default_factory=dict)
+    node_sets: dict[str, np.ndarray] = field(default_factory=dict)
     middles: np.ndarray | None = None
 
 
-def open_mesh(path: Path) -> "Mesh":
-    """Read a mesh of any elements with its named sets.
+def open_mesh(path: Path) -> NamedMesh:
+    """Read a mesh of any elements with its named groups.
 
     Parameters
     ----------
-    path : Path, a file of any format that meshio reads
+    path : Path
+        A deck of Abaqus or CalculiX, or a file of any format that meshio or gmsh reads.
 
     Raises
     ------
     CaseError
-        If the file is missing or cannot be read.
+        If the file is missing or cannot be read, or an element has a node that is not there.
     """
-    import meshio
-
     if not path.is_file():
         raise CaseError(f"no mesh file {path}")
     try:
-        with redirect_stdout(StringIO()):  # it prints an empty line for each file of gmsh
-            return meshio.read(path)
-    except (meshio.ReadError, OSError, SystemExit) as error:
-        raise CaseError(f"{path} cannot be read as a mesh: {error or 'unknown format'}") from error
+        with path.open("rb") as file:
+            head = file.read(64)
+            file.seek(max(0, file.seek(0, 2) - 64))
+            tail = file.read().rstrip()
+    except OSError as error:
+        raise CaseError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+    if path.suffix.lower() == ".inp" or head.lstrip().startswith(b"*"):
+        return read_deck(path)
+    try:
+        mesh = _read_by_meshio(path)
+    except CaseError as error:
+        if path.suffix == ".unv" and not tail.endswith(b"-1"):
+            raise CaseError(f"{path} cannot be read as a mesh: the file ends too early") from error
+        if not head.startswith(HEADS.get(path.suffix, ())):
+            raise CaseError(f"{path} cannot be read as a mesh: {error}") from error
+        try:
+            with TemporaryDirectory() as folder:
+                made = Path(folder) / "mesh.msh"
+                write_whole_mesh(path, made)
+                mesh = _read_by_meshio(made)
+        except CaseError as refusal:
+            raise CaseError(f"{path} cannot be read as a mesh: {refusal}") from refusal
+    for kind, nodes in mesh.cells.items():
+        if nodes.min() < 0 or nodes.max() >= len(mesh.points):
+            raise CaseError(f"{path}: an element ({kind}) has a node that the file does not define")
+    return mesh
+
+
+def _read_by_meshio(path: Path) -> NamedMesh:
+    """Read a file without prints and warnings; the error has the reason that meshio gives."""
+    import meshio
+
+    printed = StringIO()
+    try:
+        with redirect_stdout(printed), redirect_stderr(StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return named_mesh(meshio.read(path))
+    except (meshio.ReadError, ImportError, OSError) as error:
+        raise CaseError(str(error).rstrip(".")) from error
+    except SystemExit as error:  # a file that is of none of the formats of its ending
+        reasons = filter(None, (line.strip() for line in printed.getvalue().splitlines()))
+        raise CaseError("; ".join(reasons) or "no format of its ending") from error
+    except Exception as error:  # damaged files make meshio fail in any way
+        raise CaseError(
+            f"meshio stops with {type(error).__name__} ({str(error) or 'no reason given'}), so "
+            f"the file is damaged or of an unknown variant; save it as .msh, .med or .inp"
+        ) from error
 
 
 def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArrays:
-    """Read a mesh of one kind of element with its named boundaries.
+    """Read a body of one kind of element with its named boundaries.
 
-    In gmsh a physical group of lines or surfaces names a boundary, and the solid needs its own
-    physical group, since gmsh writes no other elements.
+    In gmsh a physical group of lines or surfaces names a boundary, and in a deck a surface or a set
+    of elements. The solid needs a physical group if gmsh saves only these.
 
     Parameters
     ----------
-    path : Path, a ``.msh`` file of gmsh or any other file that meshio reads
-    volume : str, named group of solid elements that is read; all of them if not given
-    curved : bool, whether elements of second order are read, too
+    path : Path, see :func:`open_mesh`
+    volume : str
+        Named group of elements that is read, or a kind of element; all elements of the largest
+        dimension if not given.
+    curved : bool
+        Whether the nodes between the corners of solids of second order are kept; they are dropped
+        otherwise, and edges are straight.
 
     Returns
     -------
@@ -104,75 +161,78 @@ def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArra
     Raises
     ------
     CaseError
-        If the file cannot be read, has no solid elements, or has two kinds of them, or no such
-        volume.
+        If the file cannot be read, has no elements of a body, two kinds of them, or no such volume.
     """
     mesh = open_mesh(path)
-    found = {name: block for name, block in mesh.cells_dict.items() if len(block)}
-    kinds = [name for name in (*(CURVED if curved else ()), *SOLIDS) if name in found]
-    solids = [name for name in kinds if name not in {FACETS.get(kind) for kind in kinds}]
-    if len(solids) != 1:
-        raise CaseError(
-            f"{path}: a body needs elements of one kind out of {', '.join(SOLIDS)} "
-            + ("or of their second order" if curved else "(first order, without nodes on edges)")
-            + f", got {sorted(found)}"
-        )
-    full = solids[0]
-    kind, facet = CURVED.get(full, full), CURVED_FACETS.get(full) or FACETS[full]
-    cells, volumes = found[full], _named_blocks(mesh, full, corners=False)
-    if volume:
-        if volume not in volumes:
-            raise CaseError(
-                f"{path}: no volume {volume!r} of {kind} elements is named; its volumes are "
-                f"{sorted(volumes)}"
-            )
-        cells, volumes = cells[volumes[volume]], {}
+    full, chosen = _select(mesh, path, volume)
+    kind = SHAPES[full]
+    cells = mesh.cells[full][chosen]
     middles = None
-    if full in CURVED:
-        cells, between = cells[:, : CORNERS[kind]], cells[:, CORNERS[kind] :]
-        middles = np.moveaxis(mesh.points[between], 2, 0)
+    if curved and full in CURVED:
+        middles = np.moveaxis(mesh.points[cells[:, CORNERS[kind] :]], 2, 0)
+    cells = cells[:, : CORNERS[kind]]
     used, renumbered = np.unique(cells, return_inverse=True)
     points = mesh.points[used].T
-    if kind in ("triangle", "quad"):
+    if not np.all(np.isfinite(points)):
+        raise CaseError(f"{path}: the nodes of the body have coordinates that are not finite")
+    if kind in PLATES:
         if len(points) == 3 and np.ptp(points[2]) > 1e-9 * np.ptp(points[:2], axis=1).max():
-            raise CaseError(f"{path}: {kind}s must lie in a plane z = const, got a curved shell")
+            raise CaseError(
+                f"{path}: {kind}s must lie in a plane z = const, got a curved shell; mesh the "
+                f"volume that it bounds"
+            )
         points = points[:2]
     number = np.full(len(mesh.points), -1)
     number[used] = np.arange(len(used))
-    boundaries = {
-        name: number[facets[:, : CORNERS[FACETS[kind]]]]
-        for name, facets in _named_blocks(mesh, facet, corners=True).items()
-        if len(facets) and np.all(number[facets[:, : CORNERS[FACETS[kind]]]] >= 0)
-    }
+
+    # facets of the body, with all corners in it
+    boundaries: dict[str, list[np.ndarray]] = {}
+    for name, members in mesh.groups.items():
+        for facet, numbers in members.items():
+            if SHAPES.get(facet) == FACETS[kind]:
+                corners = number[mesh.cells[facet][numbers, : CORNERS[FACETS[kind]]]]
+                own = corners[np.all(corners >= 0, axis=1)]
+                if len(own):
+                    boundaries.setdefault(name, []).append(own)
+    nodes = {name: number[points] for name, points in mesh.node_sets.items()}
     return MeshArrays(
         kind,
         np.ascontiguousarray(points),
         renumbered.reshape(cells.shape),
-        boundaries,
-        volumes,
+        {name: np.concatenate(parts) for name, parts in boundaries.items()},
+        {}
+        if volume
+        else {name: kinds[full] for name, kinds in mesh.groups.items() if full in kinds},
+        {name: numbers[numbers >= 0] for name, numbers in nodes.items()},
         middles,
     )
 
 
-def _named_blocks(mesh: Any, kind: str, *, corners: bool) -> dict[str, np.ndarray]:
-    """Elements of one kind by the name of their group: their corners, or their numbers."""
-    members = {name: sets for name, sets in mesh.cell_sets.items() if ":" not in name}
-    groups = mesh.cell_data.get("gmsh:physical")
-    if groups is not None:  # older gmsh formats store numbers, and the names elsewhere
-        for name, (tag, dimension) in mesh.field_data.items():
-            if (
-                dimension != DIMENSIONS[SHAPES.get(kind, kind)]
-            ):  # groups of several dimensions may share a number
-                continue
-            members.setdefault(name, [np.flatnonzero(group == tag) for group in groups])
-    named: dict[str, list[np.ndarray]] = {}
-    for name, sets in members.items():
-        before = 0
-        for block, chosen in zip(mesh.cells, sets, strict=True):
-            if block.type != kind:
-                continue
-            if chosen is not None and len(chosen):
-                index = np.asarray(chosen, dtype=int)
-                named.setdefault(name, []).append(block.data[index] if corners else before + index)
-            before += len(block.data)
-    return {name: np.concatenate(parts) for name, parts in named.items()}
+def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
+    """Kind of the elements of a body, and their numbers."""
+    whole = {kind: np.arange(len(cells)) for kind, cells in mesh.cells.items()}
+    solid = any(kind.startswith(SOLIDS) for kind in whole)
+    bodies = [kind for kind in whole if kind.startswith(SOLIDS if solid else PLATES)]
+    named = {
+        name: {kind: members for kind, members in kinds.items() if kind in bodies}
+        for name, kinds in mesh.groups.items()
+    }
+    named = {name: kinds for name, kinds in named.items() if kinds}
+    by_kind: dict[str, dict[str, np.ndarray]] = {}
+    for kind in bodies:
+        by_kind.setdefault(SHAPES.get(kind, kind), {})[kind] = whole[kind]
+    if volume and volume not in {**by_kind, **named}:
+        raise CaseError(
+            f"{path}: no volume {volume!r} is named; its volumes are {sorted(named)}, and its "
+            f"kinds of elements {sorted(by_kind)}"
+        )
+    found = (by_kind | named)[volume] if volume else {kind: whole[kind] for kind in bodies}
+    if len(found) != 1 or not found.keys() <= SHAPES.keys():
+        counts = ", ".join(f"{len(members)} {kind}" for kind, members in sorted(found.items()))
+        choices = sorted({**by_kind, **named}) if len(by_kind) > 1 else []
+        raise CaseError(
+            f"{path}: a body needs elements of one kind out of {', '.join(FACETS)} or of their "
+            f"second order, got {counts or sorted(whole) or 'no elements'}; "
+            + (f"give one of {choices} as volume" if choices else "mesh the body in one kind")
+        )
+    return next(iter(found.items()))

@@ -98,9 +98,12 @@ class MeshedBody(Material):
 
     name: Name = Field(description="Name of the body, without dots.")
     mesh: Path = Field(
-        description="Mesh of straight tetrahedra or hexahedra with named faces, of gmsh or of "
-        "another program whose files meshio reads; or a geometry of gmsh with physical surfaces, "
-        "a file `.geo`, which is meshed."
+        description="Mesh of tetrahedra or hexahedra with named faces: a file of gmsh, of Salome "
+        "(`.med`), of Abaqus or CalculiX (`.inp`), or of another program that meshio or gmsh "
+        "reads; or a geometry of gmsh with physical surfaces, a file `.geo`, which is meshed. "
+        "Groups and surfaces name faces, and a set of nodes names the outer faces with all corners "
+        "in it. Nodes between the corners are dropped; `order` puts them in again, on straight "
+        "edges."
     )
     element: Length | None = Field(
         None,
@@ -113,7 +116,9 @@ class MeshedBody(Material):
         "the mesh, which is unknown without it.",
     )
     volume: str = Field(
-        "", description="Named volume of the mesh that is the body; the whole mesh if not given."
+        "",
+        description='Named volume of the mesh that is the body, or `"tetra"` or `"hexahedron"` in '
+        "a mesh with both; the whole mesh if not given.",
     )
     unit: Unit | None = Field(
         None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
@@ -187,7 +192,9 @@ class MeshedBody(Material):
         if not mesh.boundaries:
             raise CaseError(
                 f"{self.mesh}: the mesh of {self.name} names no faces, which supports, interfaces "
-                f"and loads need; name them, in gmsh as physical surfaces"
+                f"and loads need; name them: in gmsh as physical surfaces (and save all elements "
+                f"in format 4 only), in Salome as groups of faces, in Abaqus and CalculiX by "
+                f"*SURFACE or *NSET"
             )
         extent = np.ptp(mesh.p, axis=1)
         if self.unit is None and not SMALL < extent.max() < LARGE:

@@ -240,7 +240,9 @@ class LinkMesh(LinkStructure):
     """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`."""
 
     kind: Literal["mesh"]
-    file: Path = Field(description="Mesh file that meshio reads.")
+    file: Path = Field(
+        description="Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."
+    )
     unit: Length = Field(description="Length of one unit of the file, m.")
     laws: Laws
     supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are held.")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
+from multiscale.io import named_mesh
 from multiscale.laws.link import Bar, Beam, Cable, Strut
 from multiscale.macro import (
     LinkSystem,
@@ -202,7 +203,7 @@ def test_a_table_and_a_line_mesh_build_the_same_structure():
         cell_sets={"rope": [np.array([0, 1, 2])], "rod": [np.array([3])]},
         point_sets={"base": [0, 1, 2, 3]},
     )
-    lines = system_from_mesh(mesh, laws, supports=("base",), load=(0.0, 0.0, 70.0))
+    lines = system_from_mesh(named_mesh(mesh), laws, supports=("base",), load=(0.0, 0.0, 70.0))
     one, other = solve_static(table), solve_static(lines)
     assert one.converged == 1
     np.testing.assert_allclose(one.tension, other.tension)
@@ -210,11 +211,13 @@ def test_a_table_and_a_line_mesh_build_the_same_structure():
 
 
 def test_physical_groups_of_gmsh_name_laws_and_supports():
-    mesh = meshio.Mesh(
-        np.array([[0.0, 0, 1], [0.0, 0, 0]]),
-        [("vertex", [[0]]), ("line", [[0, 1]])],
-        cell_data={"gmsh:physical": [np.array([7]), np.array([8])]},
-        field_data={"hook": np.array([7, 0]), "rope": np.array([8, 1])},
+    mesh = named_mesh(
+        meshio.Mesh(
+            np.array([[0.0, 0, 1], [0.0, 0, 0]]),
+            [("vertex", [[0]]), ("line", [[0, 1]])],
+            cell_data={"gmsh:physical": [np.array([7]), np.array([8])]},
+            field_data={"hook": np.array([7, 0]), "rope": np.array([8, 1])},
+        )
     )
     rope = system_from_mesh(mesh, {"rope": Cable(1e5)}, supports=("hook",))
     np.testing.assert_array_equal(rope.fixed.all(axis=1), [True, False])

@@ -13,8 +13,8 @@ from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, solve_co
 from multiscale.nonsmooth import solve_friction
 
 # Bodies are elastic, hyperelastic or plastic, on any two- or three-dimensional mesh with named
-# boundaries: of scikit-fem, of gmsh, or a file that meshio reads. They touch each other through
-# non-matching meshes, and rigid obstacles, with Coulomb friction, in load steps.
+# boundaries: of scikit-fem, or from a file of gmsh, Salome, Abaqus and others. They touch each
+# other through non-matching meshes, and rigid obstacles, with Coulomb friction, in load steps.
 mesh = MeshQuad().refined(3).with_defaults()  # a unit square with named sides
 block = Body(mesh, Elastic(1e9, 0.3), supports={"top": (1e-4, -1e-3)})
 floor = RigidPlane((0.0, 0.0), (0.0, 1.0))

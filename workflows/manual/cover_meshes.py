@@ -9,7 +9,7 @@ from the root of a checkout writes ``cover.msh`` and ``housing.msh`` in mm, by g
 import sys
 from pathlib import Path
 
-from multiscale.fe.gmsh_model import gmsh_model
+from multiscale.io.gmsh_model import gmsh_model
 
 FOLDER = Path(__file__).parents[1] / "scenes" / "bolted_cover"
 SIZE = (60.0, 40.0)

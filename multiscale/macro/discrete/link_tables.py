@@ -1,16 +1,14 @@
 """Structures from tables of nodes and links, and from line meshes."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.io import NamedMesh
 from multiscale.laws.link import Beam, LinkLaw
 from multiscale.macro.discrete.link_system import LinkSystem
-
-if TYPE_CHECKING:
-    from meshio import Mesh
 
 __all__ = ["system_from_mesh", "system_from_table"]
 
@@ -88,7 +86,7 @@ def system_from_table(
 
 
 def system_from_mesh(
-    mesh: "Mesh",
+    mesh: NamedMesh,
     laws: Mapping[str, LinkLaw],
     *,
     supports: tuple[str, ...],
@@ -99,9 +97,9 @@ def system_from_mesh(
 
     Parameters
     ----------
-    mesh : meshio.Mesh
-        Mesh as returned by ``meshio.read``. Lines belong to named sets: cell sets, or physical
-        groups of gmsh. Supports are named sets of points, or groups of vertex elements.
+    mesh : NamedMesh
+        Mesh as returned by :func:`multiscale.io.open_mesh`. Lines belong to named groups. Supports
+        are named sets of nodes, or groups of vertex elements.
     laws : mapping of str to LinkLaw, law of every set of lines
     supports : tuple of str, sets whose nodes are fixed in all unknowns
     load : tuple of float
@@ -124,8 +122,8 @@ def system_from_mesh(
     number[used] = np.arange(used.size)
     fixed = np.zeros((used.size, c), dtype=bool)
     for name in supports:
-        if name in mesh.point_sets:
-            points = np.asarray(mesh.point_sets[name], dtype=int)
+        if name in mesh.node_sets:
+            points = mesh.node_sets[name]
         else:
             points = np.unique(_cells(mesh, name, "vertex"))
         found = number[points]
@@ -166,21 +164,11 @@ def _check_columns(
         raise CaseError(f"the columns of {what} must have one length, got {sizes}")
 
 
-def _cells(mesh: "Mesh", name: str, kind: str) -> np.ndarray:
-    """Return the elements of a kind in a named set, shape (elements, corners)."""
-    found = []
-    groups = mesh.cell_data.get("gmsh:physical")
-    for k, block in enumerate(mesh.cells):
-        if block.type != kind:
-            continue
-        if name in mesh.cell_sets and mesh.cell_sets[name][k] is not None:
-            found.append(block.data[np.asarray(mesh.cell_sets[name][k], dtype=int)])
-        elif name in mesh.field_data and groups is not None:
-            found.append(block.data[groups[k] == mesh.field_data[name][0]])
-    cells = np.concatenate(found) if found else np.zeros((0, 2), dtype=int)
-    if not len(cells):
-        points = mesh.point_sets if kind == "vertex" else ()
-        known = sorted({*points, *mesh.cell_sets, *mesh.field_data})
+def _cells(mesh: NamedMesh, name: str, kind: str) -> np.ndarray:
+    """Return the elements of a kind in a named group, shape (elements, corners)."""
+    members = mesh.groups.get(name, {}).get(kind)
+    if members is None:
+        known = sorted({*(mesh.node_sets if kind == "vertex" else ()), *mesh.groups})
         what = "points" if kind == "vertex" else "lines"
         raise CaseError(f"the mesh has no {what} in a set named {name!r}; its sets: {known}")
-    return cells
+    return np.asarray(mesh.cells[kind][members])

@@ -226,7 +226,11 @@ def _stiffness(
         )
     for part in range(int(owner.max()) + 1):
         elements = np.flatnonzero(owner == part)
-        _check_piece(mesh.t[:, elements], f"substructure {part} of body {index}")
+        whole = body.name or f"body {index}"
+        _check_piece(
+            mesh.t[:, elements],
+            f"substructure {part} of {whole}" if elements.size < owner.size else whole,
+        )
         basis = body.basis
         if elements.size < owner.size:
             corners = np.unique(mesh.t[:, elements])
@@ -253,4 +257,7 @@ def _check_piece(elements: np.ndarray, name: str) -> None:
     shape = (nodes.size, nodes.size)
     pieces = connected_components(coo_array((np.ones(pairs.shape[1]), pairs), shape=shape))[0]
     if pieces > 1:
-        raise CaseError(f"{name} is in {pieces} pieces that do not touch; cut the mesh otherwise")
+        raise CaseError(
+            f"{name} is in {pieces} pieces that do not touch; make each of them a body with a "
+            f"named volume or a mesh file of its own"
+        )

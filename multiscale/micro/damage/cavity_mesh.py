@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.gmsh_model import gmsh_model
+from multiscale.io.gmsh_model import gmsh_model
 from multiscale.micro.damage.cavities import Cavities
 from multiscale.micro.damage.crack_faces import CrackedMesh, open_cracks
 from multiscale.micro.damage.section_plane import SectionPlane

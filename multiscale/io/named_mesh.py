@@ -1,0 +1,82 @@
+"""Points, elements and named groups of a mesh, whatever the format of its file."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from meshio import Mesh
+
+__all__ = ["NamedMesh", "named_mesh"]
+
+NUMBERED = ("gmsh:physical", "netgen:index")
+"""Data of elements that number their group; the names are stored apart."""
+
+
+@dataclass(frozen=True)
+class NamedMesh:
+    """A mesh of any elements with named groups.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, d), coordinates in the unit of the file
+    cells : dict of str to ndarray of int, shape (elements, nodes)
+        Points of the elements of every kind; kinds and the order of nodes as in meshio.
+    groups : dict of str to dict of str to ndarray of int
+        Elements of every named group, by kind: named volumes, faces, lines and vertices.
+    node_sets : dict of str to ndarray of int, points of every named set of nodes
+    """
+
+    points: np.ndarray
+    cells: dict[str, np.ndarray]
+    groups: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    node_sets: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def named_mesh(mesh: "Mesh") -> NamedMesh:
+    """Collect the groups that meshio stores in different places for different formats.
+
+    Parameters
+    ----------
+    mesh : meshio.Mesh, as returned by ``meshio.read``
+    """
+    data = mesh.cell_data
+    numbers = next((data[name] for name in NUMBERED if name in data), None)
+    families = getattr(mesh, "cell_tags", {})  # groups of MED by their number
+    count: dict[str, int] = {}
+    groups: dict[str, dict[str, list[np.ndarray]]] = {}
+    for k, block in enumerate(mesh.cells):
+        found = [(name, sets[k]) for name, sets in mesh.cell_sets.items() if ":" not in name]
+        if numbers is not None:  # groups of several dimensions may share a number
+            found += [
+                (name, np.flatnonzero(numbers[k] == tag))
+                for name, (tag, dimension) in mesh.field_data.items()
+                if dimension == block.dim
+            ]
+        found += [
+            (name, np.flatnonzero(data["cell_tags"][k] == number))
+            for number, names in families.items()
+            for name in names
+            if "cell_tags" in data
+        ]
+        first = count.get(block.type, 0)
+        count[block.type] = first + len(block.data)
+        for name, chosen in found:
+            if chosen is not None and len(chosen):
+                members = groups.setdefault(name.strip(), {}).setdefault(block.type, [])
+                members.append(first + np.asarray(chosen, dtype=int))
+    nodes = {name: np.asarray(points, dtype=int) for name, points in mesh.point_sets.items()}
+    for number, names in getattr(mesh, "point_tags", {}).items():
+        chosen = np.flatnonzero(mesh.point_data["point_tags"] == number)
+        for name in names:
+            nodes[name.strip()] = np.append(nodes.get(name.strip(), chosen[:0]), chosen)
+    return NamedMesh(
+        mesh.points,
+        {kind: block for kind, block in mesh.cells_dict.items() if len(block)},
+        {
+            name: {kind: np.unique(np.concatenate(parts)) for kind, parts in kinds.items()}
+            for name, kinds in groups.items()
+        },
+        nodes,
+    )
