@@ -4,8 +4,7 @@ from multiscale.nonsmooth.complementarity import verify_lcp
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import solve_friction
 from multiscale.nonsmooth.lcp import solve_lcp
-from multiscale.nonsmooth.lcp_operator import Delassus
 
-__all__ = ["Delassus", "solve_friction", "solve_lcp", "verify_friction", "verify_lcp"]
+__all__ = ["solve_friction", "solve_lcp", "verify_friction", "verify_lcp"]
 
 __dir__ = __all__.copy

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.nonsmooth.lcp_operator import Delassus, lcp_operator
+from multiscale.nonsmooth.lcp_problem import data_size, lcp_entries
 
-__all__ = ["Verification", "data_size", "lcp_verifier", "verify_lcp"]
+__all__ = ["Verification", "lcp_verifier", "verify_lcp"]
 
 SMALLEST_ROW = 1e-6
 """No row is measured against less than this part of the data."""
@@ -30,32 +30,27 @@ class Verification:
     worst : int, constraint with that error; -1 if there are no constraints
     penetration : float, largest negative part of w = M z + q, in the unit of q
     adhesion : float, largest negative part of z, in the unit of z
-    equilibrium : float
-        Largest residual of the balance of the bodies relative to its terms, dimensionless; zero
-        unless bodies and directions are given.
     """
 
     error: float
     worst: int
     penetration: float
     adhesion: float
-    equilibrium: float
 
     @property
     def residual(self) -> float:
-        """The number to compare with a tolerance, dimensionless."""
-        return max(self.error, self.equilibrium)
+        """Number to compare with a tolerance, dimensionless."""
+        return self.error
 
 
 def verify_lcp(
-    matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray, value: np.ndarray
+    matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.ndarray
 ) -> Verification:
     r"""Measure how well :math:`z` solves :math:`0 \le M z + q \perp z \ge 0`.
 
     Parameters
     ----------
-    matrix : csr_array, ndarray or Delassus, shape (n, n)
-        :math:`M`, or the bodies and directions behind it, which adds the check of equilibrium.
+    matrix : csr_array or ndarray, shape (n, n), :math:`M`
     vector : ndarray, shape (n,), :math:`q`
     value : ndarray, shape (n,)
         :math:`z` to be judged; nothing but the data is used to judge it.
@@ -92,26 +87,26 @@ def verify_lcp(
     Examples
     --------
     >>> verify_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0]), np.array([1.0, 0.0]))
-    Verification(error=0.0, worst=0, penetration=0.0, adhesion=0.0, equilibrium=0.0)
+    Verification(error=0.0, worst=0, penetration=0.0, adhesion=0.0)
     """
     return lcp_verifier(matrix, vector)(value)
 
 
 def lcp_verifier(
-    matrix: csr_array | np.ndarray | Delassus, vector: np.ndarray
+    matrix: csr_array | np.ndarray, vector: np.ndarray
 ) -> Callable[[np.ndarray], Verification]:
     """Prepare :func:`verify_lcp` for many values of one problem."""
-    operator, vector = lcp_operator(matrix, vector)
-    scale = operator.scale()
+    entries, vector = lcp_entries(matrix, vector)
+    scale, absolute = entries.scale(), abs(entries.matrix)
 
     def verify(value: np.ndarray) -> Verification:
         if value.shape != vector.shape:
             raise ValueError(f"value must have shape {vector.shape}, got {value.shape}")
         if value.size == 0:
-            return Verification(0.0, -1, 0.0, 0.0, 0.0)
-        product, terms, equilibrium = operator.apply(value)
-        slack = product + vector
-        z, w, q, r = value / scale, scale * slack, scale * vector, scale * terms
+            return Verification(0.0, -1, 0.0, 0.0)
+        slack = entries.matrix @ value + vector
+        z, w, q = value / scale, scale * slack, scale * vector
+        r = scale * (absolute @ np.abs(value))
         size = data_size(q) or float(np.max(r)) or 1.0  # delta
         row = np.abs(q) + r
         rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
@@ -124,12 +119,6 @@ def lcp_verifier(
             worst,
             max(0.0, -float(np.min(slack))),
             max(0.0, -float(np.min(value))),
-            equilibrium,
         )
 
     return verify
-
-
-def data_size(vector: np.ndarray) -> float:
-    """Size of a scaled q: the error of z = 0, or its largest entry where z = 0 is the solution."""
-    return float(np.max(-vector, initial=0.0)) or float(np.max(vector, initial=0.0))

@@ -3,7 +3,6 @@
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.nonsmooth.lcp_operator import Entries
 from multiscale.nonsmooth.lcp_problem import ScaledLCP
 
 __all__ = ["infeasibility_detail"]
@@ -27,14 +26,12 @@ def infeasibility_detail(problem: ScaledLCP, last: list[np.ndarray]) -> str:
 
     Parameters
     ----------
-    problem : ScaledLCP, given by its entries; nothing is found otherwise
+    problem : ScaledLCP
     last : list of ndarray, shape (n,), the last iterate of every method
     """
     from scipy.optimize import linprog
 
-    if not isinstance(problem.operator, Entries):
-        return ""
-    transposed = problem.operator.matrix.T
+    transposed = problem.entries.matrix.T
     for x in last:
         if np.all(np.isfinite(x)) and (detail := _judge(problem, transposed, x)):
             return detail

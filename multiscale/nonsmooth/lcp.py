@@ -10,11 +10,8 @@ from scipy.sparse import csr_array
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.complementarity import lcp_verifier
-from multiscale.nonsmooth.conic import iterate_conic
 from multiscale.nonsmooth.infeasibility import infeasibility_detail
-from multiscale.nonsmooth.lcp_gauss_seidel import iterate_gauss_seidel
 from multiscale.nonsmooth.lcp_interior_point import iterate_interior_point
-from multiscale.nonsmooth.lcp_operator import Delassus, Entries
 from multiscale.nonsmooth.lcp_problem import ScaledLCP, scale_lcp
 from multiscale.nonsmooth.newton_min import iterate_newton_min
 from multiscale.nonsmooth.pivoting import iterate_pivoting
@@ -24,16 +21,11 @@ from multiscale.nonsmooth.spectrum import FIRST_LOOK, SMALL, THOROUGH, refuse_in
 __all__ = ["solve_lcp"]
 
 LCP_METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] = {
-    "gauss_seidel": iterate_gauss_seidel,
     "projected_gradient": iterate_projected_gradient,
     "newton_min": iterate_newton_min,
     "interior_point": iterate_interior_point,
     "pivoting": iterate_pivoting,
-    "conic": iterate_conic,
 }
-
-NEEDS_ENTRIES = ("gauss_seidel", "projected_gradient", "pivoting")
-NEEDS_SYMMETRY = ("projected_gradient", "conic")
 
 PATIENCE = 100
 """Iterates without a residual cut to a half after which a method that is alone gives up."""
@@ -61,17 +53,15 @@ class _Stage:
 
 
 GRADIENTS = _Stage("projected_gradient", window=40, factor=0.3)
-SWEEPS = _Stage("gauss_seidel", window=10, factor=0.3)
 ACTIVE_SETS = _Stage("newton_min", window=4)
 MONOTONE_SETS = _Stage("newton_min", window=20)
 INTERIOR = _Stage("interior_point", window=80)
 PIVOTS = _Stage("pivoting", window=1000)
-ORACLE = _Stage("conic", window=10)
 
 
 @np.errstate(all="ignore")  # an overflow shows in the residual
 def solve_lcp(
-    matrix: csr_array | np.ndarray | Delassus,
+    matrix: csr_array | np.ndarray,
     vector: np.ndarray,
     *,
     method: str = "auto",
@@ -88,18 +78,19 @@ def solve_lcp(
 
     Parameters
     ----------
-    matrix : csr_array, ndarray or Delassus, shape (n, n)
-        :math:`M`, in any unit; or the bodies and directions behind it. Symmetric ones must be
-        positive semidefinite, and may be singular (redundant constraints, hyperstatic stacks).
+    matrix : csr_array or ndarray, shape (n, n)
+        :math:`M`, in any unit. A symmetric matrix must be positive semidefinite, and may be
+        singular (redundant constraints, hyperstatic stacks).
     vector : ndarray, shape (n,), :math:`q`, in the unit of w
     method : str
-        ``"auto"`` takes projected gradients (Gauss-Seidel if M is not symmetric), Newton-min, an
-        interior point, pivoting and the conic solver in this order, each for as long as the
-        residual falls. ``"projected_gradient"``, ``"gauss_seidel"``, ``"newton_min"``,
-        ``"interior_point"``, ``"pivoting"`` and ``"conic"`` take one alone.
+        ``"auto"`` takes conjugate projected gradients (if M is symmetric), Newton-min (active
+        sets), an interior point that ends with active sets, and for up to 1000 constraints
+        pivoting, in this order, each for as long as the residual falls.
+        ``"projected_gradient"``, ``"newton_min"``, ``"interior_point"`` and ``"pivoting"`` take
+        only this method.
     start : ndarray, shape (n,), optional, first z, in the unit of z; zero if not given
     max_iterations : int
-        Limit on the number of residuals: one per ten sweeps or gradient steps, per
+        Limit on the number of residuals: one per ten gradient steps, per
         factorisation, or per n / 20 pivots.
     tolerance : float
         Bound on the residual of :func:`verify_lcp`, relative to the data; dimensionless.
@@ -116,7 +107,7 @@ def solve_lcp(
     CaseError
         If the matrix is not square, the vector does not fit, an entry is not finite, the matrix
         is symmetric but indefinite (``"pivoting"`` takes it), or the method does not exist or
-        cannot take the problem.
+        requires a symmetric matrix.
     ValueError
         If ``start`` does not fit.
 
@@ -163,28 +154,19 @@ def solve_lcp(
 
 def _stages(problem: ScaledLCP, method: str) -> list[_Stage]:
     """Methods to take in turn."""
-    formed = isinstance(problem.operator, Entries)
     if method != "auto":
         if method not in LCP_METHODS:
             raise CaseError(f"method {method!r} does not exist; known: {['auto', *LCP_METHODS]}")
-        if method in NEEDS_ENTRIES and not formed:
-            raise CaseError(
-                f"method {method!r} needs the entries of the matrix, which are not formed for "
-                f"{problem.vector.size} coupled constraints; use method='interior_point'"
-            )
-        if method in NEEDS_SYMMETRY and not problem.is_symmetric:
+        if method == "projected_gradient" and not problem.is_symmetric:
             raise CaseError(
                 f"method {method!r} needs a symmetric matrix, but mirrored entries differ; use "
-                f"method='gauss_seidel' or 'interior_point'"
+                f"method='interior_point'"
             )
         return [_Stage(method, PATIENCE)]
-    if not formed:
-        return [INTERIOR, ACTIVE_SETS, ORACLE]
-    pivots = [PIVOTS] if problem.vector.size <= LARGEST_PIVOTING else []
+    gradients = [GRADIENTS] if problem.is_symmetric else []
     sets = MONOTONE_SETS if problem.has_negative_couplings else ACTIVE_SETS
-    if problem.is_symmetric:
-        return [GRADIENTS, sets, INTERIOR, *pivots, ORACLE]
-    return [SWEEPS, sets, INTERIOR, *pivots]
+    pivots = [PIVOTS] if problem.vector.size <= LARGEST_PIVOTING else []
+    return [*gradients, sets, INTERIOR, *pivots]
 
 
 def _iterates(
@@ -209,5 +191,6 @@ def _iterates(
 def _refuse_indefinite(problem: ScaledLCP, steps: int) -> None:
     """Refuse a symmetric matrix of given entries with a clearly negative eigenvalue."""
     size = problem.vector.size
-    if problem.is_symmetric and isinstance(problem.operator, Entries) and size > 0:
-        refuse_indefinite(problem.operator.product, size, steps, INDEFINITE, atol=NEGATIVE)
+    if problem.is_symmetric and size > 0:
+        matrix = problem.entries.matrix
+        refuse_indefinite(lambda x: matrix @ x, size, steps, INDEFINITE, atol=NEGATIVE)

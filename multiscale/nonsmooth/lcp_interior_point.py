@@ -67,7 +67,7 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
             yield from islice(iterate_newton_min(problem, x, active), POLISH_STEPS)
 
         try:
-            solve = problem.operator.solver(everywhere, w / x, problem.is_symmetric)
+            solve = problem.entries.solver(everywhere, w / x, problem.is_symmetric)
         except RuntimeError:  # SuperLU met a pivot that is exactly zero
             return
         dx, dw = _step(problem, x, w, gap, solve)

@@ -55,7 +55,7 @@ def iterate_newton_min(
             x = np.where(active, x, 0.0)
             if active.any():  # corrected until their slack is zero; the others are zero
                 shift = np.full(np.count_nonzero(active), SHIFT)
-                solve = problem.operator.solver(active, shift, problem.is_symmetric)
+                solve = problem.entries.solver(active, shift, problem.is_symmetric)
                 for _ in range(1 + REFINEMENTS):
                     x[active] -= solve(problem.slack(x)[active])
         except RuntimeError:  # SuperLU met a pivot that is exactly zero

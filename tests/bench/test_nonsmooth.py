@@ -45,7 +45,6 @@ def test_every_method_is_measured_on_every_scene_or_left_out_with_a_sentence(fou
     assert len(lines) == found.sizes["run"]
     assert [caution.split(" is left out of ")[0] for caution in cautions] == [
         "projected_gradient",
-        "conic",
     ]
     assert all("needs a symmetric matrix" in caution for caution in cautions)
     assert "peak_memory" not in found
@@ -153,4 +152,4 @@ def test_the_problems_know_their_size_and_refuse_what_a_method_cannot_take():
     )
     problem = lcp_problem("not symmetric", quick=True)
     with pytest.raises(CaseError, match="needs a symmetric matrix"):
-        problem.solve(method="conic")
+        problem.solve(method="projected_gradient")

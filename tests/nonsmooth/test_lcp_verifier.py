@@ -5,8 +5,6 @@ import pytest
 
 from multiscale.bench.lcp_scenes import condensed, granular, loaded_column
 from multiscale.nonsmooth.complementarity import verify_lcp
-from multiscale.nonsmooth.lcp import solve_lcp
-from multiscale.nonsmooth.lcp_operator import Delassus
 
 
 def test_a_known_error_is_measured():
@@ -55,11 +53,3 @@ def test_rounding_alone_is_no_error():
     matrix = condensed(mass, directions)
     assert verify_lcp(matrix, vector, weight).error <= 1e-10
     assert verify_lcp(matrix, vector, weight * (1.0 + 1e-4)).error >= 5e-5
-
-
-def test_equilibrium_is_measured_where_bodies_are_given():
-    mass, directions, vector = granular(30)
-    value = solve_lcp(condensed(mass, directions), vector).unwrap()
-    found = verify_lcp(Delassus(mass, directions), vector, value)
-    assert found.residual <= 1e-9
-    assert found.equilibrium <= 1e-14
