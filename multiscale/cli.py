@@ -184,38 +184,86 @@ def micro_command(
 
 @app.command("fit")
 def fit_command(
-    response: Annotated[Path, typer.Argument(help="Response to fit.")],
+    response: Annotated[
+        Path,
+        typer.Argument(
+            help="Response to fit; or a table .csv of measured stiffness, gap or contact fraction."
+        ),
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Law to write.")] = Path(
         "interface_law.nc"
     ),
     family: Annotated[
-        str, typer.Option(help="convex_decreasing, exponential or power.")
-    ] = "convex_decreasing",
+        str,
+        typer.Option(
+            help="convex_decreasing (the default of a response), exponential or power; of a table "
+            "the best admissible one if not given."
+        ),
+    ] = "",
     shear: Annotated[
         Path | None, typer.Option(help="Response of the cells that were sheared, for friction.")
     ] = None,
     sliding: Annotated[
         Path | None, typer.Option(help="Response of the cells that slid, for friction.")
     ] = None,
+    pressure: Annotated[
+        list[str] | None,
+        typer.Option(help='Pressure such as "5 MPa" at which the law of a table is printed.'),
+    ] = None,
 ) -> None:
-    """Fit the interface law to a response."""
+    """Fit the interface law to a response, or to a table of measurements."""
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
     from multiscale.upscaling.shear_branch import say_shear
 
     _check_dataset(out)
+    if response.suffix.lower() == ".csv":
+        if shear or sliding:
+            raise CaseError(f"{response}: a table takes no --shear and no --sliding")
+        _fit_table(response, out, family, [to_si(one, "Pa") for one in pressure or ()])
+        return
+    if pressure:
+        raise CaseError(f"--pressure is of the law of a table .csv, got {response}")
     law = fit_branches(
         open_response(response),
         shear=None if shear is None else open_dataset(shear, SHEAR_RESPONSE),
         sliding=None if sliding is None else open_dataset(sliding, SLIDING_RESPONSE),
-        family=family,
+        family=family or "convex_decreasing",
     )
     save_law(law, out)
     _warn(law.attrs["cautions"].splitlines())
     typer.echo(law.attrs["branches"])
     for line in say_shear(law):
         typer.echo(line)
+
+
+def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> None:
+    """Fit measured specimens, and print family, fit error and predictions with intervals."""
+    import numpy as np
+
+    from multiscale.io import save_law
+    from multiscale.pipeline.rows import tabulate_prediction
+    from multiscale.upscaling import best_family, fit_law, predict, quantity_of, read_observations
+
+    seen = read_observations(file, quantity_of(file))
+    chosen = family or best_family(seen)[0]
+    law = fit_law(seen, family=chosen)
+    save_law(law, out)
+    low, high = (float(law.attrs[f"pressure_{end}"]) for end in ("min", "max"))
+    at = np.array(pressure or np.geomspace(low, high, 5))
+    found = predict(law, seen, at)
+    outside = [f"{1e-6 * p:.4g}" for p in at if not 0.999 * low <= p <= 1.001 * high]
+    beyond = f"pressures of {', '.join(outside)} MPa lie outside the data; the law extrapolates"
+    _warn([*law.attrs["cautions"].splitlines(), *found.unknown, *([beyond] if outside else [])])
+    n, points = seen.n_realisations, seen.pressure.size
+    title = (
+        f"{chosen}{'' if family else ' (the best family)'}: {n} specimen{'s' * (n > 1)} at "
+        f"{points} pressures, error at unseen pressures "
+        f"{100.0 * float(law.attrs['cross_validated_rms_error']):.2g} %"
+    )
+    _print_table(title, *tabulate_prediction(seen.quantity, at, found))
+    typer.echo(f"law: {out}")
 
 
 @app.command("export")

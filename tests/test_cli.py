@@ -75,3 +75,32 @@ def test_what_is_asked_first_is_answered(arguments):
     done = run_python("from multiscale.__main__ import main; main()", *arguments)
     said = {"--version": multiscale.__version__, "cases": "bolted_lap"}.get(arguments[0], "Usage")
     assert said in done.stdout
+
+
+def test_a_table_of_measurements_is_fitted_and_predicts(monkeypatch, tmp_path, capsys):
+    """K = p / u_0: an exponential law, which two equal runs confirm."""
+    rows = [f"{p},{p / 0.5},{run}" for run in "ab" for p in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)]
+    file, law = tmp_path / "runs.csv", tmp_path / "law.nc"
+    file.write_text("\n".join(["pressure (MPa),stiffness (MPa/um),specimen", *rows]))
+    command = ["multiscale", "fit", str(file), "-o", str(law)]
+    at = ["--family", "exponential", "--pressure", "3 MPa", "--pressure", "100 MPa"]
+    monkeypatch.setattr(sys, "argv", [*command, *at])
+    with pytest.raises(SystemExit, match="0"):
+        cli.main()
+    told, cautions = capsys.readouterr()
+    rows = [line.split() for line in told.splitlines()]
+    assert told.startswith("exponential: 2 specimens at 6 pressures, error at unseen pressures")
+    assert rows[3][:3] == ["3", "6", "unknown"]
+    assert "100 MPa lie outside the data; the law extrapolates" in cautions
+    assert "2 realisations are too few for a band of 95 %" in cautions
+    assert law.exists()
+
+
+def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
+    file = tmp_path / "runs.csv"
+    file.write_text("pressure (MPa),stiffness (MPa/um)\n1,2\n")
+    out = ["-o", str(tmp_path / "law.nc")]
+    monkeypatch.setattr(sys, "argv", ["multiscale", "fit", str(file), *out, "--shear", "s.nc"])
+    with pytest.raises(SystemExit, match="1"):
+        cli.main()
+    assert "a table takes no --shear and no --sliding" in capsys.readouterr().err

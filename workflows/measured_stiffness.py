@@ -1,9 +1,8 @@
 """The law of an interface from a table of measured stiffness, judged by specimens left out.
 
-The table has the stiffness of an interface over its pressure, with units in its first line, and
-specimens. Without ``--csv`` the script writes one: K = 3 (p/MPa)^0.6 MPa/um, specimens that scatter
-by 10 %, and 3 % of noise. Families are compared by their errors at pressures that a fit has not
-seen; the last quarter of the specimens, which no fit has seen, judges the best family.
+The table has the stiffness of an interface over its pressure, with units in its first line.
+Without ``--csv`` the script writes one: K = 3 (p/MPa)^0.6 MPa/um, specimens that scatter by 10 %,
+and 3 % of noise. The last quarter of the specimens, which no fit has seen, judges the best family.
 
     python workflows/measured_stiffness.py -o measured [--csv FILE] [--quick]
 
@@ -19,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.stats import t
 
 from multiscale import upscaling
 from multiscale.io import make_folder, save_law, write_dataset
@@ -45,35 +43,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     seen = upscaling.read_observations(table, quantity)
     kept = seen.n_realisations - seen.n_realisations // 4
     known = upscaling.observe(quantity, seen.pressure, seen.masked[:kept])
-    families = upscaling.compare_laws(known)
-    family = str(families["family"].values[families["admissible"].values == 1][0])
+    family, families = upscaling.best_family(known)
     law = upscaling.fit_law(known, family=family, n_samples=100 if arguments.quick else 1000)
     write_dataset(families, out / "law_comparison.nc", LAW_COMPARISON)
     save_law(law, out / "interface_law.nc")
-
     mean, *samples = upscaling.fitted_laws(law, [None, *range(law.sizes["sample"])])
-    p, middle = seen.pressure, mean.stiffness(mean.gap_at(seen.pressure))
-    band = np.array(upscaling.law_band(law, lambda one: one.stiffness(one.gap_at(p))))
+    found = upscaling.predict(law, known, seen.pressure)
+    middle, band, wide = found.value, found.mean_law, found.next_specimen
     joint = press_joint(RoughJoint((0.02, 0.02), BLOCK, BLOCK), mean, PRELOADS, samples=samples)
-    limits = np.percentile(joint["joint_stiffness_sample"], (2.5, 97.5), axis=0)
-    joint = MACRO_RESULT.assign(joint, {"joint_stiffness_mean_law": limits})
+    if samples:
+        ends = np.percentile(joint["joint_stiffness_sample"], (2.5, 97.5), axis=0)
+        joint = MACRO_RESULT.assign(joint, {"joint_stiffness_mean_law": ends})
     write_dataset(joint, out / "macro_result.nc", MACRO_RESULT)
-    # a specimen is stiffer or softer at all pressures; the next one scatters as those fitted
-    factor = np.nanmean(np.log(seen.masked / middle), axis=1)
-    wide = t.ppf(0.975, kept - 1) * factor[:kept].std(ddof=1) * np.sqrt(1.0 + 1.0 / kept)
+    factor = np.exp(np.nanmean(np.log(seen.masked / middle), axis=1))[kept:]
+    low, high = (wide / middle)[:, 0]
     sys.stdout.write(
         f"error at unseen pressures:\n{families['cross_validated_error'].to_series().to_string()}\n"
-        f"{family}, {kept} specimens: the mean law within "
-        f"{100.0 * np.max(np.abs(band / middle - 1.0)):.2g} %, the next specimen within "
-        f"{100.0 * np.expm1(wide):.2g} %; {np.sum(np.abs(factor[kept:]) <= wide)} of "
-        f"{factor[kept:].size} specimens that were held out lie there\n"
-        f"joint: {np.round(1e-12 * joint['joint_stiffness'].values, 2)} MPa/um "
-        f"at {1e-6 * PRELOADS} MPa\n"
+        f"{family}, {kept} specimens: the mean law within {_within(band, middle)}, the next "
+        f"specimen within {_within(wide, middle)}; {np.sum((low <= factor) & (factor <= high))} of "
+        f"{factor.size} specimens that were held out lie there\n"
+        f"{''.join(f'{sentence}; ' for sentence in found.unknown)}joint: "
+        f"{np.round(1e-12 * joint['joint_stiffness'].values, 2)} MPa/um at {1e-6 * PRELOADS} MPa\n"
     )
     left, right = Figure(figsize=(9.0, 3.6), layout="constrained").subplots(1, 2)
     plot_joint_stiffness(joint, ax=right)
-    x, next_one = 1e-6 * p, 1e-12 * middle * np.exp([[-wide], [wide]])
-    left.fill_between(x, *next_one, color="C0", alpha=0.15, label="next specimen, 95 %")
+    x = 1e-6 * seen.pressure
+    left.fill_between(x, *(1e-12 * wide), color="C0", alpha=0.15, label="next specimen, 95 %")
     left.fill_between(x, *(1e-12 * band), color="C0", alpha=0.4, label="mean law, 95 %")
     left.loglog(x, 1e-12 * middle, color="C0", label=f"law, {family}")
     left.loglog(x, 1e-12 * seen.masked[:kept].T, ".", color="0.5", markersize=3)
@@ -82,6 +77,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     left.legend(title="dots fitted, crosses held out", fontsize="small")
     save_figure(left.figure, out / "measured_stiffness.png")
     return 0
+
+
+def _within(ends: np.ndarray, middle: np.ndarray) -> str:
+    distance = np.max(np.abs(ends / middle - 1.0))
+    return f"{100.0 * distance:.2g} %" if np.isfinite(distance) else "an unknown distance"
 
 
 def write_table(file: Path) -> Path:

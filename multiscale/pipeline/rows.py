@@ -11,6 +11,7 @@ import numpy as np
 from multiscale.plotting.budget_figures import estimated_steps, step_labels
 from multiscale.schema import Dataset
 from multiscale.units import Unit, stiffness_unit
+from multiscale.upscaling import Prediction
 from multiscale.upscaling.budget import how_attribute, total_error
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "tabulate_cycles",
     "tabulate_grains",
     "tabulate_links",
+    "tabulate_prediction",
     "tabulate_preloads",
 ]
 
@@ -238,6 +240,28 @@ def _part(step: Dataset, name: str, scale: float) -> str:
     error = _error(step, name)
     said = {"": "", "0": "", "unknown": ", error unknown"}
     return f"{_value(step, name, scale)}{said.get(error, f' ± {error} %')}"
+
+
+def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) -> Table:
+    """Head and rows of predictions of a law at pressures, Pa, with their intervals."""
+    units = {"gap": Unit("µm", 1e6), "contact_fraction": Unit("%", 100.0)}
+    unit = units.get(quantity) or stiffness_unit(found.value)
+    rows = []
+    for p, value, *ends in zip(
+        pressure, found.value, found.mean_law.T, found.next_specimen.T, strict=True
+    ):
+        half = 0.5 * unit.scale * np.ptp(ends, axis=1)
+        least = float(np.nanmin(half)) if np.isfinite(half).any() else 0.0
+        said = (
+            " ... ".join(round_by(unit.scale * end, width) for end in pair)
+            if np.isfinite(width)
+            else "unknown"
+            for pair, width in zip(ends, half, strict=True)
+        )
+        rows.append((f"{1e-6 * p:.4g}", round_by(unit.scale * value, least), *said))
+    name = quantity.removeprefix("normal_").replace("_", " ")
+    intervals = "mean law, 95 %", "next specimen, 95 %"
+    return ("pressure (MPa)", f"{name} ({unit.name})", *intervals), rows
 
 
 def tabulate_links(result: Dataset) -> Table:

@@ -26,6 +26,10 @@ from multiscale.upscaling.leakage import effective_permeability as effective_per
 from multiscale.upscaling.leakage import say_sealing as say_sealing
 from multiscale.upscaling.leakage import sealing_pressures as sealing_pressures
 from multiscale.upscaling.leakage import with_leakage as with_leakage
+from multiscale.upscaling.measured import Prediction as Prediction
+from multiscale.upscaling.measured import best_family as best_family
+from multiscale.upscaling.measured import predict as predict
+from multiscale.upscaling.observation_tables import quantity_of as quantity_of
 from multiscale.upscaling.observation_tables import read_observations as read_observations
 from multiscale.upscaling.observations import observe as observe
 from multiscale.upscaling.reading import area_from_dataset as area_from_dataset

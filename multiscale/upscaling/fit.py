@@ -87,8 +87,8 @@ def fit_law(
     n_terms : int, number of knots of the normal law of free form, at least 6
     n_samples : int
         Number of bootstrap samples. With fewer than three realisations the scatter is not known,
-        and the dimension ``sample`` has size 0; if the points are independent measurements, the
-        residuals of a family with parameters are resampled instead.
+        and the dimension ``sample`` has size 0; if there is one realisation of independent
+        measurements, the residuals of a family with parameters are resampled instead.
     seed : int
 
     Returns

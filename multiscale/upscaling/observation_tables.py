@@ -13,7 +13,7 @@ from multiscale.io import finite, positive, read_table
 from multiscale.units import to_si
 from multiscale.upscaling.observations import QUANTITIES, Observations, observe
 
-__all__ = ["read_columns", "read_observations"]
+__all__ = ["quantity_of", "read_columns", "read_observations"]
 
 _COLUMN = {
     "gap": "gap",
@@ -82,6 +82,25 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
         return observe(quantity, tuple(points.T), table, title=path.name)
     except CaseError as error:
         raise CaseError(f"{path}: {error}") from error
+
+
+def quantity_of(path: str | PathLike[str]) -> str:
+    """Find which quantity over pressures alone a table has: stiffness, gap or contact fraction.
+
+    Raises
+    ------
+    CaseError
+        If the file is missing, or has not one of these columns.
+    """
+    names = [_named(head)[0] for head in read_table(Path(path), lambda head: str)]
+    read = {_COLUMN[one]: one for one in ("normal_stiffness", "gap", "contact_fraction")}
+    found = [quantity for column, quantity in read.items() if column in names]
+    if len(found) != 1:
+        raise CaseError(
+            f"{path}: the first line should name pressure and one of {', '.join(read)}, with "
+            f"units, found {', '.join(names)}"
+        )
+    return found[0]
 
 
 def read_columns(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS, widening
+from multiscale.upscaling.bootstrap import widening
 from multiscale.upscaling.family import Family, integrate_stiffness
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.regression import Regression, regression_of
@@ -35,8 +35,8 @@ def fit_family(
     observations : Observations
     family : Family
     counts : ndarray, shape (samples, realisations)
-        How often each realisation counts in each sample; without rows, and if the points are
-        independent, the residuals are resampled instead.
+        How often each realisation counts in each sample; without rows, and if there is one
+        realisation of independent points, the residuals are resampled instead.
     weights, fixed
         See :func:`~.regression.regression_of`.
     n_samples, seed : int, number and seed of the resampled residuals
@@ -83,7 +83,8 @@ def _sample_means(
         sample, weight = observations.means(counts)
         return mean + observations.widening * np.where(weight > 0.0, sample - mean, 0.0), weight
     n, k = mean.size, len(regression.free)
-    if not (observations.independent and observations.n_realisations < FEWEST_REALISATIONS):
+    # the points of several specimens are not independent: each is stiffer or softer at all
+    if not (observations.independent and observations.n_realisations == 1):
         return np.empty((0, n)), np.empty((0, n))
     fitted = regression.predict(best)
     residual = (mean[0] - fitted) / regression.scale

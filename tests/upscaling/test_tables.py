@@ -5,7 +5,16 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential
-from multiscale.upscaling import fit_law, law_band, law_from_dataset, observe, read_observations
+from multiscale.upscaling import (
+    best_family,
+    fit_law,
+    law_band,
+    law_from_dataset,
+    observe,
+    predict,
+    quantity_of,
+    read_observations,
+)
 
 
 @pytest.fixture
@@ -169,3 +178,27 @@ def test_bands_ask_for_enough_realisations_and_samples():
         band(0.95, n=5, samples=50)
     narrow, wide = band(0.8, n=5), band(0.95, n=5)
     assert np.all(wide[1] - wide[0] > narrow[1] - narrow[0])
+
+
+def test_the_next_specimen_scatters_as_those_measured_by_students_interval():
+    """Specimens differ by one factor; two of exp(+-.1) have s = .1 sqrt 2 and one freedom."""
+    p = np.geomspace(1e6, 5e7, 8)
+    stiffness = 3e12 * (p / 1e6) ** 0.6
+    seen = observe("normal_stiffness", p, stiffness * np.exp([[-0.1], [0.1]]))
+    family, _ = best_family(seen)
+    found = predict(fit_law(seen, family=family), seen, p[2:4])
+    low, high = found.next_specimen
+    half = 12.706 * 0.1 * np.sqrt(2.0) * np.sqrt(1.5)
+    np.testing.assert_allclose(np.log(high / low), 2.0 * half, rtol=1e-3)
+    np.testing.assert_allclose(found.value, np.cosh(0.1) * stiffness[2:4], rtol=5e-3)
+    assert np.isnan(found.mean_law).all()
+    assert found.unknown == (
+        "the interval of the mean law is not known: 2 realisations are too few for a band of 95 %; "
+        "use at least 4",
+    )
+
+
+def test_the_column_beside_the_pressure_tells_the_quantity(write):
+    assert quantity_of(write("gap (um), pressure (MPa)\n1,2\n")) == "gap"
+    with pytest.raises(CaseError, match="one of stiffness, gap, contact fraction"):
+        quantity_of(write("pressure (MPa), force (N)\n1,2\n"))

@@ -41,6 +41,23 @@ def test_every_workflow_runs(script, tmp_path):
     assert list(tmp_path.rglob("*.nc"))
 
 
+@pytest.mark.parametrize(
+    ("specimens", "said"),
+    [
+        (1, "the interval of the next specimen is not known: there is one specimen"),
+        (2, "the mean law within an unknown distance, the next specimen within 0.037 %"),
+    ],
+)
+def test_few_measured_specimens_have_a_law_without_a_band(specimens, said, tmp_path, capsys):
+    p = (1, 2, 4, 8, 16, 32)
+    rows = [f"{x},{(3.0 + 1e-4 * k) * x**0.6},{k}" for k in range(specimens) for x in p]
+    table = tmp_path / "runs.csv"
+    table.write_text("\n".join(["pressure (MPa),stiffness (MPa/um),specimen", *rows]))
+    main = runpy.run_path(str(FOLDER / "measured_stiffness.py"))["main"]
+    assert not main(["--csv", str(table), "--quick", "-o", str(tmp_path)])
+    assert said in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
     script = runpy.run_path(str(FOLDER / "manual" / "pictures.py"))
