@@ -284,6 +284,12 @@ def export_command(
     leakage: Annotated[
         bool, typer.Option("--leakage", help="Write hydraulic apertures, to a .csv table.")
     ] = False,
+    face_to_face: Annotated[
+        bool,
+        typer.Option(
+            "--face-to-face", help="Table that CalculiX 2.20 reads with TYPE=SURFACE TO SURFACE."
+        ),
+    ] = False,
     name: Annotated[str, typer.Option(help="Name of the surface interaction.")] = "ROUGH",
     tolerance: Annotated[float, typer.Option(help="Error of the pressure between points.")] = 0.01,
     length_unit: Annotated[str, typer.Option(help="Unit of lengths in the file.")] = "mm",
@@ -297,8 +303,11 @@ def export_command(
     dataset = open_law(law)
     try_to_write(out)
     if out.suffix == ".csv":
-        if friction or conductance:
-            raise CaseError(f"--friction and --conductance are written to an .inp file, got {out}")
+        if friction or conductance or face_to_face:
+            raise CaseError(
+                f"--friction, --conductance and --face-to-face are written to an .inp file, got "
+                f"{out}"
+            )
         write_law_table(
             dataset, out, length_unit=length_unit, pressure_unit=pressure_unit, leakage=leakage
         )
@@ -317,6 +326,7 @@ def export_command(
             friction_for=friction or None,  # type: ignore[arg-type]  # which refuses another code
             stick_pressure=to_si(stick_pressure, "Pa") if stick_pressure else None,
             conductance_for=conductance or None,  # type: ignore[arg-type]  # as friction_for
+            face_to_face=face_to_face,
         )
     else:
         raise CaseError(f"a law is exported to a file that ends in .inp or .csv, got {out}")

@@ -30,6 +30,12 @@ SMALLEST_STEP = 1e-10
 """CalculiX moves points apart whose overclosures differ by less, in the unit of the table."""
 
 MOST_POINTS = 40  # what the tables of older versions of CalculiX hold
+FACE_POINTS, FACE_TABLE = 20, 41
+"""Points that CalculiX 2.20 reads of a table, at most, and points that the table has, face to face:
+it takes the whole part of the overclosure of the 41st point as the number of points."""
+
+MORTAR_SHEAR = ("** with TYPE=MORTAR CalculiX 2.20 carries more shear than friction allows",)
+
 TABLE_POINTS = 41  # pressures of a CSV table, even in the logarithm over the data
 BEYOND = 10.0  # the table goes on with its last slope to this multiple of the largest pressure
 
@@ -98,6 +104,7 @@ def write_pressure_overclosure(
     friction_for: Literal["abaqus", "calculix"] | None = None,
     stick_pressure: float | None = None,
     conductance_for: Literal["abaqus", "calculix"] | None = None,
+    face_to_face: bool = False,
 ) -> None:
     r"""Write a normal law as a tabular pressure-overclosure for CalculiX and Abaqus.
 
@@ -117,12 +124,14 @@ def write_pressure_overclosure(
     conductance_for : {"abaqus", "calculix"}, optional
         Write the thermal conductance too, as gap conductance against pressure; energies of the
         model are in its unit of pressure times length cubed, and times in s.
+    face_to_face : bool, default False
+        Write the table so that CalculiX 2.20 carries load with ``TYPE=SURFACE TO SURFACE`` too.
 
     Raises
     ------
     CaseError
         If two points would be closer than CalculiX keeps apart, the tolerance needs more than 40
-        points, the name is none, or friction is asked of a law that has none.
+        points, or 20 face to face, the name is none, or friction is asked of a law that has none.
 
     Notes
     -----
@@ -133,6 +142,11 @@ def write_pressure_overclosure(
     touch have the first contact of the summits: the mean planes are then as far apart as the head
     of the file says. CalculiX makes no contact elements where surfaces are open, so that a body
     which only the contact holds should overlap a little at the start.
+
+    CalculiX 2.20 carries no load with a table and ``TYPE=SURFACE TO SURFACE``, in silence: it takes
+    the number of points from the overclosure of a 41st point, which no usual table has. A table
+    ``face_to_face`` has this point; ``TYPE=NODE TO SURFACE`` reads it as well, ``TYPE=MORTAR`` does
+    not. With ``TYPE=MORTAR`` and friction, CalculiX 2.20 carries more shear than friction allows.
 
     Either code sticks with one spring and one slider, which has no micro-slip. It is as stiff as
     the bed of sliders before any slip: CalculiX takes the stiffness :math:`\kappa K(p)`, the same
@@ -148,16 +162,28 @@ def write_pressure_overclosure(
     low, high = (float(dataset.attrs[key]) for key in ("pressure_min", "pressure_max"))
     law = law_from_dataset(dataset)
     table = pressure_overclosure(law, (low, high), tolerance=tolerance)
-    p, overclosure = table.pressure, table.overclosure
-    if p.size >= MOST_POINTS:
+    p, overclosure, points = table.pressure, table.overclosure, table.pressure.size
+    most, reader = (FACE_POINTS, " face to face") if face_to_face else (MOST_POINTS, "")
+    if p.size >= most:
         raise CaseError(
             f"a table within {100.0 * tolerance:g} % takes {p.size + 1} points, and CalculiX holds "
-            f"{MOST_POINTS}; allow a larger tolerance"
+            f"{most}{reader}; allow a larger tolerance"
         )
     slope = (overclosure[-1] - overclosure[-2]) / (p[-1] - p[-2])
     p = np.append(p, BEYOND * p[-1])
     overclosure = np.append(overclosure, overclosure[-1] + slope * (p[-1] - p[-2]))
     length, pressure = to_si(f"1 {length_unit}", "m"), to_si(f"1 {pressure_unit}", "Pa")
+    if face_to_face:
+        end = (p.size + 0.5) * length
+        if overclosure[-1] >= end:
+            raise CaseError(
+                f"the overclosures reach {overclosure[-1] / length:.3g} {length_unit}, and face to "
+                f"face CalculiX reads {p.size} points only of a table below {p.size} "
+                f"{length_unit}; use a larger length_unit"
+            )
+        further = np.linspace(overclosure[-1], end, FACE_TABLE - p.size + 1)[1:]
+        p = np.append(p, p[-1] + (further - overclosure[-1]) / slope)
+        overclosure = np.append(overclosure, further)
     smallest = float(np.min(np.diff(overclosure))) / length
     if smallest < SMALLEST_STEP:
         raise CaseError(
@@ -171,7 +197,7 @@ def write_pressure_overclosure(
         f"** zero overclosure: mean planes {table.first_contact / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
         f"{100.0 * tolerance:g} % of the law",
-        "** the last line is no data: it prolongs the chord before it",
+        *_say_reader(p.size - points, face_to_face),
         f"*SURFACE INTERACTION, NAME={name}",
         "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR",
         *(f"{a / pressure:.9e}, {b / length:.9e}" for a, b in zip(p, overclosure, strict=True)),
@@ -191,6 +217,7 @@ def write_pressure_overclosure(
         lines += [
             f"** one slider, as stiff as the interface at {at / pressure:.4g} {pressure_unit}; "
             f"its micro-slip is left out",
+            *MORTAR_SHEAR * (friction_for == "calculix"),
             *(
                 [f"*FRICTION, ELASTIC SLIP={slip / length:.9e}", f"{bed.friction:.9e}"]
                 if friction_for == "abaqus"
@@ -213,6 +240,21 @@ def write_pressure_overclosure(
             *(f"{one:.9e}, {at / pressure:.9e}, 0." for one, at in zip(h, data, strict=True)),
         ]
     write_bytes(Path(path), ("\n".join(lines) + "\n").encode("ascii", "replace"))
+
+
+def _say_reader(added: int, face_to_face: bool) -> list[str]:
+    """Say which lines of a table are no data, and for which contact of CalculiX 2.20 it is."""
+    if face_to_face:
+        return [
+            f"** the last {added} lines are no data: they prolong the chord before them, and the "
+            f"last",
+            "** overclosure gives CalculiX 2.20 the number of lines with TYPE=SURFACE TO SURFACE",
+        ]
+    return [
+        "** the last line is no data: it prolongs the chord before it",
+        "** CalculiX 2.20 reads it with TYPE=NODE TO SURFACE and MORTAR; with SURFACE TO SURFACE",
+        "** it carries no load: there write the table by multiscale export --face-to-face",
+    ]
 
 
 def write_law_table(

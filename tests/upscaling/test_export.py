@@ -70,6 +70,20 @@ def test_the_input_file_holds_the_law_in_the_units_of_the_model(tmp_path):
     assert overclosure[1] == pytest.approx(apart - 1e3 * gap[0], rel=1e-3)
 
 
+def test_a_table_for_faces_tells_its_length_by_its_forty_first_overclosure(tmp_path):
+    dataset, file = fit_law(response_of(exponential_gaps(4)), n_samples=0), tmp_path / "rough.inp"
+    write_pressure_overclosure(dataset, file, tolerance=1e-2)
+    plain = np.array(read_input_file(file)[1][1])
+    assert "SURFACE TO SURFACE\n** it carries no load" in file.read_text()
+    write_pressure_overclosure(dataset, file, tolerance=1e-2, face_to_face=True)
+    rows = np.array(read_input_file(file)[1][1])
+    np.testing.assert_array_equal(rows[: len(plain)], plain)
+    assert len(rows) == 41
+    assert int(rows[-1, 1]) == len(plain) <= 20
+    slope = np.diff(rows[:, 0]) / np.diff(rows[:, 1])
+    np.testing.assert_allclose(slope[len(plain) - 1 :], slope[len(plain) - 2], rtol=1e-6)
+
+
 def test_overclosures_that_calculix_would_move_apart_are_refused(tmp_path):
     """A nanometre in metres is 1e-9, and its table has steps below 1e-10."""
     fine = fit_law(response_of(1e-3 * exponential_gaps(1)), n_samples=0)
@@ -87,6 +101,8 @@ def test_overclosures_that_calculix_would_move_apart_are_refused(tmp_path):
         ({"pressure_unit": "furlong"}, "cannot be converted to Pa"),
         ({"tolerance": 1e-5}, "takes .* points, and CalculiX holds 40; allow a larger tolerance"),
         ({"name": "rough, joint"}, "cannot name a surface interaction"),
+        ({"tolerance": 2e-3, "face_to_face": True}, "and CalculiX holds 20 face to face; allow a"),
+        ({"length_unit": "nm", "face_to_face": True}, "points only of a table below .* nm; use a"),
     ],
 )
 def test_units_and_names_that_do_not_fit_are_refused(tmp_path, options, sentence):

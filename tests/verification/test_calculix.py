@@ -41,7 +41,7 @@ LOWER, S2
 *SURFACE, NAME=SECOND, TYPE=ELEMENT
 UPPER, S1
 *INCLUDE, INPUT=rough.inp
-*CONTACT PAIR, INTERACTION=ROUGH, TYPE=NODE TO SURFACE
+*CONTACT PAIR, INTERACTION=ROUGH, TYPE={pair}
 SECOND, FIRST
 *BOUNDARY
 BASE, 1, 3
@@ -68,8 +68,8 @@ U
 RF"""
 
 
-def solve(folder, approach):
-    """Run CalculiX with an approach of the blocks, mm.
+def solve(folder, approach, pair):
+    """Run CalculiX with an approach of the blocks, mm, and a type of contact pair.
 
     Returns displacements (step, node, 3), mm, and the force of the base (step, 3), N.
     """
@@ -80,7 +80,7 @@ def solve(folder, approach):
         for k, z in enumerate(planes)
         for n, (x, y) in enumerate(corners)
     )
-    text = MODEL.format(nodes=nodes, stiff=STIFF, approach=approach, prints=PRINTS)
+    text = MODEL.format(nodes=nodes, stiff=STIFF, approach=approach, pair=pair, prints=PRINTS)
     text += "".join(SHEAR.format(slip=one, prints=PRINTS) for one in SLIPS)
     (folder / "blocks.inp").write_text(text)
     subprocess.run(["ccx", "blocks"], cwd=folder, check=True, capture_output=True, timeout=60)
@@ -93,23 +93,60 @@ def solve(folder, approach):
     return u[-steps:], np.array(force, dtype=float)[-steps:]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
-def test_calculix_presses_and_shears_blocks_as_the_law_says(tmp_path):
+needs_calculix = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+
+
+def press_and_shear(folder, pair, face_to_face=False, friction=True):
+    """Export a law, run CalculiX with it, and return pressure, slips, shear and stick stiffness.
+
+    Pressures are in MPa, slips in mm.
+    """
     dataset = fit_law(response_of(exponential_gaps(4)), n_samples=0)
     dataset = assume_shear(dataset, friction=FRICTION, stiffness_ratio=RATIO)
     write_pressure_overclosure(
-        dataset, tmp_path / "rough.inp", friction_for="calculix", stick_pressure=1e6 * PRESSURE
+        dataset,
+        folder / "rough.inp",
+        friction_for="calculix" if friction else None,
+        stick_pressure=1e6 * PRESSURE,
+        tolerance=1e-2 if face_to_face else 5e-3,
+        face_to_face=face_to_face,
     )
     law = law_from_dataset(dataset)
     gap = float(law.gap_at(np.array(1e6 * PRESSURE)))
     data = (float(dataset.attrs[f"pressure_{end}"]) for end in ("min", "max"))
     closed = 1e3 * (pressure_overclosure(law, tuple(data)).first_contact - gap)
-    u, force = solve(tmp_path, closed)
-    area = EDGE**2
-    assert force[0, 2] / area == pytest.approx(PRESSURE, rel=1e-2)
+    u, force = solve(folder, closed, pair)
     stiffness = 1e-9 * RATIO * float(law.stiffness(np.array(gap)))  # MPa/mm
     slip = u[1:, 8:12, 0].mean(axis=1) - u[1:, 4:8, 0].mean(axis=1)
-    carried = -force[1:, 0] / area
+    return force[0, 2] / EDGE**2, slip, -force[1:, 0] / EDGE**2, stiffness
+
+
+@needs_calculix
+@pytest.mark.parametrize(
+    ("pair", "face_to_face"),
+    [
+        pytest.param("NODE TO SURFACE", False, id="nodes"),
+        pytest.param("NODE TO SURFACE", True, id="nodes-face-table"),
+        pytest.param("SURFACE TO SURFACE", True, id="faces"),
+    ],
+)
+def test_calculix_presses_and_shears_blocks_as_the_law_says(tmp_path, pair, face_to_face):
+    pressure, slip, carried, stiffness = press_and_shear(tmp_path, pair, face_to_face)
+    assert pressure == pytest.approx(PRESSURE, rel=1e-2)
     np.testing.assert_allclose(carried[:2], stiffness * slip[:2], rtol=1e-2)
     assert carried[2] == pytest.approx(FRICTION * PRESSURE, rel=1e-2)
+
+
+@needs_calculix
+def test_calculix_presses_blocks_as_the_law_says_with_mortar(tmp_path):
+    """Its shear with friction is wrong for linear laws, too, and not compared."""
+    pressure, *_ = press_and_shear(tmp_path, "MORTAR", friction=False)
+    assert pressure == pytest.approx(PRESSURE, rel=1e-2)
+
+
+@needs_calculix
+def test_the_head_of_a_plain_table_warns_of_faces_where_calculix_finds_no_load(tmp_path):
+    with pytest.raises((ValueError, subprocess.CalledProcessError)):  # no step is finished
+        press_and_shear(tmp_path, "SURFACE TO SURFACE")
+    head = (tmp_path / "rough.inp").read_text()
+    assert "carries no load: there write the table by multiscale export --face-to-face" in head
