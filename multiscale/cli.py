@@ -103,6 +103,7 @@ def run_command(
     _refuse_both(verbose, quiet)
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
+    from multiscale.pipeline.prepare import prepare
     from multiscale.pipeline.stages import stages_of
     from multiscale.report import write_reports
 
@@ -118,6 +119,7 @@ def run_command(
             _warn([kept] if kept else [])
         sweep = sweep.quick()
     if explain:
+        prepare(sweep.points[0])
         if sweep.parameters:
             typer.echo(f"{len(sweep.points)} points; the largest:")
         needs = max(map(requirements, sweep.points), key=lambda needs: needs.memory)
@@ -354,12 +356,14 @@ def macro_command(
     """
     from multiscale.macro.substructures import world
     from multiscale.pipeline import refuse_excess, requirements, run_macro
+    from multiscale.pipeline.prepare import prepare
     from multiscale.pipeline.stages import stages_of
 
     settings, team = _load_with("structure", case).from_structure(law), world()
     if quick:
         settings = settings.quick()
     if explain:
+        prepare(settings)
         if team.rank == 0:
             typer.echo(requirements(settings, processes=team.size).explain())
         return
@@ -477,6 +481,7 @@ def damage_command(
     _refuse_both(verbose, quiet)
     from multiscale.io import make_folder
     from multiscale.pipeline import Case, case_of_image, load_case, requirements, run
+    from multiscale.pipeline.prepare import prepare
 
     path = Path(volume)
     if path.is_dir() or path.suffix.lower() in (".tif", ".tiff"):
@@ -491,6 +496,7 @@ def damage_command(
     if quick:
         settings = settings.quick()
     if explain:
+        prepare(settings)
         typer.echo(requirements(settings).explain())
         return
     make_folder(out)

@@ -23,7 +23,8 @@ from multiscale.pipeline.assembly_parts import (
 from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
 from multiscale.pipeline.porous_body import PorousBody, Uncertainty
-from multiscale.pipeline.structure_kind import StructureKind
+from multiscale.pipeline.pressing import Face, highest_pressure
+from multiscale.pipeline.structure_kind import Pressed, StructureKind
 from multiscale.pipeline.toml_model import Number, Positive, Settings
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
@@ -518,6 +519,62 @@ class Bodies(StructureKind):
             for mu in frictions
         ]
         require(self.build(case, laws).assembly)
+
+    def pressed(self, case: "Case") -> list[Pressed]:
+        """Estimate pressures of the interfaces from the resultants of bolts and loads."""
+        if not self.interfaces:
+            return []
+        meshes = [body.load() for body in self.bodies]
+        places = [self.place(meshes, f"the load {one.name}", one.face) for one in self.loads]
+        # resultants at the factor one, bolts first, where they act, and on which bodies
+        acting: list[list[tuple[np.ndarray, Face]]] = [[]] * bool(self.bolts)
+        for bolt in self.bolts:
+            ends = [Face.at(meshes, self.place(meshes, "a bolt", side)) for side in bolt.sides]
+            acting[0] = [*acting[0], *((-0.5 * bolt.preload * end.normal, end) for end in ends)]
+        for load, place in zip(self.loads, places, strict=True):
+            traction, area = load.traction_on(meshes[place[0]], place[1])
+            acting.append([(area * traction, Face.at(meshes, place))])
+        factors = self.path(case, ()).factors()
+        shared = np.zeros(len(factors))  # what bolts press for sure, unless supports hold it apart
+        if self.bolts and sum(bool(body.supports) for body in self.bodies) < 2:
+            places_of = [self.place(meshes, one.name, one.sides[1]) for one in self.interfaces]
+            area = sum(Face.at(meshes, place).area for place in places_of)
+            shared = factors[:, 0] * sum(bolt.preload for bolt in self.bolts) / area
+        found = []
+        for number, one in enumerate(self.interfaces):
+            if one.asperities is not None or one.gap is not None:
+                continue  # heights or a gap press it, too
+            sides = [self.place(meshes, one.name, side) for side in one.sides if side != GROUNDED]
+            faces = [Face.at(meshes, side) for side in sides]
+            most = np.abs(factors) @ [highest_pressure(faces[-1], forces) for forces in acting]
+            least = shared
+            for (body, _), face in zip(sides, faces, strict=True):
+                if self._hangs_on(body, number):  # and so balances its loads
+                    on_it = [
+                        sum(force @ face.normal for force, _ in forces) if place[0] == body else 0.0
+                        for forces, place in zip(acting, places, strict=True)
+                    ]
+                    least = np.maximum(least, factors @ on_it / face.area)
+            damaged = 1.0 - one.damage
+            found.append(
+                Pressed(
+                    f"the loads press interface {number}, {one.name},",
+                    [
+                        (low / damaged, high / damaged)
+                        for low, high in zip(least, most, strict=True)
+                    ],
+                    one.law,
+                    one.exponential.pressures if one.exponential else None,
+                )
+            )
+        return found
+
+    def _hangs_on(self, body: int, number: int) -> bool:
+        """Whether an interface is all that holds a body."""
+        name = f"{self.bodies[body].name}."
+        touching = [one for one in self.interfaces if any(s.startswith(name) for s in one.sides)]
+        alone = touching == [self.interfaces[number]] and not self.bodies[body].supports
+        return alone and not self.bolts
 
     def coarser(self) -> dict[float, Self]:
         """Return the same bodies on coarser meshes, by the ratio of the element sizes.

@@ -15,7 +15,7 @@ from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.joint_settings import LawSource, RisingPreloads
 from multiscale.pipeline.link_settings import Statics
 from multiscale.pipeline.rve_settings import Direction
-from multiscale.pipeline.structure_kind import StructureKind
+from multiscale.pipeline.structure_kind import Pressed, StructureKind, refuse_far_cells
 from multiscale.pipeline.toml_model import Density, Length, Positive, Pressure, Ratio, Settings
 
 if TYPE_CHECKING:
@@ -56,20 +56,23 @@ class Blocks(StructureKind):
 
     def check(self, case: "Case") -> None:
         """Refuse a joint that the cells will tell nothing of."""
-        if not case.has_cells:
+        refuse_far_cells(self, case)
+        if case.accuracy is None or case.accuracy.quantity != "joint_stiffness":
             return
-        p, given = case.micro.pressures, case.statics.preloads
+        p = case.micro.pressures
         low, high = p[0] / FAR_FACTOR, p[-1] * FAR_FACTOR
-        far = [preload for preload in given if not low <= preload <= high]
-        target = case.accuracy is not None and case.accuracy.quantity == "joint_stiffness"
-        if far and (target or (len(far) == len(given) and not case.extrapolate)):
+        far = [preload for preload in case.statics.preloads if not low <= preload <= high]
+        if far:
             raise ValueError(
                 f"preloads in [statics] of {', '.join(f'{1e-6 * one:g}' for one in far)} MPa lie "
                 f"more than a factor of {FAR_FACTOR:g} outside the pressures in [micro], "
                 f"{1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: "
                 f"the joint would be unknown there; press the cells at such pressures"
-                + ("" if target else ", or set extrapolate = true in [law]")
             )
+
+    def pressed(self, case: "Case") -> list[Pressed]:
+        """Return the preloads, which press the interface evenly."""
+        return [Pressed("preloads in [statics] press the joint", case.statics.even)]
 
 
 class Material(Settings):

@@ -36,6 +36,7 @@ __all__ = [
     "rough_sides",
     "smooth_pair",
     "surface_modulus",
+    "try_cells",
     "two_bodies",
     "two_surfaces",
 ]
@@ -103,8 +104,29 @@ def _composites(sides: list[RoughSide]) -> list[Surface]:
     return [pair[0] if len(pair) == 1 else composite(*pair) for pair in zip(*rough, strict=True)]
 
 
-def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
+def try_cells(case: Case) -> None:
+    """Refuse what the cells cannot be, by the first of them, and maps with too few windows.
+
+    The cells of a planner are its own choice.
+
+    Raises
+    ------
+    CaseError
+        As :func:`make_cells`.
+    """
+    if case.accuracy is None:
+        measured_cells(case, made=1)
+
+
+def measured_cells(
+    case: Case, *, made: int | None = None
+) -> tuple[list[AnyCell], dict[str, Measured]]:
     """Build the cell of each realisation, and say of each measured body what the cells hold of it.
+
+    Parameters
+    ----------
+    case : Case
+    made : int, optional, build the first cells only, where a map must hold all
 
     Raises
     ------
@@ -113,7 +135,7 @@ def measured_cells(case: Case) -> tuple[list[AnyCell], dict[str, Measured]]:
     """
     if case.cell.mesh is not None:
         return [_mesh_of_file(case, case.cell.mesh)], {}
-    sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case), 1)}
+    sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case, made=made), 1)}
     cells: list[AnyCell]
     if case.cell.slope_order == 2:  # each body has its own slopes
         cells = [flat_pair(case, *pair) for pair in _pairs(case, list(sides.values()))]
@@ -281,8 +303,8 @@ def _mesh_of_file(case: Case, path: Path) -> MeshCell:
     return cell
 
 
-def rough_sides(case: Case) -> list[RoughSide]:
-    """Make the surfaces of both bodies; a map that both share is read once.
+def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
+    """Make the surfaces of both bodies, or the first of them; a map of both is read once.
 
     Raises
     ------
@@ -307,12 +329,14 @@ def rough_sides(case: Case) -> list[RoughSide]:
                 if key not in maps:
                     maps[key] = measured_map(one)
                 sides.append(
-                    measured_side(maps[key], one, case.cell, which, needed, seed, side=side)
+                    measured_side(maps[key], one, case.cell, which[:made], needed, seed, side=side)
                 )
             else:  # the two sides are independent
                 grid = (case.cell.points, case.cell.size)
                 seeds = range(2 * seed + side, 2 * (seed + count), 2)
-                sides.append(RoughSide([self_affine(*grid, k, **one.options) for k in seeds]))
+                sides.append(
+                    RoughSide([self_affine(*grid, k, **one.options) for k in seeds[:made]])
+                )
         except CaseError as error:
             raise CaseError(f"[body_{side + 1}.surface] {error}") from error
     return sides
@@ -330,7 +354,8 @@ def two_surfaces(case: Case) -> list[tuple[Surface, Surface]]:
 
 
 def _pairs(case: Case, sides: list[RoughSide]) -> list[tuple[Surface, Surface]]:
-    smooth = [Surface(np.zeros(case.cell.points), case.cell.size)] * case.micro.realisations
+    number = max(len(side.surfaces) for side in sides)
+    smooth = [Surface(np.zeros(case.cell.points), case.cell.size)] * number
     lower, upper = (side.surfaces or smooth for side in sides)
     return list(zip(lower, upper, strict=True))
 

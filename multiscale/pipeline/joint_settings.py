@@ -268,6 +268,11 @@ class Preloads(Settings):
         """Pressures for which the law of the joints is fine, Pa."""
         return LEAST * min(self.preloads), MOST * max(self.preloads)
 
+    @property
+    def even(self) -> list[tuple[float, float]]:
+        """Least and largest pressure of an interface of the size of the pressed face, Pa."""
+        return [(preload, preload) for preload in self.preloads]
+
 
 class RisingPreloads(Preloads):
     """Even pressures between blocks."""

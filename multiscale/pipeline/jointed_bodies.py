@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
-from math import ceil, sqrt
+from math import ceil, pi, sqrt
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -27,7 +27,8 @@ from multiscale.pipeline.joint_settings import (
     RoughInterface,
 )
 from multiscale.pipeline.porous_body import PorousBody
-from multiscale.pipeline.structure_kind import StructureKind
+from multiscale.pipeline.pressing import SPREAD
+from multiscale.pipeline.structure_kind import Pressed, StructureKind, refuse_far_cells
 from multiscale.pipeline.toml_model import Count, Length, Positive, Settings
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 from multiscale.upscaling import with_damage
@@ -164,6 +165,7 @@ class RoughBodies(StructureKind, Material):
     def check(self, case: "Case") -> None:
         """Refuse damages that are not one for each joint, and friction that nothing tells."""
         check_bodies(self.bodies, case)
+        refuse_far_cells(self, case)
         if case.has_cells:
             slid = case.slide is not None and case.slide.distance >= case.cell.size[0]
             known = {"friction"} if slid else set()
@@ -275,6 +277,10 @@ class StackedBlocks(RoughBodies):
         x, y, z = (number // 2 for number in self.elements)
         return {2.0: self.model_copy(update={"elements": (x, y, z)})}
 
+    def pressed(self, case: "Case") -> list[Pressed]:
+        """Return the preloads, which press the joints evenly."""
+        return [Pressed("preloads in [statics] press the joints", case.statics.even)]
+
     def meshes(self) -> "Sequence[Mesh]":
         """Mesh every block where it would be at the bottom."""
         return [box_mesh(self.size, self.elements)] * self.blocks
@@ -349,6 +355,15 @@ class LapJoint(RoughBodies):
                 "none; leave it out, and the force of the bolt is constant"
             )
         return self
+
+    def pressed(self, case: "Case") -> list[Pressed]:
+        """Estimate pressures of the joint: over the overlap, and within the cone of the washer."""
+        cone = self.washer + 2.0 * SPREAD * self.thickness
+        washer, wide = (pi / 4.0 * (edge**2 - self.hole**2) for edge in (self.washer, cone))
+        overlap = self.overlap * self.width - pi / 4.0 * self.hole**2
+        shares = washer / overlap, washer / min(wide, overlap)
+        steps = [(shares[0] * one, shares[1] * one) for one in case.statics.preloads]
+        return [Pressed("preloads in [statics], under the washers, press the joint", steps)]
 
     def meshes(self) -> "Sequence[Mesh]":
         """Mesh both plates."""

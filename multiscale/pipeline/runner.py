@@ -13,6 +13,7 @@ from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.checkpoint import WORTH
 from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.planner import plan
+from multiscale.pipeline.prepare import prepare
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
@@ -111,8 +112,7 @@ def run(
     job = replace(_job(folder, executor), progress=progress, sparing=sparing)
     if not sparing or folder.exists():
         claim_folder(make_folder(folder), case, force=force)
-    for stage in stages_of(case.tables):
-        stage.prepare(case)
+    prepare(case)
     planned_files = [job.out / one.file for one in PLANNED if one.asked_for(case.tables)]
     if case.accuracy is not None and not all(file.exists() for file in planned_files):
         planned = plan(case, job.out, executor=executor, progress=progress)
@@ -168,6 +168,7 @@ def run_macro(
         If no step converged, or the equilibrium from which a motion starts cannot be found.
     """
     file, case = Path(file), case.from_structure(None if law is None else Path(law))
+    prepare(case)
     job = replace(_job(file.parent, None), team=team)
     first, *rest = stages_of(case.tables)
     found = {first.name: _compute(first, case, {}, job, file)}

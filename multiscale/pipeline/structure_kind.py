@@ -1,17 +1,79 @@
 """What every kind of structure says of itself."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar, Self
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 from multiscale.errors import CaseError
 from multiscale.macro import substructures
+from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.toml_model import Settings
+from multiscale.units import readable
 
 if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
 
-__all__ = ["StructureKind"]
+__all__ = ["Pressed", "StructureKind", "refuse_far_cells", "tell_far"]
+
+OF_CELLS = (
+    "pressures in [micro]",
+    "press the cells at such pressures by pressures in [micro], or set extrapolate = true in [law]",
+)
+"""Where the data of a law of cells come from, and what to change."""
+
+Range = tuple[float, float]
+
+
+class Pressed(NamedTuple):
+    """Nominal pressures of an interface, estimated from the loads before anything is solved.
+
+    Attributes
+    ----------
+    what : str, loads and interface, in words, up to the verb
+    steps : sequence of tuple of float
+        Least and largest pressure at each load step, Pa.
+    law : Path, optional, law of this interface, in place of the law of the case
+    stated : tuple of float, optional, pressures of a law that the case states itself, Pa
+    """
+
+    what: str
+    steps: Sequence[Range]
+    law: Path | None = None
+    stated: Range | None = None
+
+
+def tell_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
+    """Say that loads press an interface far outside the data of its law at every step, if so."""
+    least, most = data[0] / FAR_FACTOR, data[1] * FAR_FACTOR
+    if any(high >= least and low <= most for low, high in pressed.steps):
+        return ""
+    ends = min(low for low, _ in pressed.steps), max(high for _, high in pressed.steps)
+    return (
+        f"{pressed.what} by about {_say_range(ends)}, more than a factor of {FAR_FACTOR:g} outside "
+        f"the pressures of its law, {_say_range(data)} ({source}), so that all answers would be "
+        f"unknown; {remedy}"
+    )
+
+
+def refuse_far_cells(kind: "StructureKind", case: "Case") -> None:
+    """Refuse loads that press every step far outside the pressures of the cells of the case.
+
+    Raises
+    ------
+    ValueError
+        With the pressures of both.
+    """
+    if not case.has_cells or case.extrapolate:
+        return
+    for one in kind.pressed(case):
+        data = case.micro.pressures[0], case.micro.pressures[-1]
+        if one.law is None and one.stated is None and (said := tell_far(one, data, *OF_CELLS)):
+            raise ValueError(said)
+
+
+def _say_range(ends: Range) -> str:
+    return " to ".join(dict.fromkeys(readable(f"{end:.2g} Pa") for end in ends))
 
 
 class StructureKind(Settings):
@@ -47,6 +109,10 @@ class StructureKind(Settings):
         ValueError
             With a sentence.
         """
+
+    def pressed(self, case: "Case") -> list[Pressed]:
+        """Estimate the nominal pressures of the interfaces; nothing without interfaces."""
+        return []
 
     def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the structure into its substructures, if it may be cut."""

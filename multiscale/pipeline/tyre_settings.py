@@ -9,6 +9,7 @@ from multiscale.laws import wlf_shift
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid
 from multiscale.pipeline.case_tables import POINTS_PER_WAVE, GridSettings
 from multiscale.pipeline.rough_bodies import SyntheticSurface
+from multiscale.pipeline.structure_kind import Pressed, tell_far
 from multiscale.pipeline.toml_model import (
     Count,
     Duration,
@@ -139,6 +140,16 @@ class TyreCase(Settings):
                 f"temperatures in [sliding] begin at {self.sliding.temperatures[0]:g} K, where the "
                 f"shift of [rubber] has no meaning; stay above {coldest:g} K"
             )
+        p, even = self.sliding.pressures, (self.tread.pressure, self.tread.pressure)
+        remedy = "give such pressures in [sliding], or set extrapolate = true in [law]"
+        said = tell_far(
+            Pressed("pressure in [tread] presses the road", [even]),
+            (p[0], p[-1]),
+            "pressures in [sliding]",
+            remedy,
+        )
+        if said and not self.law.extrapolate:
+            raise ValueError(said)
         return self
 
     def quick(self) -> Self:

@@ -187,7 +187,7 @@ REFUSED = {
     "law of other pressures": (
         [('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]')],
         "",
-        "the answer is unknown at every step; up to 100 % of the load lies more than a factor",
+        "by about 10 MPa to .* MPa, more than a factor of 2 outside .* 50 MPa to 100 MPa",
     ),
     "no friction": ([("friction = 0.2\n", "")], "", "interface 0 has no friction"),
     "assumed": (

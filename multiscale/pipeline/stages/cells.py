@@ -23,6 +23,7 @@ from multiscale.pipeline.case_cells import (
     longest_wave,
     measured_cells,
     surface_modulus,
+    try_cells,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.real_contact import with_real_pressure
@@ -395,6 +396,7 @@ CELLS: Stage = Stage(
     },
     run=_run,
     needs=_needs,
+    prepare=try_cells,
     lines=_lines,
     sections=_sections,
     pictures=("surface", "contact_map", "spectral_density", "bearing_curve"),

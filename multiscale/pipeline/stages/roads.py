@@ -125,12 +125,15 @@ def _needs(case: TyreCase) -> Needs:
     )
 
 
+def _first_road(case: TyreCase) -> Surface:
+    one = case.sliding.model_copy(update={"realisations": 1})
+    return make_roads(case.model_copy(update={"sliding": one}))[0]
+
+
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     def plot(ax: Axes) -> Axes:
         case = validate(TyreCase, read_toml(out / "case.toml"), out / "case.toml", {})
-        one = case.sliding.model_copy(update={"realisations": 1})
-        (road,) = make_roads(case.model_copy(update={"sliding": one}))
-        return plot_road(road, ax=ax)
+        return plot_road(_first_road(case), ax=ax)
 
     yield Section("Road", figures={"road": on_axes(plot)})
 
@@ -141,6 +144,7 @@ ROADS = Stage(
     reads={"title", "rubber", "road", "cell", "sliding"},
     run=_run,
     needs=_needs,
+    prepare=_first_road,
     sections=_sections,
     pictures=("road",),
     work=count_cells,

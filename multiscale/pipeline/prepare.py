@@ -1,0 +1,48 @@
+"""What is refused of a case before any of its stages is run."""
+
+from multiscale.errors import CaseError
+from multiscale.io import open_law
+from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.structure_kind import OF_CELLS, Pressed, Range, tell_far
+from multiscale.upscaling import law_from_dataset
+
+__all__ = ["prepare"]
+
+
+def prepare(case: AnyCase) -> None:
+    """Refuse a case for its files, and for loads that are far outside the data of its laws.
+
+    Raises
+    ------
+    MultiscaleError
+        With the first fault.
+    """
+    for stage in stages_of(case.tables):
+        stage.prepare(case)
+    if isinstance(case, Case) and case.structure is not None and not case.extrapolate:
+        for pressed in case.structure.pressed(case):
+            if said := tell_far(pressed, *_data_of(case, pressed)):
+                raise CaseError(f"{case.title}: {said}")
+
+
+def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:
+    """Pressures of the law of an interface, Pa, where they stand, and what to change."""
+    if pressed.stated is not None:
+        return pressed.stated, "stated by the case", "state a law for such pressures"
+    if pressed.law is None and case.has_cells:
+        return (case.micro.pressures[0], case.micro.pressures[-1]), *OF_CELLS
+    remedy = "take a law of such pressures, or set extrapolate = true in [interface]"
+    if pressed.law is None:
+        law = case.interface_law({})
+        return law_from_dataset(law).pressure_range, case.interface.law.name, remedy
+    if pressed.law.suffix != ".toml":
+        law = open_law(pressed.law)
+        return law_from_dataset(law).pressure_range, pressed.law.name, remedy
+    other = load_case(pressed.law)
+    if not (isinstance(other, Case) and other.has_cells):
+        raise CaseError(
+            f"{pressed.law}: the case has no cells, so that there is no law to take of it"
+        )
+    return (other.micro.pressures[0], other.micro.pressures[-1]), pressed.law.name, remedy

@@ -1,0 +1,133 @@
+"""What a run and its explanation refuse before anything is solved."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from multiscale.cli import app
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.pipeline.case import shipped_cases
+from multiscale.pipeline.prepare import prepare
+from multiscale.pipeline.pressing import Face, highest_pressure
+from tests.pipeline.test_body_cases import BOLT, TEXT, WASHERS, meshes  # noqa: F401
+from tests.pipeline.test_jointed_bodies import LAP
+from tests.support import TWO_BLOCKS, case_of, small_steel, write_law, write_scene
+
+LAW = '[interface]\nlaw = "law.nc"\nfriction = 0.2\nstiffness_ratio = 0.8\n'
+BLOCKS = """
+title = "Blocks"
+[body_1]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[body_2]
+youngs_modulus = "210 GPa"
+poissons_ratio = 0.3
+[structure]
+kind = "blocks"
+height = "1 cm"
+width = "1 cm"
+[statics]
+preloads = ["25 MPa"]
+[interface]
+law = "law.nc"
+"""
+STRUCTURES = {
+    "blocks": (BLOCKS, "press the joint by about 25 MPa", (25.0, 25.0)),
+    "stacked blocks": (
+        TWO_BLOCKS.replace("[interface]\n", '[interface]\nlaw = "law.nc"\n'),
+        "press the joints by about 5 MPa to 20 MPa",
+        (5.0, 20.0),
+    ),
+    "lap joint": (LAP + LAW, "press the joint by about 3.1 MPa to 9.2 MPa", (3.1, 9.2)),
+}
+
+
+@pytest.mark.parametrize(("text", "said", "ends"), STRUCTURES.values(), ids=STRUCTURES)
+def test_loads_far_from_the_data_of_the_law_are_refused(tmp_path, text, said, ends):
+    case = case_of(tmp_path, text)
+    low, high = 1e6 * np.array(ends)
+    for data in ((2.2 * high, 1e9), (1e3, 0.45 * low)):
+        write_law(tmp_path / "law.nc", data)
+        with pytest.raises(CaseError, match=rf"{said}.* \(law\.nc\).* in \[interface\]"):
+            prepare(case)
+    for data in ((1.9 * high, 1e9), (1e3, 0.55 * low)):
+        write_law(tmp_path / "law.nc", data)
+        prepare(case)
+    write_law(tmp_path / "law.nc", (2.2 * high, 1e9))
+    prepare(case_of(tmp_path, text, ("[interface]", "[interface]\nextrapolate = true")))
+
+
+CLAMPED = ("{ pull = 1 }", "{ preload = 1 }")
+BODIES = {
+    "press, too low": ([], "", ("21 MPa", "100 MPa")),
+    "press, too high": ([], "", ("0.1 MPa", "4.9 MPa")),
+    "bolt, too low": ([*WASHERS, CLAMPED], BOLT, ("1 GPa", "9 GPa")),
+    "bolt, too high": ([*WASHERS, CLAMPED], BOLT, ("1 kPa", "0.1 MPa")),
+}
+STATED = '["0.1 MPa", "100 MPa"]'
+
+
+@pytest.mark.parametrize(("pairs", "more", "ends"), BODIES.values(), ids=BODIES)
+def test_loads_of_bodies_far_from_a_stated_law_are_refused(meshes, pairs, more, ends):  # noqa: F811
+    pull = [] if more else [("{ pull = 1 }", "{ press = 1 }")]
+    far = (STATED, f'["{ends[0]}", "{ends[1]}"]')
+    with pytest.raises(CaseError, match=r"cover.bottom on housing.top, by about .* state a law"):
+        prepare(case_of(meshes, TEXT + more, *pairs, *pull, far))
+    prepare(case_of(meshes, TEXT + more, *pairs, *pull))
+
+
+def test_pressures_of_a_load_above_an_interface_are_those_of_a_beam():
+    """A block of width w under P at the eccentricity e: P/A (1 + 6 e / w) at its edge."""
+    mesh = box_mesh((0.02, 0.02, 0.01), (2, 2, 1))
+    base, top = (Face.at([mesh], (0, name)) for name in ("bottom", "top"))
+    assert base.area == pytest.approx(4e-4)
+    aside = top._replace(centroid=top.centroid + np.array([0.003, 0.0, 0.0]))
+    force = np.array([0.0, 0.0, -1e3])
+    for face, factor in ((top, 1.0), (aside, 1.0 + 6 * 0.003 / 0.02)):
+        assert highest_pressure(base, [(force, face)]) == pytest.approx(2.5e6 * factor)
+
+
+def test_a_law_of_another_case_is_known_by_its_cells(meshes):  # noqa: F811
+    text = small_steel(2).split("[structure]")[0]
+    (meshes / "cells.toml").write_text(text)
+    stated = TEXT[TEXT.index("[structure.interfaces.exp") : TEXT.index("[[structure.loads]]")]
+    own = (stated, ""), ("friction = 0.2", 'friction = 0.2\nlaw = "cells.toml"')
+    prepare(case_of(meshes, TEXT, *own))
+    with pytest.raises(CaseError, match=r"5 GPa, .* 2 MPa to 240 MPa \(cells\.toml\)"):
+        prepare(case_of(meshes, TEXT, *own, ('"10 MPa"', '"5 GPa"')))
+
+
+def explain(path):
+    """Exit status and all output of a command that explains a case."""
+    result = CliRunner().invoke(app, ["run", str(path), "--explain"])
+    return result.exception
+
+
+def test_what_a_run_refuses_its_explanation_refuses(tmp_path):
+    points = np.arange(64)
+    waves = np.sin(0.7 * points)[:, None] + np.cos(0.9 * points)
+    np.savetxt(tmp_path / "map.txt", waves, header="Width: 64 um\nHeight: 64 um\nValue units: nm")
+    text = small_steel(5)
+    body = text[text.index("[body_1.surface]") : text.index("[body_2]")]
+    few = (
+        (body, '[body_1.surface]\nfile = "map.txt"\n'),
+        ('["800 um", "800 um"]', '["64 um", "64 um"]'),
+    )
+    scenes = {
+        "holds 4 separate windows .* but 5 are needed": few,
+        "cannot carry short_cutoff": [("[36, 36]", "[20, 20]")],
+    }
+    for said, pairs in scenes.items():
+        error = explain(write_scene(tmp_path, text, *pairs))
+        assert error is not None
+        with pytest.raises(CaseError, match=said):
+            raise error
+    assert explain(write_scene(tmp_path, text)) is None
+    tyre = shipped_cases()["tyre_on_road"].read_text(encoding="utf-8")
+    for said, pair in (
+        ("cannot carry short_cutoff", ('"1 mm"', '"0.1 mm"')),
+        (r"presses the road by about 3 MPa.* in \[sliding\]", ('"300 kPa"', '"3 MPa"')),
+    ):
+        with pytest.raises(CaseError, match=said):
+            prepare(case_of(tmp_path, tyre, pair))
