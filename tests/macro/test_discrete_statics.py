@@ -455,6 +455,36 @@ def test_a_shallow_truss_follows_its_closed_form_to_the_limit_and_beyond():
     assert w[1] < rise < 2.0 * rise < w[2], "beyond the limit it snaps through"
 
 
+@pytest.mark.parametrize("links", [2, 3, 10, 50])
+@pytest.mark.parametrize("strain", [1e-9, 1e-5, 1e-2], ids=["light", "heavy", "very-heavy"])
+def test_a_nearly_straight_cable_sags_as_its_links_say(links, strain):
+    """Sag 1 mm over 10 m, without prestress. Every link carries the same horizontal force H, and
+    the vertical force of a link is the load beyond it.
+    """
+    span, rigidity = 10.0, 1e6
+    x = np.linspace(0.0, span, links + 1)
+    position = np.stack([x, 0.0 * x, -4e-3 * x * (span - x) / span**2], axis=1)
+    held = np.zeros((links + 1, 3), dtype=bool)
+    held[:, 1], held[[0, -1]] = True, True
+    load = np.zeros((links + 1, 3))
+    load[1:-1, 2] = -strain * rigidity / links
+    ends = np.stack([np.arange(links), np.arange(1, links + 1)], axis=1)
+    cable = LinkSystem(position, ends, (Cable(rigidity),), np.zeros(links, dtype=int), held, load)
+    result = solve_static(cable, [0.5, 1.0], exact=True)
+    assert np.all(result.converged == 1)
+    length = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    vertical = -load[1, 2] * (np.arange(links) - 0.5 * (links - 1))
+
+    def reach(horizontal):
+        tension = np.hypot(horizontal, vertical)
+        stretched = length * (1.0 + tension / rigidity)
+        return float(np.sum(stretched * horizontal / tension)) - span
+
+    horizontal = brentq(reach, 1e-9 * rigidity, rigidity, xtol=1e-12)
+    expected = np.hypot(horizontal, vertical)
+    np.testing.assert_allclose(result.tension.sel(step=1), expected, rtol=1e-6)
+
+
 def test_a_prop_that_lifts_off_leaves_the_load_to_the_others():
     post = LinkSystem(
         np.array([[0.0, 0, 1], [0.0, 0, 0], [0.0, 0, 2]]),

@@ -19,8 +19,12 @@ __all__ = ["find_finite_state"]
 MAX_STEP_HALVINGS = 8
 """Largest number of halvings of a load step."""
 
-MAX_SEARCH_HALVINGS = 12
-"""Largest number of halvings of a Newton step."""
+LATERAL_STIFFNESS = (0.0, *10.0 ** np.arange(-8.0, 1.0))
+"""Least stiffness of a link across its axis in the tangent, relative to its elastic stiffness. The
+next one is taken where a step must be halved more than :data:`FEW_HALVINGS` times."""
+
+FEW_HALVINGS, MAX_HALVINGS = 2, 40
+"""Halvings of a Newton step, at most, and with the largest lateral stiffness."""
 
 
 def find_finite_state(
@@ -51,9 +55,12 @@ def find_finite_state(
 
     Notes
     -----
-    Newton with the exact tangent. If the tangent is not positive definite, the geometric stiffness
-    of compressed links is omitted, so that the direction is a descent direction; a step must lower
-    the energy or the residual. A load step that fails is halved.
+    Newton with the exact tangent. A step must lower the energy or the residual. If the tangent is
+    not positive definite, or the step must be cut, links have a stiffness across their axes in the
+    tangent, as large as necessary: links without tension, or nearly along the line of their ends,
+    resist a lateral load only after a large displacement, which the tangent does not foresee. With
+    the largest lateral stiffness the tangent bounds the exact one at strains below one, and every
+    step lowers the energy. A load step that fails is halved.
     """
     problem = _Problem(system, model, tangent)
 
@@ -119,20 +126,21 @@ class _Problem:
         stored = shape.tension * (shape.elastic - 0.5 * shape.tension) / model.stiffness
         return float(stored.sum() - load_factor * model.load @ u)
 
-    def direction(self, shape: _DeformedLinks, residual: np.ndarray) -> np.ndarray:
-        """Return the Newton direction, without the softening of compressed links if necessary."""
+    def direction(
+        self, shape: _DeformedLinks, residual: np.ndarray, lateral: float
+    ) -> np.ndarray | None:
+        """Return the Newton direction with a lateral stiffness; None if it does not descend."""
         carries = shape.tension == shape.elastic
         along = self.model.stiffness * np.where(carries, 1.0, RESIDUAL_STIFFNESS)
         across = shape.tension / shape.length
-        for kept in (across, np.maximum(across, RESIDUAL_STIFFNESS * along)):
-            try:
-                entries = self.tangent.geometric(shape.direction, along, kept)
-                direction = self.tangent.factorise(entries)(residual)
-            except MultiscaleError:
-                continue
-            if direction @ residual > 0.0:
-                return direction
-        raise MultiscaleError("the tangent stiffness is not positive definite")
+        if lateral:
+            across = np.maximum(across, lateral * self.model.stiffness)
+        try:
+            entries = self.tangent.geometric(shape.direction, along, across)
+            direction = self.tangent.factorise(entries)(residual)
+        except MultiscaleError:
+            return None
+        return direction if direction @ residual > 0.0 else None
 
 
 @np.errstate(all="ignore")  # an overflow shows in the residual
@@ -147,23 +155,35 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
         rounding = 8.0 * np.finfo(float).eps * (float(np.abs(shape.tension).max()) + stiffest)
         if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
             break
-        try:
-            direction = problem.direction(shape, residual)
-        except MultiscaleError:
+        found = _step(problem, load_factor, u, shape, residual)
+        if found is None:
             run.stop(Status.STALLED)
             break
-        energy, slope = problem.energy(shape, u, load_factor), float(residual @ direction)
-        before = float(np.abs(residual).max())
-        for halving in range(MAX_SEARCH_HALVINGS):  # until energy or residual fall sufficiently
+        u, shape, residual = found
+    return run.solution(u)
+
+
+def _step(
+    problem: _Problem,
+    load_factor: float,
+    u: np.ndarray,
+    shape: _DeformedLinks,
+    residual: np.ndarray,
+) -> tuple[np.ndarray, _DeformedLinks, np.ndarray] | None:
+    """Take a Newton step that lowers energy or residual; None if there is none."""
+    energy, before = problem.energy(shape, u, load_factor), float(np.abs(residual).max())
+    for lateral in LATERAL_STIFFNESS:
+        direction = problem.direction(shape, residual, lateral)
+        if direction is None:
+            continue
+        slope = float(residual @ direction)
+        halvings = MAX_HALVINGS if lateral == LATERAL_STIFFNESS[-1] else FEW_HALVINGS
+        for halving in range(halvings + 1):
             step = 0.5**halving
             trial = u + step * direction
             after = problem.shape(trial)
             left = problem.residual(after, load_factor)
             falls = problem.energy(after, trial, load_factor) <= energy - 1e-4 * step * slope
             if falls or float(np.abs(left).max()) < 0.9 * before:
-                u, shape, residual = trial, after, left
-                break
-        else:
-            run.stop(Status.STALLED)
-            break
-    return run.solution(u)
+                return trial, after, left
+    return None
