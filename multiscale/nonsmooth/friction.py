@@ -10,7 +10,6 @@ from scipy.sparse import bsr_array, csr_array, issparse
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.nonsmooth.admm import admm
 from multiscale.nonsmooth.coulomb import (
     natural_units,
     project_friction_cone,
@@ -18,8 +17,7 @@ from multiscale.nonsmooth.coulomb import (
     verify_friction,
 )
 from multiscale.nonsmooth.friction_problem import ScaledFriction, scale_friction
-from multiscale.nonsmooth.friction_schedule import run_schedule
-from multiscale.nonsmooth.gauss_seidel import gauss_seidel
+from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
 from multiscale.nonsmooth.jamming import jamming
 from multiscale.nonsmooth.magnitudes import refuse_out_of_range
 from multiscale.nonsmooth.progress import Progress
@@ -55,11 +53,19 @@ def _interior_point(
     return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
 
 
+GAIN = 20.0
+"""Factor by which a burst of sweeps has to reduce the error to be followed by another."""
+
+FULL, LARGE = 15.0, 200
+"""Blocks per contact and contacts beyond which a factorisation costs as much as many solves."""
+
+CENTRES = (1.0, 10.0, 0.1, 3.0, 0.3, 30.0, 0.03)
+"""Starts of the interior point along the axis of the cones, dimensionless."""
+
 FRICTION_METHODS: dict[str, Callable[..., np.ndarray]] = {
     "gauss_seidel": gauss_seidel,
     "newton": partial(semismooth_newton, regularisation=1e-4),
     "interior_point": _interior_point,
-    "admm": admm,
 }
 """Methods that can be asked for by name; ``"auto"`` uses all of them."""
 
@@ -115,9 +121,9 @@ def solve_friction(
 
     Notes
     -----
-    ``"auto"`` starts with cheap methods and goes on to robust ones, see
-    :mod:`multiscale.nonsmooth.friction_schedule`. Where W is singular the impulses need not be
-    unique: compare velocities.
+    ``"auto"`` takes bursts of Gauss-Seidel sweeps, a few Newton steps, and the interior point that
+    treats the normal direction separately, finished by Newton's method; each for as long as it
+    reduces the error. Where W is singular the impulses need not be unique: compare velocities.
 
     Examples
     --------
@@ -164,7 +170,7 @@ def solve_friction(
     with np.errstate(all="ignore"):  # what overflows is never the best answer
         solved = progress.note(first)
         if not solved and method == "auto":
-            run_schedule(problem, first, progress, **options)
+            _run_schedule(problem, first, progress, **options)
         elif not solved:
             progress.trail.append(method)
             FRICTION_METHODS[method](problem, first, progress, **options)
@@ -188,6 +194,39 @@ def solve_friction(
     if max_iterations is not None and solution.status is Status.STALLED:
         return replace(solution, status=Status.MAX_ITERATIONS)
     return solution
+
+
+def _run_schedule(
+    problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 5000
+) -> None:
+    """Take cheap methods first, then robust ones; ``max_iterations`` limits each of them."""
+    # bursts of sweeps while each reduces the error by GAIN
+    progress.trail.append("gauss_seidel")
+    for burst in range(max(1, max_iterations // BURST)):
+        before = progress.residuals[-1]
+        reaction = gauss_seidel(problem, reaction, progress, min(BURST, max_iterations))
+        if progress.smallest <= progress.target:
+            return
+        if progress.residuals[-1] > before / GAIN and burst > 0:
+            break
+
+    def newton(regularisation: float) -> bool:
+        progress.trail.append("newton")
+        best = np.zeros_like(problem.velocity) if progress.best is None else progress.best
+        semismooth_newton(problem, best, progress, min(15, max_iterations), regularisation)
+        return progress.smallest <= progress.target
+
+    # Newton steps, unless W is so full that a factorisation costs as much as many solves
+    large = problem.friction.size > LARGE
+    heavy = large and problem.columns.size > FULL * problem.friction.size
+    if not heavy and newton(1e-4):
+        return
+    # interior points from the centre of the cones; other centres where W is small
+    for centre in CENTRES[:1] if large else CENTRES:
+        progress.trail.append("interior_point")
+        split_interior_point(problem, progress, min(60, max_iterations), centre)
+        if progress.smallest <= progress.target or newton(1e-10):
+            return
 
 
 def _checked(
