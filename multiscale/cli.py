@@ -1,6 +1,5 @@
 """The command line: the Python interface with arguments and files added."""
 
-import gc
 import logging
 import sys
 import warnings
@@ -57,10 +56,6 @@ QuietOption = Annotated[
 
 ANYWAY = "also what takes more than a day, or than the memory"
 AnywayOption = Annotated[bool, typer.Option("--force", help=f"Solve {ANYWAY}.")]
-
-
-GARBAGE = 100_000
-"""Objects between two looks for garbage where little is made that dies before the command ends."""
 
 
 def _print_version(asked: bool) -> None:
@@ -400,7 +395,6 @@ def cases_command() -> None:
 @app.command("report")
 def report_command(out: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
     """Draw the figures and write the report of a finished run again."""
-    gc.set_threshold(GARBAGE)
     from multiscale.report import show_run
 
     typer.echo(show_run(out).out / "report.html")
@@ -428,7 +422,6 @@ def inspect_command(
     """Describe a measured surface, and propose cells with the same roughness."""
     edges = to_lengths(size) if size else None
     one = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
-    gc.set_threshold(GARBAGE)
     from multiscale.io import try_to_write, write_bytes
     from multiscale.pipeline.inspection import INSPECTION, inspect_surface
     from multiscale.report import write_inspection

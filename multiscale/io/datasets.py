@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from multiscale import __version__
 from multiscale.errors import SchemaError
 from multiscale.io.files import write_bytes
-from multiscale.io.global_heap import is_endless
 from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SCHEMAS, Schema
 
 if TYPE_CHECKING:
@@ -63,8 +62,6 @@ def write_dataset(
     import h5netcdf
     import xarray as xr
 
-    from multiscale.io.kept_objects import KeptObjects
-
     schema.check(dataset)
     now = datetime.now(UTC).isoformat(timespec="seconds")
     whole = dataset.assign_attrs(
@@ -78,7 +75,7 @@ def write_dataset(
     )
     content = BytesIO()
     # to_netcdf would import dask where it is installed, and ask a cluster for a lock on these bytes
-    with KeptObjects(content, "w") as objects, h5netcdf.File(objects, "w") as file:
+    with h5netcdf.File(content, "w") as file:
         whole.dump_to_store(xr.backends.H5NetCDFStore(file, lock=False))
     write_bytes(path, content.getvalue())
 
@@ -137,18 +134,11 @@ def _load(path: Path) -> "xr.Dataset | None":
     import h5netcdf
     import xarray as xr
 
-    from multiscale.io.kept_objects import KeptObjects
-
     hook, dataset = sys.unraisablehook, None
     # h5netcdf fails again when it deletes a file it cannot open
     sys.unraisablehook = lambda _: None
     try:
-        if is_endless(path):
-            return None
-        with (
-            KeptObjects(path, "r") as objects,
-            h5netcdf.File(objects, "r", decode_vlen_strings=True) as file,
-        ):
+        with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
             dataset = xr.load_dataset(xr.backends.H5NetCDFStore(file))
         dataset.encoding["source"] = str(path)
     except Exception as error:

@@ -159,20 +159,6 @@ def test_mutants_of_surface_files_are_read_or_refused_in_a_sentence(scans, tmp_p
     assert read_all(read_surface, scans, mutate_bytes, count, tmp_path, seed) == []
 
 
-@pytest.mark.parametrize("size", [0, 2**64 - 16, 2**32], ids=["none", "wraps", "beyond"])
-def test_a_text_of_a_dataset_that_never_ends_is_refused(dataset, size):
-    data = bytearray(dataset.read_bytes())
-    start = data.index(b"GCOL")
-    at, end = start + 16, start + int.from_bytes(data[start + 8 : start + 16], "little")
-    while data[at : at + 2] != b"\0\0":  # to what is free
-        at += 16 + 8 * -(-int.from_bytes(data[at + 8 : at + 16], "little") // 8)
-    assert at < end
-    data[at + 8 : at + 16] = size.to_bytes(8, "little")
-    dataset.write_bytes(data)
-    with boxed(), pytest.raises(MultiscaleError, match="not a readable netCDF file"):
-        open_dataset(dataset)
-
-
 def test_a_reader_that_hangs_is_found(tmp_path):
     original = CASES[0].read_bytes()
 
