@@ -33,6 +33,7 @@ __all__ = [
     "element_of_order",
     "element_response",
     "elements_of_basis",
+    "is_first_order",
     "prepare_elements",
     "sum_blocks",
 ]
@@ -65,6 +66,11 @@ def element_of_order(mesh: "Mesh", order: int) -> "Element":
 
     kinds = (ElementTetP1, ElementTetP2) if mesh.t.shape[0] == 4 else (ElementHex1, ElementHex2)
     return kinds[order - 1]()
+
+
+def is_first_order(basis: "CellBasis") -> bool:
+    """Whether the nodes of a basis are the corners of its mesh."""
+    return isinstance(basis.elem, type(basis.mesh.elem()))
 
 
 def prepare_elements(mesh: "Mesh") -> Elements:

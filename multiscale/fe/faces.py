@@ -13,7 +13,7 @@ from multiscale.errors import CaseError
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
 
-__all__ = ["check_boundary", "face_areas", "face_operator"]
+__all__ = ["check_boundary", "corner_integrals", "face_areas", "face_operator"]
 
 ROUNDING = 1e-12
 """Areas below this share of the largest are rounding."""
@@ -80,6 +80,37 @@ def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarra
     area = np.stack([(np.asarray(field[0]) * face.dx).sum(axis=1) for field in face.basis])
     local, facet = np.nonzero(area > ROUNDING * area.max())  # nodes off the face have no area
     return face.element_dofs[local, facet], facet, area[local, facet]
+
+
+def corner_integrals(
+    basis: "CellBasis", boundary: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    r"""Integrals :math:`\int \psi_a N_b` over every facet of a face.
+
+    They weigh displacements by the shape functions :math:`\psi` of the corners of the facet, which
+    are positive, whatever the order of the shape functions :math:`N` of the nodes.
+
+    Parameters
+    ----------
+    basis : CellBasis, of a scalar element
+
+    Returns
+    -------
+    facet, corner, node : ndarray of int, shape (n,)
+        Facet, counted in the boundary, corner of the mesh and unknown of every integral.
+    integral : ndarray, shape (n,), m² (m in two dimensions)
+    """
+    from skfem import FacetBasis
+
+    check_boundary(basis.mesh, boundary)
+    where = {"facets": boundary, "intorder": 1 + basis.elem.maxdeg}
+    first = FacetBasis(basis.mesh, basis.mesh.elem(), **where)
+    own = FacetBasis(basis.mesh, basis.elem, dofs=basis.dofs, **where)
+    corners, nodes = (np.stack([field[0] for field in one.basis]) for one in (first, own))
+    blocks = np.einsum("afq,bfq,fq->fab", corners, nodes, np.asarray(own.dx), optimize=True)
+    # nodes off the face have no integrals
+    facet, a, b = np.nonzero(np.abs(blocks) > ROUNDING * np.abs(blocks).max())
+    return facet, first.element_dofs[a, facet], own.element_dofs[b, facet], blocks[facet, a, b]
 
 
 def check_boundary(mesh: "Mesh", boundary: str) -> None:

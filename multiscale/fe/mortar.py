@@ -4,17 +4,21 @@ Every facet of side 1 is flattened onto its own plane, the facets of side 2 are 
 along its normal and clipped against it, and the shape functions :math:`N` of both sides are
 integrated over the pieces,
 
-.. math:: D_{ab} = \int N^1_a N^1_b \,\mathrm{d}\Gamma, \qquad
-    M_{ab} = \int N^1_a N^2_b \,\mathrm{d}\Gamma,    \tag{1}
+.. math:: D_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
+    M_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma,    \tag{1}
 
-so that :math:`M u_2 - D u_1` is the jump weighted by the shape functions of side 1. The rows of
-both matrices have the same sums, which is what passes the patch test. The integrals are exact
-for segments, triangles and parallelograms.
+so that :math:`M u_2 - D u_1` is the jump weighted by the functions :math:`\psi` of side 1, which
+are the shape functions of the corners of its facets: of elements of second order too, where they
+are positive and those of the displacement are not [2]_. The rows of both matrices have the same
+sums, which is what passes the patch test. The integrals are exact for segments, triangles and
+parallelograms; where parallelograms are of second order, the sums of rows and columns are.
 
 References
 ----------
 .. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 601-629,
    doi:10.1016/j.cma.2003.10.010: projection and clipping in three dimensions.
+.. [2] M. A. Puso, T. A. Laursen, J. Solberg, Comput. Methods Appl. Mech. Eng. 197 (2008) 555-566,
+   doi:10.1016/j.cma.2007.08.009: linear multipliers between quadratic displacements.
 """
 
 import numpy as np
@@ -43,6 +47,7 @@ def couple(
     facets: tuple[np.ndarray, np.ndarray],
     positions: tuple[np.ndarray, np.ndarray],
     reach: float = np.inf,
+    nodes: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[csr_array, csr_array]:
     """Integrate (1) over the common area of two surfaces.
 
@@ -52,18 +57,29 @@ def couple(
         Oriented facets of side 1 and side 2, positions in ``positions``.
     positions : tuple of ndarray, shapes (n, d), positions of the nodes of side 1 and side 2, m
     reach : float, facets farther apart than this do not see each other, m
+    nodes : tuple of ndarray of int, shapes (facets, nodes), optional
+        Numbers of the nodes of displacements on the facets of side 1 and side 2, in three
+        dimensions; the corners if not given. The corners come first, then the middle of the edge
+        after each corner, then the middle of the facet, if it is a node.
 
     Returns
     -------
-    D : csr_array, shape (n1, n1), m² (m in two dimensions)
-    M : csr_array, shape (n1, n2), m² (m in two dimensions)
+    D : csr_array, shape (n1, nodes of side 1), m² (m in two dimensions)
+    M : csr_array, shape (n1, nodes of side 2), m² (m in two dimensions)
     """
     x1, x2 = positions[0][facets[0]], positions[1][facets[1]]
-    integrate = _integrate_segments if x1.shape[2] == 2 else _integrate_polygons
-    one, two, own, other = integrate(x1, x2, facet_normals(x1), facet_normals(x2), reach)
-    n1, n2 = len(positions[0]), len(positions[1])
-    rows, columns = facets[0][one], facets[1][two]
-    return sum_blocks(own, rows, rows, (n1, n1)), sum_blocks(other, rows, columns, (n1, n2))
+    normals, trial = (facet_normals(x1), facet_normals(x2)), facets if nodes is None else nodes
+    if x1.shape[2] == 2:
+        one, two, own, other = _integrate_segments(x1, x2, *normals, reach)
+    else:
+        sizes = trial[0].shape[1], trial[1].shape[1]
+        one, two, own, other = _integrate_polygons((x1, x2), normals, sizes, reach)
+    n1, n2 = map(len, positions) if nodes is None else (1 + int(each.max()) for each in nodes)
+    rows, shape = facets[0][one], len(positions[0])
+    return (
+        sum_blocks(own, rows, trial[0][one], (shape, n1)),
+        sum_blocks(other, rows, trial[1][two], (shape, n2)),
+    )
 
 
 def _integrate_segments(
@@ -91,9 +107,13 @@ def _integrate_segments(
 
 
 def _integrate_polygons(
-    x1: np.ndarray, x2: np.ndarray, n1: np.ndarray, n2: np.ndarray, reach: float
+    x: tuple[np.ndarray, np.ndarray],
+    normals: tuple[np.ndarray, np.ndarray],
+    sizes: tuple[int, int],
+    reach: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of triangles or quadrilaterals and their blocks of (1)."""
+    """Pairs of triangles or quadrilaterals and their blocks of (1), for nodes of given numbers."""
+    (x1, x2), (n1, n2) = x, normals
     unit = n1 / np.linalg.norm(n1, axis=1, keepdims=True)
     one, two = np.nonzero(_facing(_circles(x1), _circles(x2), unit, n2, reach))
     first = x1[:, 1] - x1[:, 0]
@@ -101,7 +121,7 @@ def _integrate_polygons(
     first = first / np.linalg.norm(first, axis=1, keepdims=True)
     plane = np.stack([first, np.cross(unit, first)], axis=2)
     flat1, flat2 = ((x - x1[one, :1]) @ plane[one] for x in (x1[one], x2[two]))
-    own, other = _clip_pairs(flat1, flat2, POINTS, WEIGHTS)
+    own, other = _clip_pairs(flat1, flat2, sizes[0], sizes[1], POINTS, WEIGHTS)
     kept = np.abs(own).sum(axis=(1, 2)) > 0.0
     return one[kept], two[kept], own[kept], other[kept]
 
@@ -132,11 +152,12 @@ def _facing(c1, c2, unit, n2, reach):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _clip_pairs(flat1, flat2, points, weights):  # type: ignore[no-untyped-def]
+def _clip_pairs(flat1, flat2, size1, size2, points, weights):  # type: ignore[no-untyped-def]
     """Blocks of (1) for every pair of facets in the plane of the first, (pairs, corners, 2)."""
     m1, m2 = flat1.shape[1], flat2.shape[1]
-    own, other = np.zeros((len(flat1), m1, m1)), np.zeros((len(flat1), m1, m2))
+    own, other = np.zeros((len(flat1), m1, size1)), np.zeros((len(flat1), m1, size2))
     N1, N2, y = np.empty(m1), np.empty(m2), np.empty(2)
+    trial1, trial2 = np.empty(size1), np.empty(size2)
     piece, spare = np.empty((16, 2)), np.empty((16, 2))
     for pair in range(len(flat1)):
         n = _clip(flat2[pair], flat1[pair], piece, spare)
@@ -150,12 +171,43 @@ def _clip_pairs(flat1, flat2, points, weights):  # type: ignore[no-untyped-def]
                     y[a] += points[p, 2] * piece[k + 1, a]
                 _shape(flat1[pair], y, N1)
                 _shape(flat2[pair], y, N2)
+                _raise_order(N1, trial1)
+                _raise_order(N2, trial2)
                 for a in range(m1):
-                    for b in range(m1):
-                        own[pair, a, b] += weights[p] * area * N1[a] * N1[b]
-                    for b in range(m2):
-                        other[pair, a, b] += weights[p] * area * N1[a] * N2[b]
+                    for b in range(size1):
+                        own[pair, a, b] += weights[p] * area * N1[a] * trial1[b]
+                    for b in range(size2):
+                        other[pair, a, b] += weights[p] * area * N1[a] * trial2[b]
     return own, other
+
+
+@compiled
+def _raise_order(N, trial):  # type: ignore[no-untyped-def]
+    """Shape functions of the nodes of a facet from those of its corners, at one point."""
+    corners, nodes = len(N), len(trial)
+    if nodes == corners:
+        for a in range(corners):
+            trial[a] = N[a]
+        return
+    if corners == 3:
+        for a in range(3):
+            trial[a] = N[a] * (2.0 * N[a] - 1.0)
+            trial[3 + a] = 4.0 * N[a] * N[(a + 1) % 3]
+        return
+    r, s = N[1] + N[2] - N[0] - N[3], N[2] + N[3] - N[0] - N[1]
+    bubble = (1.0 - r * r) * (1.0 - s * s)
+    # middles of the edges s = -1, r = 1, s = 1, r = -1, of eight nodes; less half a bubble of nine
+    share = 0.5 * bubble if nodes == 9 else 0.0
+    trial[4] = 0.5 * (1.0 - r * r) * (1.0 - s) - share
+    trial[5] = 0.5 * (1.0 + r) * (1.0 - s * s) - share
+    trial[6] = 0.5 * (1.0 - r * r) * (1.0 + s) - share
+    trial[7] = 0.5 * (1.0 - r) * (1.0 - s * s) - share
+    for a in range(4):
+        trial[a] = N[a] - 0.5 * (trial[4 + a] + trial[4 + (a + 3) % 4])
+        if nodes == 9:
+            trial[a] -= 0.25 * bubble
+    if nodes == 9:
+        trial[8] = bubble
 
 
 @compiled

@@ -43,9 +43,6 @@ __all__ = ["Bodies", "LoadCycles", "LoadSteps", "OpenLaw", "StructureParts", "ch
 PRELOAD = "preload"
 """Name of the tightening of the bolts among the loads."""
 
-QUADRATURE = 3
-"""Degree that the points of interfaces between elements of second order integrate exactly."""
-
 KINDS = {4: "tetrahedra", 8: "hexahedra"}
 """Kinds of elements by the number of their corners."""
 
@@ -470,10 +467,9 @@ class Bodies(StructureKind):
                 else self.place(meshes, f"interface {number}", first)
             )
             upper = self.place(meshes, f"interface {number}", second)
-            fine = self.bodies[upper[0]].order == 2
             sides = (lower[0], upper[0]), (lower[1], upper[1])
             gap = None if joint.gap is None else joint.gap.build()
-            interfaces.append(macro.Interface(*sides, law, QUADRATURE if fine else None, gap))
+            interfaces.append(macro.Interface(*sides, law, gap=gap))
         facts = [f"Interface {number}: {one.name}." for number, one in enumerate(self.interfaces)]
         bolts, sections = [], []
         for number, bolt in enumerate(self.bolts):

@@ -126,7 +126,7 @@ def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
         ({"shift": (0.7 * EDGE, 0.0, 0.0)}, "overlap on 0.3 of the smaller one, and at least 0.5"),
         ({"face": "top"}, "do not touch face to face"),
         ({"held": True}, "interface 0 lies on a support: all nodes of the boundary 'bottom' of"),
-        ({"order": 2}, "or take elements of first order and no quadrature_order"),
+        ({"order": 2}, "with the same elements, or give no quadrature_order"),
     ],
 )
 def test_faces_that_no_law_can_join_are_refused(change, message):

@@ -20,10 +20,10 @@ GROUND = (None, None)
 class Interface:
     """A law between boundaries of two bodies, or of one and the ground.
 
-    Where the nodes of the boundaries do not match, the law acts on averages of the jump about the
-    nodes of side 2, so that a patch under even stress is exact. Then at least half of the smaller
-    boundary must lie on the other: of plates that lap, the parts that meet are boundaries of their
-    own.
+    Where the nodes of the boundaries do not match, or elements are of second order, the law acts on
+    averages of the jump about the corners of the facets of side 2, so that a patch under even
+    stress is exact. Of boundaries that do not match, at least half of the smaller one must lie on
+    the other: of plates that lap, the parts that meet are boundaries of their own.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Interface:
     law : InterfaceLaw, of any kind: frictionless, with sliders, hysteretic, damaged, rigid
     quadrature_order : int, optional
         The law acts at Gauss points that integrate this degree exactly, of boundaries that match;
-        at the nodes if not given, where the tractions of stiff laws do not oscillate.
+        at nodes or averages if not given, where the tractions of stiff laws do not oscillate.
     gap : GapMap, optional, initial gap beside the gap of the law
     """
 

@@ -1,14 +1,17 @@
-r"""Points where a law joins bodies: nodes, Gauss points, or averages where meshes do not match.
+r"""Points where a law joins bodies: nodes, Gauss points, or averages.
 
-With the shape functions :math:`N` of both sides,
+Points are the nodes of matching elements of first order. Where meshes do not match, or elements are
+of second order, they are averages: with the shape functions :math:`N` of the nodes of both sides,
+and :math:`\psi` of the corners of the facets of side 2,
 
-.. math:: D_{ab} = \int N^2_a N^2_b \,\mathrm{d}\Gamma, \qquad
-    M_{ab} = \int N^2_a N^1_b \,\mathrm{d}\Gamma, \qquad
+.. math:: D_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma, \qquad
+    M_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
     w_a = \sum_b D_{ab}, \qquad
     j_a = \frac{1}{w_a} \sum_b \left(D_{ab} u^2_b - M_{ab} u^1_b\right)    \tag{1}
 
-is the mean jump about node a of side 2 where meshes do not match, and :math:`w_a` its area. An even
-traction gives each side the nodal forces that it is in balance with: the patch test is exact.
+is the mean jump about corner a of side 2, and :math:`w_a` its area, which is positive. An even
+traction gives each side the nodal forces that it is in balance with: the patch test is exact. The
+nodes of second order have no such area: that of a corner of quadratic triangles is zero.
 
 References
 ----------
@@ -18,13 +21,15 @@ References
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, eye_array, vstack
 
 from multiscale.errors import CaseError
-from multiscale.fe.faces import face_areas, face_operator
-from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.elements import is_first_order
+from multiscale.fe.faces import corner_integrals, face_areas, face_operator
+from multiscale.fe.facets import ContactFace, facet_normals, surface_of
 from multiscale.fe.mortar import couple
 from multiscale.macro.bodies.assembly import Interface
 from multiscale.macro.continuum.body import Body
@@ -96,17 +101,20 @@ def cut_interface(
     upper, name = bodies[above], str(joint.boundaries[1])
     frame = _frame(upper, name)
     part_above = owners[above][upper.mesh.f2t[0, upper.mesh.boundaries[name]]]
-    if below is None:  # a side of the substructure on it that never moves
-        pieces = _at_points(joint, (None, upper), (part_above, part_above))
-    else:
+    lower, twin, part_below = None, None, part_above  # of the ground, which never moves
+    if below is not None:
         lower, other = bodies[below], str(joint.boundaries[0])
         part_below = owners[below][lower.mesh.f2t[0, lower.mesh.boundaries[other]]]
         twins = _twins(joint, lower, upper)
-        pieces = (
-            _averages(joint, (lower, upper), (part_below, part_above))
-            if twins is None
-            else _at_points(joint, (lower, upper), (part_below[twins[1]], part_above), twins[0])
-        )
+        if twins is not None:
+            twin, part_below = twins[0], part_below[twins[1]]
+    owner = part_below, part_above
+    if lower is not None and twin is None:
+        pieces = _averages(joint, (lower, upper), owner)
+    elif joint.quadrature_order is not None or is_first_order(upper.basis):
+        pieces = _at_points(joint, (lower, upper), owner, twin)
+    else:
+        pieces = _averages_of_twins(joint, (lower, upper), owner, twin)
     found = []
     for piece in pieces:
         traces = [
@@ -162,34 +170,50 @@ def _at_points(
     return found
 
 
+def _averages_of_twins(
+    joint: Interface,
+    bodies: tuple[Body | None, Body],
+    owner: tuple[np.ndarray, np.ndarray],
+    twin: np.ndarray | None,
+) -> list[_Piece]:
+    """Points of matching faces of second order, or of one on the ground, by (1)."""
+    (lower, upper), name = bodies, str(joint.boundaries[1])
+    facet, corner, node, integral = corner_integrals(upper.basis, name)
+    size, mate = (upper.mesh.p.shape[1], upper.basis.N), np.empty(upper.basis.N, dtype=int)
+    mate[upper.nodes(name)] = upper.nodes(name) if twin is None else twin
+    found = []
+    for pair in np.unique(np.stack(owner), axis=1).T:
+        here = (np.stack(owner) == pair[:, None]).all(axis=0)[facet]
+        D = csr_array((integral[here], (corner[here], node[here])), shape=size)
+        mean, weight = _means(D, D)
+        below = None if lower is None else _of_nodes(mean[0], mate, lower)
+        found.append(_Piece((int(pair[0]), int(pair[1])), (below, mean[1]), weight))
+    return found
+
+
 def _averages(
     joint: Interface, bodies: tuple[Body, Body], owner: tuple[np.ndarray, np.ndarray]
 ) -> list[_Piece]:
     """Points of faces that do not match, by (1) for each pair of substructures."""
     from scipy.spatial import cKDTree
 
-    faces = [
-        surface_of(body.mesh, str(name))
-        for body, name in zip(bodies, joint.boundaries, strict=True)
-    ]
+    boundaries = [str(one) for one in joint.boundaries]
+    faces = [surface_of(body.mesh, at) for body, at in zip(bodies, boundaries, strict=True)]
+    nodes = [body.nodes(at) for body, at in zip(bodies, boundaries, strict=True)]
     x = [body.mesh.p.T[face.nodes] for body, face in zip(bodies, faces, strict=True)]
+    trial = [_nodes_of_facets(*one) for one in zip(bodies, faces, nodes, strict=True)]
     size = min(float(np.ptp(at, axis=0).max()) for at in x)
     found = []
-    for first in np.unique(owner[0]):
-        for second in np.unique(owner[1]):
-            below, above = faces[0].facets[owner[0] == first], faces[1].facets[owner[1] == second]
-            D, M = couple((above, below), (x[1], x[0]), REACH * size)
-            weight = D.sum(axis=1)
-            mine = np.flatnonzero(weight > SLIVER * weight.max())
-            mean = [csr_array(diags_array(1.0 / weight[mine]) @ one[mine]) for one in (M, D)]
-            if mine.size:
-                values = [
-                    _of_nodes(one, face.nodes, body)
-                    for one, face, body in zip(mean, faces, bodies, strict=True)
-                ]
-                found.append(
-                    _Piece((int(first), int(second)), (values[0], values[1]), weight[mine])
-                )
+    for first, second in product(*map(np.unique, owner)):
+        one, two = owner[0] == first, owner[1] == second
+        facets, columns = (
+            (each[1][two], each[0][one]) for each in ([face.facets for face in faces], trial)
+        )
+        D, M = couple(facets, (x[1], x[0]), REACH * size, columns)
+        mean, weight = _means(M, D)
+        if weight.size:
+            below, above = (_of_nodes(*one) for one in zip(mean, nodes, bodies, strict=True))
+            found.append(_Piece((int(first), int(second)), (below, above), weight))
     covered = sum(float(piece.weight.sum()) for piece in found)
     areas = [
         float(np.linalg.norm(facet_normals(at[face.facets]), axis=1).sum())
@@ -212,6 +236,27 @@ def _averages(
             f"the part of the faces where they meet as boundaries of their own"
         )
     return found
+
+
+def _means(M: csr_array, D: csr_array) -> tuple[list[csr_array], np.ndarray]:
+    """Mean values (1) of both sides about the corners that have an area, and these areas, m²."""
+    weight = D.sum(axis=1)
+    mine = np.flatnonzero(weight > SLIVER * weight.max())
+    return [csr_array(diags_array(1.0 / weight[mine]) @ one[mine]) for one in (M, D)], weight[mine]
+
+
+def _nodes_of_facets(body: Body, face: ContactFace, nodes: np.ndarray) -> np.ndarray:
+    """Positions in the nodes of a face of the nodes of every facet: corners, then middles."""
+    from scipy.spatial import cKDTree
+
+    if nodes.size == face.nodes.size:
+        return face.facets
+    x = body.mesh.p.T[face.nodes][face.facets]
+    places = [x, 0.5 * (x + np.roll(x, -1, axis=1)), x.mean(axis=1, keepdims=True)]
+    place, size = np.concatenate(places, axis=1), float(np.ptp(x.reshape(-1, 3), axis=0).max())
+    apart, nearest = cKDTree(body.basis.doflocs[:, nodes].T).query(place)
+    is_node = (apart <= COINCIDENT * size).all(axis=0)  # the middle of a facet need not be
+    return np.asarray(nearest[:, is_node])
 
 
 def _say(joint: Interface, bodies: tuple[Body, Body]) -> str:
@@ -241,11 +286,6 @@ def _points(body: Body, boundary: str, order: int | None) -> tuple[csr_array, cs
         at = np.arange(weight.size)
         return values[:, nodes], csr_array((weight, (at, facet)), shape=(at.size, facets))
     node, facet, area = face_areas(body.basis, boundary)
-    if not np.isin(nodes, node).all():
-        raise CaseError(
-            f"some nodes of the boundary {boundary!r} stand for no area with "
-            f"{type(body.basis.elem).__name__}; give the interface a quadrature_order"
-        )
     point = np.searchsorted(nodes, node)
     return (
         eye_array(nodes.size, format="csr"),
@@ -281,7 +321,7 @@ def _frame(upper: Body, boundary: str) -> np.ndarray:
 def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.ndarray] | None:
     """Nodes of the lower body at the nodes of the upper boundary, and facets at its facets.
 
-    Nothing if nodes or facets do not match, which elements of first order alone may do.
+    Nothing if nodes or facets do not match.
     """
     from scipy.spatial import cKDTree
 
@@ -299,11 +339,9 @@ def _twins(joint: Interface, lower: Body, upper: Body) -> tuple[np.ndarray, np.n
     kinds = [type(body.basis.elem) for body in (lower, upper)]
     if kinds[0] is kinds[1] and max(apart.max(), astray.max()) <= COINCIDENT * size:
         return low[nearest], partner
-    first_order = all(isinstance(b.basis.elem, type(b.mesh.elem())) for b in (lower, upper))
-    if joint.quadrature_order is not None or not first_order:
+    if joint.quadrature_order is not None:
         raise CaseError(
             f"the boundaries {_say(joint, (lower, upper))} of a joint do not match; mesh both "
-            f"faces alike, with the same elements, or take elements of first order and no "
-            f"quadrature_order"
+            f"faces alike, with the same elements, or give no quadrature_order"
         )
     return None

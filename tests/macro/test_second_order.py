@@ -1,0 +1,124 @@
+"""Interfaces of elements of second order: averages about the corners of side 2."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from skfem import ElementHexS2, MeshHex, MeshTet
+
+from multiscale.fe.elements import element_of_order
+from multiscale.laws import Exponential, RigidContact, Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import (
+    AssembledNewton,
+    Assembly,
+    Body,
+    GapMap,
+    Interface,
+    LatinMethod,
+    NewtonSchur,
+    solve_assembly,
+)
+from multiscale.macro.bodies import LapShape, lap_joint
+from multiscale.macro.bodies.assembly import GROUND
+from multiscale.macro.substructures import JointLoading, load_joint
+from tests.closed_forms import hertz
+from tests.contact_scenes import block, graded, moment_radius, near
+
+EDGE = 0.02
+LAW = Sliders(Exponential(1e9, 0.2e-6), 0.3, pressures=(1e6, 1e8), slabs=8)
+FEW, MORE = (2, 2, 1), (3, 3, 2)
+
+
+def sheared_blocks(kinds, orders, elements):
+    """Two blocks on each other under even pressure and even shear, and these stresses, Pa."""
+    pressure, shear, bodies = 20e6, 3e6, []
+    sides = {name: (0.0, 0.0, way * shear) for name, way in (("left", -1.0), ("right", 1.0))}
+    top = {"top": (shear, 0.0, -pressure)}
+    held = {"bottom": (0.0, 0.0, 0.0)}
+    for k, (kind, order, count) in enumerate(zip(kinds, orders, elements, strict=True)):
+        mesh = block(kind, count, (0.0, 0.0, k * EDGE), (EDGE, EDGE, (k + 1) * EDGE))
+        element = ElementHexS2() if order == "serendipity" else element_of_order(mesh, order)
+        loads = sides | (top if k else {})
+        bodies.append(Body(mesh, Elastic(210e9, 0.0), {} if k else held, loads, element))
+    return Assembly(bodies, (Interface((0, 1), ("top", "bottom"), LAW),)), pressure, shear
+
+
+@pytest.mark.parametrize(
+    ("kinds", "orders", "elements", "method"),
+    [
+        pytest.param("tt", (2, 2), (FEW, FEW), AssembledNewton(), id="matching"),
+        pytest.param("tt", (2, 2), (FEW, FEW), LatinMethod((2, 1)), id="matching, cut"),
+        pytest.param("tt", (2, 2), (FEW, MORE), AssembledNewton(), id="not matching"),
+        pytest.param("tt", (2, 2), (MORE, FEW), LatinMethod(), id="not matching, LATIN"),
+        pytest.param("hh", (2, 2), (FEW, MORE), NewtonSchur((2, 1)), id="nine nodes"),
+        pytest.param("hh", ("serendipity",) * 2, (FEW, MORE), AssembledNewton(), id="eight nodes"),
+        pytest.param("hh", ("serendipity",) * 2, (FEW, FEW), AssembledNewton(), id="eight, alike"),
+        pytest.param("th", (1, 2), (FEW, MORE), AssembledNewton(), id="first below"),
+        pytest.param("ht", (2, 1), (FEW, FEW), LatinMethod(), id="first above"),
+    ],
+)
+def test_even_pressure_and_shear_pass_the_patch_test(kinds, orders, elements, method):
+    kinds = [{"t": MeshTet, "h": MeshHex}[one] for one in kinds]
+    assembly, pressure, shear = sheared_blocks(kinds, orders, elements)
+    found = solve_assembly(assembly, [0.4, 1.0], method=method)
+    assert found.converged.values.all()
+    accuracy = 1e-7 if isinstance(method, LatinMethod) else 1e-9
+    traction, jump = found.traction.values[1], found.jump.values[1]
+    np.testing.assert_allclose(traction[:, 0], -pressure, rtol=accuracy)
+    np.testing.assert_allclose(np.hypot(*traction[:, 1:].T), shear, rtol=accuracy)
+    np.testing.assert_allclose(jump - jump[0], 0.0, atol=accuracy * abs(jump).max())
+    assert found.point_area.values.min() > 0.0
+    np.testing.assert_allclose(found.point_area.values.sum(), EDGE**2, rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [MeshTet, MeshHex])
+def test_a_bump_on_a_block_is_pressed_as_hertz_has_it(kind):
+    force, radius, E, nu = 400.0, 1.0, 210e9, 0.3  # N, m
+    modulus = E / (1.0 - nu**2)
+    contact = hertz.sphere_radius(force, radius, modulus)
+    axis = contact * graded(0.4, 1.2, 6.0, 2.5)
+    names = {"bottom": (2, 0.0), "top": (2, axis[-1]), "left": (0, 0.0), "front": (1, 0.0)}
+    mesh = kind.init_tensor(axis, axis, axis).with_boundaries(
+        {name: (lambda x, i=i, at=at: near(at)(x[i])) for name, (i, at) in names.items()}
+    )
+    quarter = Body(
+        mesh,
+        Elastic(E, nu),
+        supports={"left": (0.0, None, None), "front": (None, 0.0, None)},
+        tractions={"top": (0.0, 0.0, -0.25 * force / axis[-1] ** 2)},
+        element=element_of_order(mesh, 2),
+    )
+    line = np.linspace(0.0, axis[-1], 200)
+    x, y = (one.ravel() for one in np.meshgrid(line, line))
+    bump = GapMap(np.column_stack([x, y]), (x**2 + y**2) / (2.0 * radius))
+    ground, face = GROUND
+    interface = Interface((ground, 0), (face, "bottom"), RigidContact(), gap=bump)
+    found = solve_assembly(Assembly((quarter,), (interface,)), method=LatinMethod())
+    assert found.converged.values.all()
+    pressure, area = -found.traction.values[0, :, 0], found.point_area.values
+    distance = np.hypot(*found.point_position.values.T[:2])
+    assert pressure @ area == pytest.approx(0.25 * force, rel=1e-6)
+    assert moment_radius(distance, pressure, area) == pytest.approx(contact, rel=0.03)
+    middle = pressure[np.argmin(distance)]
+    assert middle == pytest.approx(1.5 * force / (np.pi * contact**2), rel=0.08)
+
+
+@pytest.mark.slow
+def test_plates_with_holes_meshed_apart_are_joined_as_those_that_match():
+    shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=5e-3)
+    loading, found = JointLoading((40e6,)), []
+    alike = [lap_joint(one, (Elastic(210e9, 0.3),) * 2, LAW) for one in (shape,)]
+    other = lap_joint(replace(shape, element=4e-3), (Elastic(210e9, 0.3),) * 2, LAW)
+    lower, upper = alike[0].bodies[0], other.bodies[1]
+    share = alike[0].areas[0] / other.areas[0]  # of the washers, which must press alike
+    pressed = (0.0, 0.0, lambda position, time: -share * (1.0 - time) + 0.0 * position[0])
+    upper = replace(upper, tractions=dict(upper.tractions) | {"washer": pressed})
+    for assembly in (alike[0], replace(alike[0], bodies=(lower, upper))):
+        bodies = [replace(one, element=element_of_order(one.mesh, 2)) for one in assembly.bodies]
+        found.append(
+            load_joint(replace(assembly, bodies=bodies), loading, method=AssembledNewton())
+        )
+    for name, error in (("joint_stiffness", 2e-3), ("tangential_stiffness", 0.01)):
+        assert found[1][name].item() == pytest.approx(found[0][name].item(), rel=error)
