@@ -538,8 +538,8 @@ class Bodies(StructureKind):
             shared = factors[:, 0] * sum(bolt.preload for bolt in self.bolts) / area
         found = []
         for number, one in enumerate(self.interfaces):
-            if one.asperities is not None or one.gap is not None:
-                continue  # heights or a gap press it, too
+            if one.asperities is not None or one.linear is not None or one.gap is not None:
+                continue  # heights or a gap press it, too, and a constant stiffness has no limits
             sides = [self.place(meshes, one.name, side) for side in one.sides if side != GROUNDED]
             faces = [Face.at(meshes, side) for side in sides]
             most = np.abs(factors) @ [highest_pressure(faces[-1], forces) for forces in acting]

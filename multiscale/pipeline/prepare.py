@@ -1,12 +1,11 @@
 """What is refused of a case before any of its stages is run."""
 
 from multiscale.errors import CaseError
-from multiscale.io import open_law
 from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.structure_kind import OF_CELLS, Pressed, Range, tell_far
-from multiscale.upscaling import law_from_dataset
+from multiscale.upscaling import law_from_dataset, read_law
 
 __all__ = ["prepare"]
 
@@ -38,7 +37,7 @@ def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:
         law = case.interface_law({})
         return law_from_dataset(law).pressure_range, case.interface.law.name, remedy
     if pressed.law.suffix != ".toml":
-        law = open_law(pressed.law)
+        law = read_law(pressed.law)
         return law_from_dataset(law).pressure_range, pressed.law.name, remedy
     other = load_case(pressed.law)
     if not (isinstance(other, Case) and other.has_cells):

@@ -21,6 +21,9 @@ from multiscale.upscaling.reading import TABLE
 
 __all__ = ["read_law", "with_stated_error"]
 
+LOWEST = 1e-3
+"""Lowest pressure of the data of a table over its first one above zero: its first chord is data."""
+
 COLUMNS = {"pressure": "Pa", "overclosure": "m"}
 """Columns of a table and their units."""
 
@@ -55,12 +58,13 @@ def read_law(path: str | PathLike[str]) -> Dataset:
     p, closed = columns.values()
     _refuse_rows(path, p, closed)
     caution = f"{path.name} has no unit of its {' and '.join(bare)} and is read in SI" * bool(bare)
+    data = np.append(LOWEST * p[1], p[1:])
     return INTERFACE_LAW.build(
         {
             "table_pressure": p,
             "table_gap": -closed,
-            "fit_pressure": p[1:],
-            "fit_mean_gap": -closed[1:],
+            "fit_pressure": data,
+            "fit_mean_gap": -np.interp(data, p, closed),
         },
         title=path.name,
         family=TABLE,
@@ -69,7 +73,7 @@ def read_law(path: str | PathLike[str]) -> Dataset:
         n_samples=0,
         uncertainty="none: a table has no scatter",
         branches="loading: a table",
-        pressure_min=float(p[1]),
+        pressure_min=float(data[0]),
         pressure_max=float(p[-1]),
         cautions=caution,
     )

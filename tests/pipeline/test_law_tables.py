@@ -84,7 +84,7 @@ def test_the_law_of_a_table_is_linear_between_its_rows(folder):
     law = law_from_dataset(read_law(folder / "table.csv"))
     np.testing.assert_allclose(law.gap_at(np.array([0.5e6, 5.5e6, 55e6])), [-5e-8, -3e-7, -0.85e-6])
     np.testing.assert_allclose(law.stiffness(np.array([-5e-8, -3e-7, -0.85e-6])), CHORDS)
-    assert law.pressure_range == (1e6, 100e6)
+    assert law.pressure_range == (1e3, 100e6)
     # the last chord goes on
     np.testing.assert_allclose(law.pressure(np.array([-1.9e-6])), 190e6)
 
@@ -123,6 +123,20 @@ def test_bodies_close_by_the_table(folder):
     found = solve(folder, BODIES)
     np.testing.assert_allclose(found["traction"][0, :, 0], -4e6, rtol=1e-6)
     np.testing.assert_allclose(found["jump"][0, :, 0], -(1e-7 + 3e6 / CHORDS[1]), rtol=1e-6)
+
+
+def test_a_table_of_two_rows_is_a_constant_stiffness(folder):
+    (folder / "two.csv").write_text("pressure (MPa), overclosure (um)\n0, 0\n10, 1\n")
+    two = ("table.csv", "two.csv"), ('two.csv"', 'two.csv"\nlaw_error = 0.1')
+    table, linear = solve(folder, BODIES, *two), solve(folder, BODIES, LINEAR)
+    for name in ("jump", "load_stiffness", "load_stiffness_mean_law"):
+        np.testing.assert_allclose(table[name], linear[name], rtol=2e-3, atol=1e-15)
+
+
+def test_loads_far_beyond_a_table_are_refused_before_anything_is_solved(folder):
+    with pytest.raises(CaseError, match=r"1 kPa to 100 MPa \(table.csv\), so that all answers"):
+        solve(folder, BODIES, ('"4 MPa"', '"400 MPa"'))
+    assert solve(folder, BODIES, LINEAR, ('"4 MPa"', '"400 MPa"'))["converged"].all()
 
 
 def test_a_constant_stiffness_is_stated_with_its_error(folder):
