@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,28 @@ class VoxelImage:
     def porosity(self) -> float:
         """Volume fraction of void."""
         return float(self.void.mean())
+
+    @property
+    def floating(self) -> np.ndarray:
+        """Whether a voxel is solid that floats in voids, shape (nx, ny, nz).
+
+        Such pieces meet the largest one by no face of a voxel, and at most one side of the box:
+        pieces between two sides may be held outside.
+        """
+        from scipy.ndimage import label
+
+        pieces, number = label(~self.void)
+        sides = np.zeros(number + 1, int)
+        for axis, end in product(range(3), (0, -1)):
+            sides[np.unique(np.take(pieces, end, axis))] += 1
+        held = sides > 1
+        held[np.argmax(np.bincount(pieces.ravel(), minlength=2)[1:]) + 1 if number else 0] = True
+        held[0] = True
+        return ~held[pieces]
+
+    def without_floating(self) -> "VoxelImage":
+        """Return the image with void in place of solid that floats in voids."""
+        return VoxelImage(self.void | self.floating, self.size)
 
     def coarsened(self) -> "VoxelImage":
         """Halve the resolution: a voxel is void if more than half of its eight parts are."""

@@ -216,16 +216,17 @@ class RveSettings(Settings):
     def grid(self) -> tuple[int, int, int]:
         """Voxels along x, y and z; of an image as in its file."""
         if self.size is None:
-            x, y, z = self.read_volume().void.shape
+            assert self.image is not None
+            x, y, z = self.image.read().void.shape
             return x, y, z
         longest = max(self.size)
         x, y, z = (max(1, round(self.voxels * edge / longest)) for edge in self.size)
         return x, y, z
 
     def read_volume(self) -> VoxelImage:
-        """Read the image."""
+        """Read the image, without solid that floats in its voids."""
         assert self.image is not None
-        return self.image.read()
+        return self.image.read().without_floating()
 
     def first(self) -> Cavities | VoxelImage:
         """Make the first representative volume."""

@@ -71,6 +71,20 @@ def test_half_the_resolution_keeps_size_and_porosity():
     assert coarse.porosity == pytest.approx(0.5, abs=0.03)
 
 
+def test_solid_floats_that_meets_no_other_by_a_face():
+    solid = np.zeros((7, 7, 7), bool)
+    solid[:2] = True  # the largest piece
+    touching, apart, cut, between = ((2, 3, 3), (4, 1, 1), (6, 3, 3), (6, 6, 3))
+    for voxel in (touching, apart, cut, between):
+        solid[voxel] = True
+    image = VoxelImage(~solid, (7.0, 7.0, 7.0))
+    np.testing.assert_array_equal(np.argwhere(image.floating), [apart, cut])
+    whole = image.without_floating()
+    assert not whole.floating.any()
+    assert whole.porosity == pytest.approx(image.porosity + 2 / 343, rel=1e-12)
+    assert not VoxelImage(np.ones((2, 2, 2)), (1.0, 1.0, 1.0)).floating.any()
+
+
 def test_an_image_takes_zeros_and_ones():
     assert VoxelImage(np.eye(3, dtype=int)[None], (1.0, 1.0, 1.0)).porosity == pytest.approx(1 / 3)
 

@@ -125,11 +125,30 @@ def test_only_parts_that_do_not_overlap_tell_the_scatter_of_one_volume(edge, kno
 
 
 # validation 3.1: through cylinders along n have D(n) = porosity and E (1 - D) exactly
-@pytest.mark.slow
-def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monkeypatch):
-    tifffile = pytest.importorskip("tifffile")
+def channel(floating):
+    """Pages z, y, x of a void channel along z, maybe with a cube of solid that floats in it."""
     void = np.zeros((8, 8, 8), dtype=np.uint8)
-    void[:, 2:6, 2:6] = 1  # z, y, x
+    void[:, 2:6, 2:6] = 1
+    if floating:
+        void[3:5, 3:5, 3:5] = 0
+    return void
+
+
+def test_solid_that_floats_in_voids_is_void(tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    tifffile.imwrite(tmp_path / "channel.tif", channel(floating=True))
+    text = TEXT.replace('size = "1 mm"\n', "") + '[rve.image]\nfile = "channel.tif"\n'
+    path = write_scene(tmp_path, text + 'void_value = 1\nvoxel_size = "5 um"\n')
+    rve = load_case(path).rve
+    assert rve.first().porosity == 0.25
+    assert rve.image.read().porosity == 0.25 - 8 / 512
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("floating", [False, True])
+def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monkeypatch, floating):
+    tifffile = pytest.importorskip("tifffile")
+    void = channel(floating)
     tifffile.imwrite(tmp_path / "channel.tif", void)
     monkeypatch.chdir(tmp_path)
     command = ["damage", "channel.tif", "--youngs-modulus", "70 GPa", "--void-value", "1"]
@@ -141,6 +160,7 @@ def test_an_image_with_channels_loses_the_share_of_their_section(tmp_path, monke
     whole = rve["share"].to_numpy() == 1.0
     moduli = rve["apparent_modulus"].to_numpy()[whole][0, :, z]
     np.testing.assert_allclose(moduli, 0.75 * 70e9, rtol=1e-6)  # whatever the sides
+    assert ("1e+03 µm³, 2 % of it, floats in voids" in rve.attrs["cautions"]) == floating
 
 
 @pytest.fixture(scope="module")

@@ -104,6 +104,15 @@ def _cautions(
     """Say what is lost, coarse or not known."""
     if ended := measured.attrs.get("ended"):
         yield ended.replace("\n", "; ")
+    whole = rve.image.read() if rve.image is not None else image
+    if floating := int(np.count_nonzero(whole.floating)):
+        volume = floating * float(np.prod(whole.spacing))
+        share = 100.0 * floating / np.count_nonzero(~whole.void)
+        then = "the sections of the closed forms still count it"
+        yield (
+            f"solid of {1e18 * volume:.3g} µm³, {share:.2g} % of it, floats in voids and carries "
+            f"nothing; " + ("it is taken for void" if rve.image is not None else then)
+        )
     edges = np.array(image.spacing)
     across = rve.smallest / edges.max()
     if rve.element is None and across < FEWEST_ACROSS:
