@@ -81,7 +81,8 @@ class VoxelImage:
         held = sides > 1
         held[np.argmax(np.bincount(pieces.ravel(), minlength=2)[1:]) + 1 if number else 0] = True
         held[0] = True
-        return ~held[pieces]
+        floating: np.ndarray = ~held[pieces]
+        return floating
 
     def without_floating(self) -> "VoxelImage":
         """Return the image with void in place of solid that floats in voids."""

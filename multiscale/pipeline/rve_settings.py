@@ -27,8 +27,9 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
+from multiscale.units import readable
 
-__all__ = ["Direction", "ImageStack", "RveSettings", "read_direction"]
+__all__ = ["FEWEST", "Direction", "ImageStack", "RveSettings", "read_direction"]
 
 MOST = 20_000
 """Pores and cracks of a volume, at most; thousands are representative already."""
@@ -38,6 +39,25 @@ Point = tuple[Coordinate, Coordinate, Coordinate]
 Direction = tuple[Number, Number, Number]
 Voxels = Annotated[Count, Field(ge=4, le=512)]
 Part = Annotated[Number, Field(ge=0.2, lt=1.0)]
+
+
+FEWEST = 10
+"""Pores, or cracks, below which a volume does not represent its material."""
+
+OFF = 0.1
+"""Error of the porosity of volumes, over the porosity that is asked."""
+
+WIDEST = 1.0 / 3.0
+"""Largest diameter of pores and cracks over the shortest edge of such a volume."""
+
+
+def edge_for(number: float, count: float, size: tuple[float, float, float]) -> float:
+    """Geometric mean of the edges of a volume with a number of parts, of one with a count, m."""
+    return float(np.cbrt(number / count * np.prod(size)))
+
+
+def _length(value: float) -> str:
+    return readable(f"{value:.3g} m")
 
 
 def read_direction(value: Direction) -> Direction:
@@ -102,11 +122,46 @@ class RecipeSettings(Settings):
             raise ValueError(f"porosity must be below 1, got {self.porosity:g}")
         return self
 
-    def count(self, size: tuple[float, float, float]) -> float:
-        """Return how many pores and cracks a volume of a size, m, holds, about."""
-        volume = float(np.prod(size))
-        pore, crack = (self.pore_radius or np.inf) ** 3, (self.crack_radius or np.inf) ** 3
-        return volume * (self.porosity / (4.0 * pore) + self.crack_density / crack)
+    def counts(self, size: tuple[float, float, float]) -> dict[str, float]:
+        """Return how many pores and cracks a volume of a size, m, holds in the mean."""
+        volume, found = float(np.prod(size)), {}
+        if self.pore_radius is not None:  # of log-normal radii
+            pore = 4.0 / 3.0 * np.pi * self.pore_radius**3 * np.exp(4.5 * self.pore_spread**2)
+            share = -np.log(1.0 - self.porosity) if self.overlap else self.porosity
+            found["pores"] = float(share * volume / pore)
+        if self.crack_radius is not None:
+            crack = self.crack_radius**3 * np.exp(4.5 * self.crack_spread**2)
+            found["cracks"] = float(self.crack_density * volume / crack)
+        return found
+
+    def check_size(self, size: tuple[float, float, float]) -> None:
+        """Refuse a volume into which its pores and cracks do not fit, or too many.
+
+        Raises
+        ------
+        ValueError
+            With the number, and the edge of a volume that holds enough.
+        """
+        widest = {"pores": self.pore_radius, "cracks": self.crack_radius}
+        for name, count in self.counts(size).items():
+            across = 2.0 * (widest[name] or 0.0)
+            enough = _length(edge_for(FEWEST, count, size))
+            if across > min(size):
+                raise ValueError(
+                    f"{name} {_length(across)} across do not fit into a volume whose shortest edge "
+                    f"is {_length(min(size))}; {FEWEST} of them need edges of about {enough}"
+                )
+            if count < 1.0:
+                raise ValueError(
+                    f"a volume holds {count:.2g} {name} in the mean, fewer than one, and one alone "
+                    f"is {1.0 / count:.3g} times what is asked; {FEWEST} of them need edges of "
+                    f"about {enough}"
+                )
+        if not (total := sum(self.counts(size).values())) <= MOST:
+            raise ValueError(
+                f"size holds {total:.3g} pores and cracks of [rve.recipe], more than {MOST:g}; "
+                f"give a smaller size, or larger ones"
+            )
 
     def build(self) -> Recipe:
         """Make the law."""
@@ -202,12 +257,7 @@ class RveSettings(Settings):
                 else "size is missing"
             )
         if self.recipe is not None and self.size is not None:
-            count = self.recipe.count(self.size)
-            if not count <= MOST:
-                raise ValueError(
-                    f"size holds {count:.3g} pores and cracks of [rve.recipe], more than {MOST:g}; "
-                    f"give a smaller size, or larger ones"
-                )
+            self.recipe.check_size(self.size)
         if self.image is not None and self.element is not None:
             raise ValueError("element is the size of a mesh, and an image has voxels; leave it out")
         return self
@@ -277,6 +327,37 @@ class RveSettings(Settings):
             radii = np.array([one.radius for one in self.cracks])
             bodies.append(penny_cracks(centres, normals, radii))
         return Cavities(self.size, bodies)
+
+    @property
+    def counts(self) -> dict[str, float]:
+        """Number of pores and cracks of the largest volumes; not known of an image."""
+        if self.recipe is not None:
+            assert self.size is not None
+            return self.recipe.counts(self.size)
+        listed = {"pores": float(len(self.pores)), "cracks": float(len(self.cracks))}
+        return {name: count for name, count in listed.items() if count}
+
+    def limits(self, porosity: float) -> Iterator[str]:
+        """Say what keeps volumes of some mean porosity from representing their material."""
+        if self.size is None:
+            return
+        of = self.recipe
+        radii = {
+            "pores": [one.radius for one in self.pores] + [(of and of.pore_radius) or 0.0],
+            "cracks": [one.radius for one in self.cracks] + [(of and of.crack_radius) or 0.0],
+        }
+        for name, count in self.counts.items():
+            share = 2.0 * max(radii[name]) / min(self.size)
+            if count < FEWEST:
+                edge = _length(edge_for(FEWEST, count, self.size))
+                yield f"a volume holds {count:.2g} {name}, and {FEWEST} need edges of about {edge}"
+            elif share > WIDEST:
+                yield f"{name} are {share:.2g} of the shortest edge across, more than a third"
+        if of is not None and abs(porosity - of.porosity) > OFF * of.porosity:
+            yield (
+                f"the volumes have a porosity of {100.0 * porosity:.3g} %, and "
+                f"{100.0 * of.porosity:.3g} % is asked"
+            )
 
     @property
     def smallest(self) -> float:

@@ -98,7 +98,8 @@ def _needs(case: Case) -> Needs:
     count = len(case.rve.cracks)
     volumes = 1
     if case.rve.recipe is not None:
-        count, volumes = round(case.rve.recipe.count(case.rve.size)), case.rve.recipe.realisations
+        count = round(sum(case.rve.recipe.counts(case.rve.size).values()))
+        volumes = case.rve.recipe.realisations
     told = "event by event, no iteration; a crack that reaches another one " + (
         "grows on as if it were alone" if case.growth.through else "ends its volume"
     )

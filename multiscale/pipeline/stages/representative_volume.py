@@ -88,7 +88,12 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
     image = voxelise(first, rve.voxels) if isinstance(first, Cavities) else first
     moduli = rve.youngs_modulus, rve.poissons_ratio
     result = represent(measured, image, *moduli, level=rve.level)
-    result = result.assign_attrs(accept=rve.accept)
+    own = result["porosity"].to_numpy()[result["share"].to_numpy() == 1.0]
+    result = result.assign_attrs(
+        accept=rve.accept,
+        limits="; ".join(rve.limits(float(own.mean()))),
+        counts=", ".join(f"{count:.6g} {name}" for name, count in rve.counts.items()),
+    )
     return result.assign_attrs(cautions="\n".join(_cautions(rve, image, result, measured)))
 
 
@@ -113,6 +118,14 @@ def _cautions(
             f"solid of {1e18 * volume:.3g} µm³, {share:.2g} % of it, floats in voids and carries "
             f"nothing; " + ("it is taken for void" if rve.image is not None else then)
         )
+    yield from filter(None, [result.attrs["limits"]])
+    for name, count in rve.counts.items() if rve.recipe else ():
+        few = [one for one in rve.parts if one**3 * count < 1.0]
+        if few:
+            yield (
+                f"the size study holds fewer than one of the {name} in volumes of {few[-1]:g} of "
+                f"the size and less, whose rows tell nothing of the material"
+            )
     edges = np.array(image.spacing)
     across = rve.smallest / edges.max()
     if rve.element is None and across < FEWEST_ACROSS:
@@ -132,6 +145,8 @@ def _cautions(
 
 def is_representative(rve: Dataset) -> str:
     """Say how far the bounds lie apart and volumes differ, and whether the volume is one."""
+    if limits := rve.attrs.get("limits"):
+        return f"The volume is not representative: {limits}."
     accept = float(rve.attrs["accept"])
     gap = float(rve["modulus_error"].sel(rve_error="sides").max())
     scatter = float(rve["scatter"].max())
@@ -201,9 +216,11 @@ def say_interval(ends: np.ndarray, scale: float, digits: str = ".4g") -> str:
 
 def _sizes(rve: Dataset) -> Table:
     """Head and rows of the size study: means and standard deviations of the volumes."""
+    counts = [part.split() for part in rve.attrs.get("counts", "").split(", ") if part]
     head = (
         "edge",
         "volumes",
+        *(("inclusions",) if counts else ()),
         "porosity (%)",
         "worst section",
         *(f"E, {sides} (GPa)" for sides in rve["sides"].values),
@@ -218,6 +235,11 @@ def _sizes(rve: Dataset) -> Table:
             (
                 readable(f"{one * edge:.4g} m"),
                 f"{own.sum()}",
+                *(
+                    [", ".join(f"{one**3 * float(n):.2g} {name}" for n, name in counts)]
+                    if counts
+                    else []
+                ),
                 say_mean(100.0 * rve["porosity"].to_numpy()[own]),
                 say_mean(worst[own]),
                 *(say_mean(E[own, k]) for k in range(E.shape[1])),
