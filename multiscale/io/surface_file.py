@@ -26,6 +26,9 @@ _TRENDS = ("mean", "plane", "curvature")
 NPY = b"\x93NUMPY"
 BOM = b"\xef\xbb\xbf"
 
+OLDER_SDF = {b"aBCR-1.0": b"aISO-1.0", b"bBCR-1.0": b"bISO-1.0"}
+"""First bytes of SDF files before and in ISO 25178-71."""
+
 
 @dataclass(frozen=True, eq=False)
 class Topography:
@@ -304,7 +307,7 @@ def _reading(path: Path) -> Iterator[Any]:
                 if begin == NPY:
                     _check_array(path)
                 stream.seek(0)
-                source: Any = str(path) if begin == NPY else _as_text(stream)
+                source: Any = str(path) if begin == NPY else _as_text(_renamed(stream))
                 try:
                     opened = SurfaceTopography.open_topography(source)
                 except CannotDetectFileFormat:
@@ -330,6 +333,15 @@ def _reading(path: Path) -> Iterator[Any]:
                 f"{path}: cannot be read as a topography, probably because it is damaged or cut "
                 f"off ({lines[0][:200].rstrip('.')}); copy it again or export it in another format"
             ) from error
+
+
+def _renamed(stream: Any) -> Any:
+    """Give an SDF file with the older first line the line that SurfaceTopography knows."""
+    head = OLDER_SDF.get(stream.read(8))
+    if head is None:
+        stream.seek(0)
+        return stream
+    return BytesIO(head + stream.read())
 
 
 def _check_array(path: Path) -> None:

@@ -355,3 +355,20 @@ def test_channels_that_are_no_heights_are_listed_and_refused(reference_data):
     ]
     with pytest.raises(CaseError, match=r"no channel 'Phase'.*: 0 \('ZSensor'\), 3 \('Height'\)"):
         read_surface(file, channel="Phase")
+
+
+def test_an_sdf_file_with_the_older_first_line_is_read(tmp_path):
+    n = 6
+    rows = np.arange(n * n, dtype=float).reshape(n, n) % 7.0
+    head = (
+        "ManufacID = x\nCreateDate = 010120200000\nModDate = 010120200000\nNumPoints = 6\n"
+        "NumProfiles = 6\nXscale = 2.0e-6\nYscale = 1.0e-6\nZscale = 1.0e-9\n"
+        "Zresolution = 1.0E-9\nCompression = 0\nDataType = 7\nCheckType = 0\n*\n"
+    )
+    data = "\n".join(" ".join(f"{value:.3f}" for value in row) for row in rows) + "\n*\n*\n"
+    for name, first in (("new.sdf", "aISO-1.0\n"), ("old.sdf", "aBCR-1.0\n")):
+        (tmp_path / name).write_text(first + head + data)
+    new, old = (read_surface(tmp_path / name, detrend_order=0) for name in ("new.sdf", "old.sdf"))
+    assert old.size == pytest.approx((12e-6, 6e-6))
+    np.testing.assert_array_equal(old.heights, new.heights)
+    np.testing.assert_allclose(old.heights, 1e-9 * (rows.T - rows.mean()), atol=1e-21)
