@@ -7,9 +7,9 @@ from math import isfinite
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError
 
-__all__ = ["Solution", "Status", "verdict"]
+__all__ = ["Solution", "Status", "check_limits", "verdict"]
 
 
 class Status(Enum):
@@ -74,6 +74,20 @@ class Solution:
                 f"{self.status.value}{detail}"
             )
         return self.value
+
+
+def check_limits(tolerance: float, max_iterations: int | None = None) -> None:
+    """Refuse limits with which no iteration can end as it should.
+
+    Raises
+    ------
+    CaseError
+        If the tolerance does not lie between 0 and 1, or the limit of iterations is below 1.
+    """
+    if not 0.0 < tolerance < 1.0:
+        raise CaseError(f"tolerance is relative and must lie between 0 and 1, got {tolerance:g}")
+    if max_iterations is not None and max_iterations < 1:
+        raise CaseError(f"max_iterations must be at least 1, got {max_iterations}")
 
 
 def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:

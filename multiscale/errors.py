@@ -9,6 +9,7 @@ __all__ = [
     "FileError",
     "MultiscaleError",
     "SchemaError",
+    "listed",
     "suggest",
 ]
 
@@ -37,3 +38,8 @@ def suggest(name: str, known: Iterable[str], otherwise: str) -> str:
     """Ask for the known name that is nearest to a wrong one, or say something else."""
     close = get_close_matches(name, list(known), n=1)
     return f"did you mean {close[0]!r}?" if close else otherwise
+
+
+def listed(names: Iterable[str]) -> str:
+    """List names in a message, or "none"."""
+    return ", ".join(sorted(names)) or "none"

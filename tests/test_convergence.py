@@ -1,11 +1,36 @@
 """What iterations leave behind, when they stop, and paths whose steps are halved."""
 
+from inspect import signature
+
 import numpy as np
 import pytest
 
 from multiscale.convergence import Solution, Status
-from multiscale.errors import ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.macro.continuum.contact_steps import solve_contact
+from multiscale.macro.discrete.statics import solve_static
+from multiscale.macro.joint.joint_solver import rough_joint
+from multiscale.macro.joint.tread import slide_tread
+from multiscale.macro.monolithic import solve_interface
+from multiscale.macro.substructures.assembly_methods import (
+    AssembledNewton,
+    LatinMethod,
+    NewtonSchur,
+)
+from multiscale.macro.substructures.cut_motion import simulate_latin
+from multiscale.macro.substructures.latin_solver import solve_latin
+from multiscale.macro.substructures.schur import solve_schur
+from multiscale.macro.substructures.whole_solver import solve_whole
+from multiscale.micro.cell_solver import solve_cell
+from multiscale.micro.damage.element_fatigue import local_fatigue
+from multiscale.micro.damage.rve import effective_stiffness
+from multiscale.micro.slide import slide_cell
+from multiscale.micro.viscoelastic_sliding import solve_sliding
+from multiscale.nonsmooth.coulomb import verify_friction
+from multiscale.nonsmooth.friction import solve_friction
+from multiscale.nonsmooth.lcp import solve_lcp
 from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
+from multiscale.upscaling.export import pressure_overclosure
 
 
 @pytest.mark.parametrize("residuals", [(), (np.nan,), (1.0, np.inf)])
@@ -23,6 +48,32 @@ def test_unwrapping_an_unconverged_solution_says_why():
 
 def test_unwrapping_a_converged_solution_gives_its_value():
     assert Solution(np.ones(2), Status.CONVERGED, (1e-12,)).unwrap().sum() == 2.0
+
+
+SOLVERS = [
+    *(solve_friction, solve_lcp, verify_friction, solve_cell, slide_cell, solve_sliding),
+    *(local_fatigue, effective_stiffness, solve_contact, solve_static, rough_joint, slide_tread),
+    *(solve_interface, simulate_latin, solve_latin, solve_schur, solve_whole),
+    *(pressure_overclosure, AssembledNewton, NewtonSchur, LatinMethod, Limits),
+]
+
+
+@pytest.mark.parametrize("solve", SOLVERS)
+@pytest.mark.parametrize("tolerance", [-1.0, 0.0, 1.0, np.nan])
+def test_a_solver_refuses_a_tolerance_that_is_no_share(solve, tolerance):
+    arguments = signature(solve).parameters.values()
+    missing = [one for one in arguments if one.default is one.empty and one.name != "tolerance"]
+    with pytest.raises(CaseError, match="tolerance is relative and must lie between 0 and 1"):
+        solve(
+            *(None for one in missing if one.kind is not one.KEYWORD_ONLY),
+            **{one.name: None for one in missing if one.kind is one.KEYWORD_ONLY},
+            tolerance=tolerance,
+        )
+
+
+def test_a_limit_of_iterations_is_a_count():
+    with pytest.raises(CaseError, match="max_iterations must be at least 1, got -3"):
+        solve_lcp(np.eye(1), np.ones(1), max_iterations=-3)
 
 
 def attempt(limit, none=()):

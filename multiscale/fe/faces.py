@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, listed
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Mesh
@@ -115,6 +115,8 @@ def corner_integrals(
 
 def check_boundary(mesh: "Mesh", boundary: str) -> None:
     """Refuse a boundary that the mesh does not name."""
-    known = sorted(mesh.boundaries or {})
+    known = mesh.boundaries or {}
     if boundary not in known:
-        raise CaseError(f"the mesh has no boundary {boundary!r}; its boundaries are {known}")
+        raise CaseError(
+            f"the mesh has no boundary {boundary!r}; its boundaries are {listed(known)}"
+        )

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, listed
 from multiscale.io.gmsh_model import write_whole_mesh
 from multiscale.io.mesh_deck import read_deck
 from multiscale.io.named_mesh import NamedMesh, named_mesh
@@ -223,16 +223,16 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
         by_kind.setdefault(SHAPES.get(kind, kind), {})[kind] = whole[kind]
     if volume and volume not in {**by_kind, **named}:
         raise CaseError(
-            f"{path}: no volume {volume!r} is named; its volumes are {sorted(named)}, and its "
-            f"kinds of elements {sorted(by_kind)}"
+            f"{path}: no volume {volume!r} is named; its volumes are {listed(named)}, and its "
+            f"kinds of elements {listed(by_kind)}"
         )
     found = (by_kind | named)[volume] if volume else {kind: whole[kind] for kind in bodies}
     if len(found) != 1 or not found.keys() <= SHAPES.keys():
         counts = ", ".join(f"{len(members)} {kind}" for kind, members in sorted(found.items()))
-        choices = sorted({**by_kind, **named}) if len(by_kind) > 1 else []
+        choices = {**by_kind, **named} if len(by_kind) > 1 else {}
         raise CaseError(
             f"{path}: a body needs elements of one kind out of {', '.join(FACETS)} or of their "
-            f"second order, got {counts or sorted(whole) or 'no elements'}; "
-            + (f"give one of {choices} as volume" if choices else "mesh the body in one kind")
+            f"second order, got {counts or listed(whole)}; "
+            + (f"give as volume one of {listed(choices)}" if choices else "mesh the body again")
         )
     return next(iter(found.items()))

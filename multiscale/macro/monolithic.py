@@ -10,7 +10,7 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array, diags_array, issparse
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw
@@ -115,6 +115,7 @@ def solve_interface(
     open interface leaves loose, where the residual explodes, and where it has not fallen for some
     steps.
     """
+    check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size
     if load.shape != (n,) or jump_operator.shape[1] != n or jump_operator.shape[0] % points:
         raise ValueError(

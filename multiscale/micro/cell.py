@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, listed
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 from multiscale.micro.coating import (
@@ -501,10 +501,13 @@ class MeshCell:
                 f"the roughness on the mesh"
             )
         check_moduli(self.law.youngs_modulus, self.law.poissons_ratio, least=0.0)
-        found = sorted(self.mesh.boundaries or {})
+        found = self.mesh.boundaries or {}
         missing = sorted({"base", "top"} - set(found))
         if missing:
-            raise CaseError(f"the mesh has no boundary named {missing}; found {found}")
+            raise CaseError(
+                f"the mesh has no boundary named {' and '.join(missing)}, which a cell needs; its "
+                f"boundaries are {listed(found)}"
+            )
         for name, value in (
             ("Young's modulus", self.law.youngs_modulus),
             ("Poisson's ratio", self.law.poissons_ratio),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.convergence import Status
+from multiscale.convergence import Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
 from multiscale.micro.checkpoint import Checkpoint
@@ -75,6 +75,7 @@ def solve_cell(
     CaseError
         If the cell cannot be meshed, or is asked for what its kind does not have.
     """
+    check_limits(tolerance)
     record = record_cell(
         cell,
         path,
@@ -100,6 +101,7 @@ def record_cell(
     checkpoint: Checkpoint | None = None,
 ) -> PlainDataset:
     """Return the arrays and attributes of which :func:`solve_cell` makes a dataset."""
+    check_limits(tolerance)
     shapes: dict[str, tuple[int, ...]] = {}
     if recover_stress and cell.recovers_stress:
         shapes["recovered_traction"] = (3,)

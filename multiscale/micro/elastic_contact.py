@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.convergence import Status
+from multiscale.convergence import Status, check_limits
 from multiscale.micro.contact_state import ContactState, untouched
 from multiscale.micro.flat import solve_flat
 from multiscale.numerics.krylov import conjugate_gradients
@@ -120,6 +120,7 @@ def solve_elastic_contact(
     .. [2] J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596,
        doi:10.1016/0305-0548(94)90106-6.
     """
+    check_limits(tolerance, max_iterations)
     if (load is None) == (approach is None):
         raise ValueError(f"prescribe either the load or the approach, got {load=} and {approach=}")
     if start is None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.numerics.compiled import compiled, prange
@@ -99,6 +99,7 @@ def solve_flat(
     .. [1] Y.-H. Dai and R. Fletcher, Math. Program. 106 (2006) 403-421,
        doi:10.1007/s10107-005-0595-2: the same problem.
     """
+    check_limits(tolerance, max_iterations)
     if load is not None and load > cap * float(np.sum(closing)):
         raise CaseError(
             f"the load of {load:.4g} N is more than the {cap * float(np.sum(closing)):.4g} N that "

@@ -4,6 +4,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
 from multiscale.micro.cell import GridCell
@@ -71,6 +72,7 @@ def slide_cell(
 
     and the steady value is its mean over the steps of the last period.
     """
+    check_limits(tolerance)
     if not pressure or not all(0.0 < one < np.inf for one in pressure):
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
     if steps < 1:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.convergence import Status
+from multiscale.convergence import Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.contact_area import contact_fraction
 from multiscale.micro.lateral_fft import SurfaceFilter
@@ -159,6 +159,7 @@ def solve_sliding(
     not symmetric: its skew part makes the friction. A primal-dual active set is solved by minimal
     residuals, preconditioned by the stiffness (1).
     """
+    check_limits(tolerance, max_iterations)
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
     if not 0.0 <= velocity < np.inf:

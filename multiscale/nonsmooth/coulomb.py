@@ -9,6 +9,8 @@ import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array
 
+from multiscale.convergence import check_limits
+
 __all__ = ["Verdict", "natural_map", "project_friction_cone", "shifted_velocity", "verify_friction"]
 
 ORDINARY = 1e50
@@ -166,6 +168,7 @@ def verify_friction(
     All numbers are computed in the units of :func:`natural_units`, so that no square of them
     underflows or overflows.
     """
+    check_limits(tolerance)
     contacts = np.size(friction)
     mobility, speed = natural_units(delassus, np.reshape(velocity, (contacts, -1)))
     with np.errstate(all="ignore"):  # what overflows is not finite and is not accepted

@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, issparse
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.coulomb import (
     natural_units,
@@ -133,6 +133,7 @@ def solve_friction(
     >>> solve_friction(W, q, np.array([0.5])).unwrap()
     array([ 2., -1.])
     """
+    check_limits(tolerance, max_iterations)
     started = perf_counter()
     delassus, velocity, friction = _checked(delassus, velocity, friction)
     if start is not None and np.shape(start) != velocity.shape:

@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 from scipy.sparse import csr_array
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.nonsmooth.complementarity import lcp_verifier
 from multiscale.nonsmooth.infeasibility import infeasibility_detail
@@ -116,6 +116,7 @@ def solve_lcp(
     >>> solve_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0])).unwrap()
     array([1., 0.])
     """
+    check_limits(tolerance, max_iterations)
     started = perf_counter()
     verify = lcp_verifier(matrix, vector)
     problem = scale_lcp(matrix, vector)

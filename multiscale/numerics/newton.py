@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import ConvergenceError
 
 __all__ = ["Limits", "NewtonRun", "PathPart", "join_solutions", "march"]
@@ -35,6 +35,9 @@ class Limits:
     max_iterations: int = 60
     tolerance: float = 1e-10
     callback: Callable[[int, float], None] | None = None
+
+    def __post_init__(self) -> None:
+        check_limits(self.tolerance, self.max_iterations)
 
 
 @dataclass

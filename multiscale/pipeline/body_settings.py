@@ -22,10 +22,13 @@ if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
 
-__all__ = ["COARSER", "Blocks", "Material", "Plate", "fewer"]
+__all__ = ["COARSER", "Blocks", "Material", "Plate", "doubt_density", "fewer"]
 
 COARSER = 1.2
 """Ratio of the sizes of elements below which two meshes tell no error."""
+
+SOLID_DENSITIES = (10.0, 23e3)
+"""Densities of solids, from foams to osmium, kg/m3."""
 
 QUICK_ELEMENTS = 4
 """Elements along an edge, at most."""
@@ -73,6 +76,17 @@ class Blocks(StructureKind):
     def pressed(self, case: "Case") -> list[Pressed]:
         """Return the preloads, which press the interface evenly."""
         return [Pressed("preloads in [statics] press the joint", case.statics.even)]
+
+
+def doubt_density(what: str, density: float | None) -> list[str]:
+    """Return a caution if no solid has a density, kg/m3."""
+    low, high = SOLID_DENSITIES
+    if density is None or low <= density <= high:
+        return []
+    return [
+        f"{what} has a density of {density:.4g} kg/m^3, and solids have {low:g} to {high:g} "
+        f"kg/m^3; check its unit, as in 7.85 g/cm^3 or 7850 kg/m^3"
+    ]
 
 
 class Material(Settings):

@@ -7,6 +7,7 @@ from typing import Any
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_settings import Bodies, StructureParts
 from multiscale.pipeline.body_budget import Change, changed_sliders
+from multiscale.pipeline.body_settings import doubt_density
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.settings import Case
@@ -116,6 +117,7 @@ def with_cautions_of(
     result = with_law_cautions(result, case, found, told)
     result = with_cautions(result, *bodies.assumed(case))
     for body in bodies.bodies:
+        result = with_cautions(result, *doubt_density(body.name, body.density))
         if isinstance(body, PorousBody):
             said = list_cautions(body.volume_data) if body.rve is not None else []
             known = [f"volume of {body.name}: {caution}" for caution in said]

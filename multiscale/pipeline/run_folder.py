@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from shutil import rmtree
 
-from multiscale.errors import CaseError, SchemaError
+from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
 from multiscale.pipeline.case import AnyCase, load_case
 from multiscale.pipeline.point_store import STORE
@@ -15,6 +15,9 @@ from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import Dataset
 
 __all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "is_whole", "open_stages"]
+
+MOST_KEYS = 4
+"""Keys that a message names."""
 
 
 def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
@@ -34,11 +37,9 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
     if file.exists() and (results or (out / STORE).exists()):
         if "sweep" in read_toml(file):
             raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
-        other = load_case(file)
-        if type(other) is not type(case) or other.identity() != case.identity():
+        if difference := _difference(file, case):
             raise CaseError(
-                f"{out} holds another run, {other.title!r}, of {other.scope}; choose another "
-                f"folder, or delete this one"
+                f"{out} holds another run, {difference}; choose another folder, or delete this one"
             )
     if results:
         for stage in stages_of(case.tables):
@@ -47,6 +48,32 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
             for name in stage.folders if force else ():
                 rmtree(out / name, ignore_errors=True)
     write_bytes(file, case.to_toml().encode())
+
+
+def _difference(file: Path, case: AnyCase) -> str:
+    """Say by what the case of a folder differs; empty if its results belong to this case, too."""
+    try:
+        other = load_case(file)
+        if type(other) is type(case) and other.identity() == case.identity():
+            return ""
+    except MultiscaleError as error:  # of another version, or its files have moved
+        return f"with a case that cannot be read any more ({error})"
+    if other.scope != case.scope:
+        return f"{other.title!r}, of {other.scope}"
+    ours, theirs = _keys(case), _keys(other)
+    keys = [key for key in dict.fromkeys([*theirs, *ours]) if theirs.get(key) != ours.get(key)]
+    more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
+    where = ", ".join(keys[:MOST_KEYS]) or "the files that it names"
+    return f"{other.title!r}, of {other.scope}, which differs in {where}{more}"
+
+
+def _keys(case: AnyCase) -> dict[str, object]:
+    """Values of a case by table and key."""
+    return {
+        f"{table}.{key}" if key else table: inner
+        for table, value in case.model_dump(exclude={"title"}, exclude_none=True).items()
+        for key, inner in (value.items() if isinstance(value, dict) else [("", value)])
+    }
 
 
 def is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
@@ -76,9 +103,12 @@ def open_stages(out: Path) -> dict[Shown, Dataset]:
         raise SchemaError(f"{out}: no results; a run leaves its case.toml and datasets")
     swept = "sweep" in read_toml(file)
     stages: tuple[Shown, ...] = (POINTS,) if swept else stages_of(load_case(file).tables)
-    if not all((out / stage.file).exists() for stage in stages):
-        names = ", ".join(stage.file for stage in stages)
-        raise SchemaError(f"{out}: the run is not finished; a finished run leaves {names}")
+    if missing := [stage.file for stage in stages if not (out / stage.file).exists()]:
+        raise SchemaError(
+            f"{out}: the run is not finished, as {' and '.join(missing)} "
+            f"{'is' if len(missing) == 1 else 'are'} missing; run its case again in this folder, "
+            f"which goes on where it ended or states what is wrong"
+        )
     return {stage: open_dataset(out / stage.file, stage.schema) for stage in stages}
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.schema import Dataset
@@ -74,6 +75,7 @@ def pressure_overclosure(
     CaseError
         If the pressures are not positive and rising.
     """
+    check_limits(tolerance)
     low, high = pressure_range
     if not 0.0 < low < high < np.inf:
         raise CaseError(

@@ -145,9 +145,9 @@ def test_a_deck_includes_other_files_and_may_have_any_ending(tmp_path):
 
 def test_a_mesh_with_two_kinds_of_solids_needs_a_volume(tmp_path):
     (tmp_path / "block.inp").write_text(deck())
-    with pytest.raises(CaseError, match=r"got 1 hexahedron, 1 tetra; give one of \['Cube', 'Tip'"):
+    with pytest.raises(CaseError, match="1 tetra; give as volume one of Cube, Tip, "):
         load_mesh(tmp_path / "block.inp")
-    with pytest.raises(CaseError, match=r"no volume 'Cap' is named.*kinds of elements \['hexa"):
+    with pytest.raises(CaseError, match=r"no volume 'Cap' is named.*kinds of elements hexa"):
         load_mesh(tmp_path / "block.inp", volume="Cap")
     named, kind = (load_mesh(tmp_path / "block.inp", volume=one) for one in ("Tip", "tetra"))
     np.testing.assert_array_equal(named.p, kind.p)
@@ -158,7 +158,7 @@ def test_wedges_beside_the_elements_of_a_body_are_not_left_out(tmp_path):
     points = np.vstack([CUBE, [[2.0, 0.0, 0.0], [2.0, 0.0, 1.0]]])
     cells = [("hexahedron", [range(8)]), ("wedge", [[1, 8, 2, 5, 9, 6]])]
     meshio.Mesh(points, cells).write(tmp_path / "mixed.vtu")
-    with pytest.raises(CaseError, match="got 1 hexahedron, 1 wedge; give one of"):
+    with pytest.raises(CaseError, match="got 1 hexahedron, 1 wedge; give as volume one of"):
         load_mesh(tmp_path / "mixed.vtu")
     assert load_mesh(tmp_path / "mixed.vtu", volume="hexahedron").nelements == 1
     with pytest.raises(CaseError, match="got 1 wedge"):
@@ -339,7 +339,7 @@ def test_a_mesh_of_another_program_names_its_faces(reference_data, name, volume,
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("field/cont103b.med", r"got 343 hexahedron, 395 tetra; give one of"),
+        ("field/cont103b.med", r"got 343 hexahedron, 395 tetra; give as volume one of hexa"),
         ("field/dangling.inp", "element 1 has node 99, which the deck does not define"),
         ("field/law.inp", "the deck has no elements"),
         ("user/truncated.msh", "gmsh refuses the mesh .Error: Could not read elements"),

@@ -232,7 +232,7 @@ def test_a_bolt_that_comes_loose_ends_the_path():
     found = solve_assembly(clamped(), steps)
     np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
     assert found.attrs["failure"].startswith(
-        "the steps end before step 2: the load leaves bolt 0 loose, whose force falls to zero"
+        "the steps end before step 2: the load leaves the bolt from"
     )
     assert np.isnan(found.bolt_force[2:]).all()
     assert np.isnan(found.displacement[2:]).all()
@@ -332,7 +332,7 @@ def test_a_bolt_that_nothing_tightens_or_whose_washer_is_held_is_refused():
     assembly = clamped()
     lower, upper = assembly.bodies
     lower = replace(lower, supports={"bottom": (0.0, 0.0, 0.0)}, pins={})
-    with pytest.raises(CaseError, match="washer 0 of bolt 0 moves 9 nodes of body 0 along axis 2"):
+    with pytest.raises(CaseError, match=r"the washer on .* moves 9 nodes along z that a supp"):
         solve_assembly(replace(assembly, bodies=(lower, upper)), np.array([[1.0, 0.0]]))
     aside = replace(upper, mesh=upper.mesh.translated((0.1 * EDGE, 0.0, 0.0)))
     with pytest.raises(CaseError, match=r"lie above each other \(middles 0.002 m aside\)"):

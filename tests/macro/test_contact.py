@@ -280,7 +280,7 @@ def square(**options):
 REFUSED = [
     pytest.param(
         lambda: square(supports={"botom": (0.0, 0.0)}),
-        r"no boundary 'botom'; its boundaries are \['bottom', 'left', 'right', 'top'\]",
+        r"no boundary 'botom'; its boundaries are bottom, left, right, top",
         id="unknown boundary of a support",
     ),
     pytest.param(lambda: square(supports={"top": (0.0,)}), "needs 2 components", id="components"),

@@ -230,10 +230,19 @@ def test_physical_groups_of_gmsh_name_laws_and_supports():
 def test_faulty_tables_are_refused():
     nodes = {"x": [0.0, 1.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
     links = {"first": [0], "second": [1], "law": ["rope"]}
-    with pytest.raises(CaseError, match=r"lacks the columns \['law'\]"):
+    with pytest.raises(CaseError, match=r"links lacks the column law; known: first, second, law"):
         system_from_table(nodes, {"first": [0], "second": [1]}, {})
-    with pytest.raises(CaseError, match=r"unknown columns \['fix_rx'\]"):
+    with pytest.raises(CaseError, match=r"nodes has the unknown column fix_rx; did you mean"):
         system_from_table(nodes | {"fix_rx": [0, 0]}, links, {"rope": Cable(1.0)})
+    shifted = {"X": nodes["x"], "y": nodes["y"], "z": nodes["z"], "load": [0.0, 1.0]}
+    message = "lacks the column x and has the unknown columns X, load; "
+    with pytest.raises(CaseError, match=message):
+        system_from_table(shifted, links, {"rope": Cable(1.0)})
+    for table in (nodes, links):
+        empty = dict.fromkeys(table, ())
+        pair = (empty, links) if table is nodes else (nodes, empty)
+        with pytest.raises(CaseError, match="has no rows below its names; give at least one"):
+            system_from_table(*pair, {"rope": Cable(1.0)})
     with pytest.raises(CaseError, match="law 'rope' of link 0 is not among the laws"):
         system_from_table(nodes, links, {"bar": Bar(1.0)})
     with pytest.raises(CaseError, match="must have one length"):

@@ -8,6 +8,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.body_settings import doubt_density
 from multiscale.plotting import draw_granulate
 from multiscale.schema import GRANULATE
 from tests.support import SCENES, write_scene
@@ -55,6 +56,17 @@ def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
     result = run_macro(scene, tmp_path / "result.nc")
     assert result.sizes["frame"] == 3
     assert load_case(path).motion.threads == 2
+
+
+def test_a_density_that_no_solid_has_is_a_caution(tmp_path):
+    short = ('duration = "1 s"', 'duration = "4 ms"\nframes = 2')
+    heavy = ('"2600 kg/m^3"', '"2600 g/cm^3"')
+    scene = load_case(write_scene(tmp_path, DEPOSIT, short, heavy)).quick()
+    result = run_macro(scene, tmp_path / "result.nc")
+    assert "has a density of 2.6e+06 kg/m^3, and solids have 10 to 23000" in result.cautions
+    assert not doubt_density("steel", 7850.0)
+    assert not doubt_density("a body at rest", None)
+    assert "steel has a density of 7.85 kg/m^3" in doubt_density("steel", 7.85)[0]
 
 
 def test_steps_follow_the_accuracy_of_the_file(tmp_path):

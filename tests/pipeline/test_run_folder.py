@@ -37,7 +37,7 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     before = [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept]
     claim_folder(folder, other)  # the run is killed here
     for show in (draw_figures, write_report):
-        with pytest.raises(SchemaError, match="the run is not finished"):
+        with pytest.raises(SchemaError, match=r"not finished, as \S+nc is missing; run its case"):
             show(folder)
     cells = (folder / "micro" / "realisation-0000.nc").stat().st_mtime_ns
     run(other, folder)
@@ -53,6 +53,36 @@ def test_cells_of_another_case_or_of_another_kind_are_left_alone(folder):
         with pytest.raises(CaseError, match=r"holds another run, 'Ground steel .*choose another"):
             claim_folder(folder, other)
     assert read_text(folder / "case.toml") == text
+
+
+def test_a_folder_of_another_case_is_refused_with_what_differs(tmp_path):
+    (tmp_path / "nodes.csv").write_text(
+        "x,y,z,fix_x,fix_y,fix_z,load_z\n0,0,0,1,1,1,0\n0,0,-1,1,1,0,-9\n"
+    )
+    (tmp_path / "links.csv").write_text("first,second,law\n0,1,rope\n")
+    text = """title = "lamp"
+[structure]
+kind = "table"
+nodes = "nodes.csv"
+links = "links.csv"
+laws.rope = { kind = "cable", rigidity = "200 kN" }
+[statics]
+load_factors = [1.0]
+"""
+    first, other = tmp_path / "first.toml", tmp_path / "other.toml"
+    first.write_text(text)
+    other.write_text(text.replace("200 kN", "300 kN"))
+    out = tmp_path / "out"
+    run(load_case(first), out)
+    with pytest.raises(CaseError, match=r"of kind 'table', which differs in structure.laws; choo"):
+        run(load_case(other), out)
+    other.write_text(text.replace("links.csv", "rods.csv"))
+    (tmp_path / "links.csv").rename(tmp_path / "rods.csv")
+    message = (
+        r"out holds another run, with a case that cannot be read any more \(.*links.csv: no such"
+    )
+    with pytest.raises(CaseError, match=message):
+        run(load_case(other), out)
 
 
 def test_a_folder_of_a_sweep_takes_no_single_run(tmp_path):

@@ -63,6 +63,11 @@ class Bolt:
                 f"positive (N), got {self.preload:g}"
             )
 
+    def name(self, bodies: Sequence[Body]) -> str:
+        """Name the bolt by the faces under its washers, in words."""
+        ends = zip(self.sides, self.boundaries, strict=True)
+        return f"the bolt from {' to '.join(bodies[k].say_face(face, k) for k, face in ends)}"
+
     def washers(self, bodies: Sequence[Body]) -> tuple[Platen, Platen]:
         """Rigid plates under the bolt, along its axis the first one first.
 
@@ -85,14 +90,10 @@ class Bolt:
         (_, down, size, *_), (_, up, other, *_) = found
         facing = [0.0 - down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
         if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
-            ends = (
-                bodies[body].say_face(boundary, body)
-                for body, boundary in zip(self.sides, self.boundaries, strict=True)
-            )
             raise CaseError(
-                f"the bolt from {' to '.join(ends)} goes through nothing: its washers "
-                f"must look away from each other along {'xyz'[axis]} (cosines {facing[0]:.2g} and "
-                f"{facing[1]:.2g}) and lie above each other (middles {aside:.2g} m aside)"
+                f"{self.name(bodies)} goes through nothing: its washers must look away from each "
+                f"other along {'xyz'[axis]} (cosines {facing[0]:.2g} and {facing[1]:.2g}) and lie "
+                f"above each other (middles {aside:.2g} m aside)"
             )
         one, two = (
             Platen(body, name, 0.0, tuple(middle.tolist()), axis)

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.continuum.condensed_contact import condense_contact
 from multiscale.macro.continuum.contact_newton import Equilibrium, newton_step, rest
@@ -149,6 +149,7 @@ def solve_contact(
     >>> step.contact["floor"].pressure.round(3)
     array([1000000., 1000000., 1000000., 1000000., 1000000.])
     """
+    check_limits(tolerance, max_iterations)
     times = [float(time) for time in times]
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, listed, suggest
 from multiscale.io import NamedMesh
 from multiscale.laws.link import Beam, LinkLaw
 from multiscale.macro.discrete.link_system import LinkSystem
@@ -155,11 +155,18 @@ def _check_columns(
     missing = [name for name in needed if name not in names]
     unknown = [name for name in names if name not in needed + optional]
     if missing or unknown:
-        raise CaseError(
-            f"the table of {what} lacks the columns {missing} and has the unknown columns "
-            f"{unknown}; known: {needed + optional}"
-        )
+        known = needed + optional
+        faults = [
+            f"{fault} column{'s' * (len(columns) > 1)} {', '.join(columns)}"
+            for fault, columns in (("lacks the", missing), ("has the unknown", unknown))
+            if columns
+        ]
+        hint = suggest(unknown[0], set(known) - set(names), "") if unknown else ""
+        hint = hint or f"known: {', '.join(known)}"
+        raise CaseError(f"the table of {what} {' and '.join(faults)}; {hint}")
     sizes = {name: len(table[name]) for name in names}
+    if 0 in sizes.values():
+        raise CaseError(f"the table of {what} has no rows below its names; give at least one")
     if len(set(sizes.values())) != 1:
         raise CaseError(f"the columns of {what} must have one length, got {sizes}")
 
@@ -168,7 +175,7 @@ def _cells(mesh: NamedMesh, name: str, kind: str) -> np.ndarray:
     """Return the elements of a kind in a named group, shape (elements, corners)."""
     members = mesh.groups.get(name, {}).get(kind)
     if members is None:
-        known = sorted({*(mesh.node_sets if kind == "vertex" else ()), *mesh.groups})
+        known = listed({*(mesh.node_sets if kind == "vertex" else ()), *mesh.groups})
         what = "points" if kind == "vertex" else "lines"
         raise CaseError(f"the mesh has no {what} in a set named {name!r}; its sets: {known}")
     return np.asarray(mesh.cells[kind][members])

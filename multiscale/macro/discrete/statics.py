@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status
+from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.macro.discrete.checks import check_supports
 from multiscale.macro.discrete.compatibility import LinkEquations, equations
@@ -98,6 +98,7 @@ def solve_static(
     >>> result.tension.sel(step=0).max().round(6).item()
     2550.0
     """
+    check_limits(tolerance, max_iterations)
     factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
     _check(system, factors, method, exact, stability)
     check_supports(system)

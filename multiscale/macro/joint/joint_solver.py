@@ -5,6 +5,7 @@ from time import perf_counter
 
 import numpy as np
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.laws import HystereticLaw
 from multiscale.laws.interface_law import InterfaceLaw
@@ -82,6 +83,7 @@ def rough_joint(
     the law or the blocks. The monolithic form of the same problem is the assembly
     :func:`pressed_blocks`.
     """
+    check_limits(tolerance, max_iterations)
     preloads = check_preloads(preloads)
     model = condense_joint(joint, law)
     names = (*ratios(law), "interface_stiffness", "approach", "mean_gap", "closed_fraction")

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from multiscale.convergence import Solution
+from multiscale.convergence import Solution, check_limits
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import RigidContact
@@ -162,6 +162,7 @@ def slide_tread(
     shears the block by about a third of its height or more, there may be no steady state: the
     ``detail`` of a solution that did not converge says so.
     """
+    check_limits(tolerance)
     if not 0.0 < pressure < np.inf:
         raise CaseError(f"the pressure must be positive (Pa), got {pressure:g}")
     closed = float(law.normal.gap_at(np.array(pressure))) - law.normal.gap

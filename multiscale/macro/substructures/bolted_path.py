@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.sparse import csr_array
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.cut_results import end_path, load_factors
@@ -48,6 +49,9 @@ class Method:
     tolerance: float = 1e-10
     max_iterations: int = 100
     after_step: Callable[[], object] | None = None
+
+    def __post_init__(self) -> None:
+        check_limits(self.tolerance, self.max_iterations)
 
     @property
     def coarse(self) -> bool:
@@ -178,10 +182,11 @@ def follow_bolts(
         failed = np.flatnonzero(loose.any(axis=1) | (result["converged"].values != 1))
         if failed.size:
             step = int(failed[0])
-            names = " and ".join(str(bolt) for bolt in np.flatnonzero(loose[step]))
+            pairs = zip(problem.bolts, loose[step], strict=True)
+            names = " and ".join(bolt.name for bolt, is_loose in pairs if is_loose)
             reason = (
-                f"the load leaves bolt {names} loose, whose force falls to zero; tighten it "
-                f"harder, or lower the load"
+                f"the load leaves {names} loose, as its force falls to zero; tighten it harder, or "
+                f"lower the load"
             )
             if not names and not tightens[step - first]:
                 before = -result["traction"].to_numpy()[step - 1, :, 0]

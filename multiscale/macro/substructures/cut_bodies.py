@@ -1,6 +1,6 @@
 """Cut elastic bodies into substructures, with rough joints between the bodies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -67,13 +67,12 @@ def cut_assembly(
     """
     bodies, bolts, sections = assembly.bodies, assembly.bolts, assembly.sections
     owners = owners or [split_boxes(body, (*parts, 1)) for body in bodies]
-    plates = {f"platen {i}": platen for i, platen in enumerate(assembly.platens)}
-    for i, bolt in enumerate(bolts):
-        plates |= {f"washer {k} of bolt {i}": one for k, one in enumerate(bolt.washers(bodies))}
+    plates = [("platen", platen) for platen in assembly.platens]
+    plates += [("washer", washer) for bolt in bolts for washer in bolt.washers(bodies)]
     structure = _number(assembly, plates)
     middle = structure.first[len(assembly.platens) :].reshape(-1, 2).tolist()
     cut_bolts = tuple(
-        CutBolt((below, above), bolt.stiffness, bolt.preload)
+        CutBolt((below, above), bolt.stiffness, bolt.preload, bolt.name(bodies))
         for bolt, (below, above) in zip(bolts, middle, strict=True)
     )
     found: list[tuple[csr_array, np.ndarray]] = []
@@ -131,30 +130,32 @@ class _Structure:
     tension: np.ndarray
 
 
-def _number(assembly: Assembly, platens: Mapping[str, Platen]) -> _Structure:
+def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Structure:
     """Count the unknowns: what nothing holds or moves, then motions of platens and of sections."""
     bodies, times = assembly.bodies, assembly.times
+    names = [body.name or f"body {index}" for index, body in enumerate(bodies)]
     first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
     free = np.ones(first[-1], dtype=bool)
     for index, body in enumerate(bodies):
         if body.mesh.dim() != 3:
-            raise CaseError(f"body {index} must be three-dimensional to be cut")
+            raise CaseError(f"{names[index]} must be three-dimensional to be cut")
         for time in times:
             held, motion = fixed_motion(body, time)
             if np.any(motion):
                 raise CaseError(
-                    f"the supports of body {index} move by up to {np.abs(motion).max():g} m; "
+                    f"the supports of {names[index]} move by up to {np.abs(motion).max():g} m; "
                     f"substructures take supports at rest, so give a traction in their place"
                 )
             free[first[index] + held] = False
     ties, places, forces = [], [], []
-    for name, platen in platens.items():
+    for kind, platen in platens:
+        name = f"the {kind} on {bodies[platen.body].say_face(platen.boundary, platen.body)}"
         body, nodes = bodies[platen.body], bodies[platen.body].nodes(platen.boundary)
         row = first[platen.body] + 3 * nodes + platen.axis
         if not free[row].all():
             raise CaseError(
-                f"{name} moves {np.count_nonzero(~free[row])} nodes of body {platen.body} "
-                f"along axis {platen.axis} that a support or another platen holds; take one of them"
+                f"{name} moves {np.count_nonzero(~free[row])} nodes along {'xyz'[platen.axis]} "
+                f"that a support, a platen or another washer holds; take one of them"
             )
         free[row] = False
         motion = platen.motion(body, body.basis.doflocs[:, nodes])
@@ -165,16 +166,16 @@ def _number(assembly: Assembly, platens: Mapping[str, Platen]) -> _Structure:
         force = [evaluate(platen.force, point, time, f"the force of {name}")[0] for time in times]
         forces.append(np.outer(platen.arm(body), force))
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
-    axes = np.repeat([one.axis for one in platens.values()], list(map(len, places)))
-    for i, section in enumerate(assembly.sections):
+    axes = np.repeat([one.axis for _, one in platens], list(map(len, places)))
+    for section in assembly.sections:
         (one, two), (first_nodes, second_nodes, axis, along) = section.sides, section.nodes(bodies)
         count = first_nodes.size
         lead = first[one] + 3 * first_nodes[:, None] + np.arange(3)
         row = first[two] + 3 * second_nodes[:, None] + np.arange(3)
         if not free[row].all():
             raise CaseError(
-                f"the cut through bolt {i} has nodes of body {two} that a support, a platen or "
-                f"another cut holds; take one of them"
+                f"the cut through a bolt at {bodies[two].say_face(section.boundaries[1], two)} "
+                f"has nodes that a support, a platen or another cut holds; take one of them"
             )
         free[row] = False
         mean = np.full(count**2, -1.0 / count)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.macro.substructures.cut_results import link_fields
 from multiscale.macro.substructures.latin import Latin
@@ -63,6 +64,7 @@ def simulate_latin(
 
     so that the mass is a stiffness of the substructures. It makes them positive definite.
     """
+    check_limits(tolerance, max_iterations)
     times = np.asarray(times, dtype=float)
     h = _step(times)
     inertia = _masses(problem, mass) / h**2

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.convergence import Status
+from multiscale.convergence import Status, check_limits
 from multiscale.errors import MultiscaleError
 from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
@@ -108,6 +108,7 @@ def solve_latin(
     .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
+    check_limits(tolerance, max_iterations)
     _refuse_floating(problem)
     factors = load_factors(problem, load_factor, after)
     method = Latin(problem, coarse=coarse and problem.divided, updated=updated, team=team)

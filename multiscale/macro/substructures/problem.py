@@ -116,11 +116,13 @@ class CutBolt:
     unknown : tuple of int, unknowns of both washers, along the axis the first one first
     stiffness : float, stiffness of the shank, N/m
     preload : float, force at the factor one of the first load case, N
+    name : str, in messages
     """
 
     unknown: tuple[int, int]
     stiffness: float
     preload: float
+    name: str
 
 
 @dataclass(frozen=True, eq=False)

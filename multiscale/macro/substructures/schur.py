@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from multiscale.convergence import Status
+from multiscale.convergence import Status, check_limits
 from multiscale.errors import MultiscaleError
 from multiscale.macro.interface_newton import ROUNDS
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
@@ -81,6 +81,7 @@ def solve_schur(
     .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
        doi:10.1137/0917003, on how accurately to solve.
     """
+    check_limits(tolerance, max_iterations)
     factors = load_factors(problem, load_factor, after)
     method = Newton(problem, team)
     if after is not None:

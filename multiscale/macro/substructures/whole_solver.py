@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
@@ -56,6 +57,7 @@ def solve_whole(
     ConvergenceError
         If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
     """
+    check_limits(tolerance, max_iterations)
     if problem.n_links:
         raise CaseError("links are not solved as bodies in one piece; solve_static takes them")
     if not all(joint.law and joint.law.compliant for joint in problem.joints):

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
 from multiscale.micro.damage.fatigue_material import FatigueMaterial
@@ -155,6 +156,7 @@ def local_fatigue(
     stresses. An element that has cracked through keeps the stiffness of one inclusion, as the
     search ends there.
     """
+    check_limits(tolerance)
     factors = limit_factors(scatter)
     inclusions = _Inclusions(material, factors, jump_tolerance, substeps)
     whole = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved

@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.convergence import Solution, Status, verdict
+from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
 from multiscale.laws.bulk.moduli import check_moduli, drop_soft_modes, lame_parameters
@@ -112,6 +112,7 @@ def effective_stiffness(
     >>> stiffness[2, 2] / 200e9  # along the layers: the volume fraction
     np.float64(0.75)
     """
+    check_limits(tolerance, max_iterations)
     from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
     from multiscale.micro.damage.voxel_sides import HeldVoxels, traction_stiffness
 

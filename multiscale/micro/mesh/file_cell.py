@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, listed
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.laws.bulk import J2, Elastic, GradedElastic
 from multiscale.micro.cell import CellSides, MeshCell
@@ -73,7 +73,7 @@ def cell_from_file(
     if missing:
         raise CaseError(
             f"{path} has no face named {' and '.join(map(repr, missing))}; its named faces are "
-            f"{sorted(found)}"
+            f"{listed(found)}"
         )
     named = {"top": found[contact], "base": found[base]}
     own_law = law if not volumes and not mesh.subdomains else _law_of(mesh, volumes or {}, path)
@@ -93,11 +93,11 @@ def _law_of(mesh: "Mesh", volumes: Mapping[str, Elastic], path: Path) -> GradedE
     lawless, absent = sorted(set(named) - set(volumes)), sorted(set(volumes) - set(named))
     if lawless:
         raise CaseError(
-            f"{path} names the volumes {lawless}, which have no law; give each its moduli"
+            f"{path} names volumes without a law, {listed(lawless)}; give each its moduli"
         )
     if absent:
         raise CaseError(
-            f"{path} has no volume named {absent}; its named volumes are {sorted(named)}"
+            f"{path} has no volume named {listed(absent)}; its named volumes are {listed(named)}"
         )
     count = np.zeros(mesh.nelements, dtype=int)
     moduli = np.zeros((2, mesh.nelements))

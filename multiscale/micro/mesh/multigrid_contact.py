@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import sparse
 
-from multiscale.convergence import Status
+from multiscale.convergence import Status, check_limits
 from multiscale.micro.contact_state import ContactState, untouched
 from multiscale.numerics.krylov import conjugate_gradients
 
@@ -144,6 +144,7 @@ def solve_large_contact(
     -------
     ContactState
     """
+    check_limits(tolerance, max_iterations)
     if (load is None) == (approach is None):
         raise ValueError(f"prescribe either the load or the approach, got {load=} and {approach=}")
     n, able = body.stiffness.shape[0], body.contact >= 0

@@ -7,12 +7,13 @@ from multiscale.io import write_grain_fields
 from multiscale.macro import granulate
 from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.needs import Needs
+from multiscale.pipeline.body_settings import doubt_density
 from multiscale.pipeline.grain_settings import Granulate
 from multiscale.pipeline.rows import tabulate_grains
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage
-from multiscale.schema import GRANULATE, Dataset
+from multiscale.schema import GRANULATE, Dataset, with_cautions
 
 __all__ = ["GRAINS"]
 
@@ -24,7 +25,7 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
     steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
-    return granulate.simulate_grains(
+    result = granulate.simulate_grains(
         given.build(grains, motion),
         motion.duration,
         motion.step,
@@ -33,6 +34,7 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
         n_frames=motion.frames,
         callback=lambda step, _: job.progress(step + 1, max(step + 1, steps), "time steps"),
     )
+    return with_cautions(result, *doubt_density("the material of the grains", grains.density))
 
 
 def _needs(given: Granulate, case: Case) -> Needs:
