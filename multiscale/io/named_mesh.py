@@ -71,12 +71,24 @@ def named_mesh(mesh: "Mesh") -> NamedMesh:
         chosen = np.flatnonzero(mesh.point_data["point_tags"] == number)
         for name in names:
             nodes[name.strip()] = np.append(nodes.get(name.strip(), chosen[:0]), chosen)
-    return NamedMesh(
-        mesh.points,
-        {kind: block for kind, block in mesh.cells_dict.items() if len(block)},
-        {
-            name: {kind: np.unique(np.concatenate(parts)) for kind, parts in kinds.items()}
-            for name, kinds in groups.items()
-        },
-        nodes,
-    )
+    cells = {kind: block for kind, block in mesh.cells_dict.items() if len(block)}
+    joined = {
+        name: {kind: np.unique(np.concatenate(parts)) for kind, parts in kinds.items()}
+        for name, kinds in groups.items()
+    }
+    if numbers is not None and not mesh.cell_sets:
+        _drop_copies(cells, joined)
+    return NamedMesh(mesh.points, cells, joined, nodes)
+
+
+def _drop_copies(cells: dict[str, np.ndarray], groups: dict[str, dict[str, np.ndarray]]) -> None:
+    """Keep each element once: numbered formats repeat it for every group that holds it."""
+    for kind, nodes in cells.items():
+        _, first, copy = np.unique(
+            np.sort(nodes, axis=1), axis=0, return_index=True, return_inverse=True
+        )
+        number = np.argsort(np.argsort(first))[copy.ravel()]
+        cells[kind] = nodes[np.sort(first)]
+        for members in groups.values():
+            if kind in members:
+                members[kind] = np.unique(number[members[kind]])

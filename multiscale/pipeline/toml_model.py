@@ -271,6 +271,8 @@ def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kin
 def _faults(error: ValidationError, model: type[BaseModel], kinds: Kinds) -> Iterator[str]:
     """Turn pydantic's report into sentences, one for each fault."""
     for fault in sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
+        if fault["type"] == "too_short" and len(fault["input"]) >= fault["ctx"]["min_length"]:
+            continue  # an entry has a fault of its own
         place, found_in = _locate(fault["loc"], model, kinds)
         if fault["type"] == "value_error" and isinstance(fault["input"], dict):
             place.append("")  # a check of the whole table

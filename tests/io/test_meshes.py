@@ -174,8 +174,8 @@ def box(tmp_path_factory):
     gmsh = pytest.importorskip("gmsh", exc_type=Exception)
     folder = tmp_path_factory.mktemp("box")
 
-    def write(ending, *, order=1, save_all=0, volume=True):
-        file = folder / f"box-{order}-{save_all}{ending}"
+    def write(ending, *, order=1, save_all=0, volume=True, version=4.1):
+        file = folder / f"box-{order}-{save_all}-{version}{ending}"
         gmsh.initialize(interruptible=False)
         keep_ignoring_broken_pipes()
         try:
@@ -186,8 +186,9 @@ def box(tmp_path_factory):
                 z = gmsh.model.occ.getCenterOfMass(2, tag)[2]
                 if abs(z - 0.5) > 0.4:
                     gmsh.model.addPhysicalGroup(2, [tag], name="top" if z > 0.5 else "bottom")
-            if volume:
-                gmsh.model.addPhysicalGroup(3, [1], name="body")
+            for name in ("body", "steel") if volume else ():  # one part in two groups
+                gmsh.model.addPhysicalGroup(3, [1], name=name)
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
             gmsh.option.setNumber("Mesh.MeshSizeMax", 1.0)
             gmsh.option.setNumber("Mesh.SaveAll", save_all)
             gmsh.model.mesh.generate(3)
@@ -202,6 +203,7 @@ def box(tmp_path_factory):
 
 READ = [
     pytest.param(".msh", {}, id="msh"),
+    pytest.param(".msh", {"version": 2.2}, id="msh-2.2"),
     pytest.param(".msh", {"save_all": 1, "volume": False}, id="msh-save-all"),
     pytest.param(".msh", {"order": 2, "save_all": 1}, id="msh-save-all-2"),
     *(
@@ -263,7 +265,19 @@ def test_text_with_the_ending_of_gmsh_never_runs_as_its_script(tmp_path):
     assert not made.exists()
 
 
-def med(file, **families):
+def test_names_of_netgen_stand_apart_from_their_numbers(tmp_path):
+    tags = {"netgen:index": [np.array([1, 2]), np.array([1])]}
+    names = {"floor": [1, 2], "wall": [2, 2], "steel": [1, 3]}
+    cells = [("triangle", [[0, 1, 3], [0, 1, 4]]), ("tetra", [[0, 1, 3, 4]])]
+    data = {name: np.array(pair) for name, pair in names.items()}
+    meshio.Mesh(CUBE, cells, cell_data=tags, field_data=data).write(tmp_path / "tip.vol")
+    tip = load_mesh(tmp_path / "tip.vol")
+    np.testing.assert_allclose(area_vector(tip, "floor"), [0.0, 0.0, -0.5])
+    np.testing.assert_allclose(area_vector(tip, "wall"), [0.0, -0.5, 0.0])
+    assert list(tip.subdomains) == ["steel"]
+
+
+def med(file):
     """A cube in format MED, with families of faces and nodes."""
     top = np.array([4, 5, 6, 7])
     mesh = meshio.Mesh(

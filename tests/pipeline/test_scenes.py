@@ -239,7 +239,9 @@ def test_an_inextensible_rope_needs_no_rigidity(hanging):
         pytest.param(
             "nodes.csv", ("load_z", "fix_z"), "two columns have the same name", id="twice"
         ),
-        pytest.param("nodes.csv", ("load_z", "loud_z"), "unknown columns", id="unknown"),
+        pytest.param(
+            "nodes.csv", ("load_z", "loud_z"), "column loud_z; did you mean", id="unknown"
+        ),
         pytest.param("links.csv", ("1,2,cable", "1,2,rope"), "'rope' of link 1", id="law"),
     ],
 )
@@ -250,6 +252,15 @@ def test_a_refused_table_says_where(hanging, file, pair, message):
     path.write_text(text.replace(*pair), encoding="utf-8")
     with pytest.raises(CaseError, match=message):
         load_case(write_scene(hanging, HANGING)).structure.build()
+
+
+def test_a_faulty_entry_of_a_list_does_not_make_the_list_too_short(hanging):
+    text = HANGING.replace("[0, 1]", '["once"]')
+    with pytest.raises(CaseError, match=r"load_factors\[0\]") as refused:
+        load_case(write_scene(hanging, text))
+    assert "\n" not in str(refused.value)
+    with pytest.raises(CaseError, match="load_factors should have at least 1 entries, got \\[\\]"):
+        load_case(write_scene(hanging, HANGING.replace("[0, 1]", "[]")))
 
 
 def test_a_structure_comes_from_the_lines_of_a_mesh_file(tmp_path):
