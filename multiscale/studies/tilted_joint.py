@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array, hstack, kron, vstack
+from scipy.sparse import csr_array, hstack, kron, vstack
 
 from multiscale.fe.boxes import plane_block
 from multiscale.fe.elasticity import elastic_matrix
@@ -17,6 +17,7 @@ from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.monolithic import solve_interface
 from multiscale.micro import FlatCell, Surface, contact_modulus
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.studies.rough_structure import Answer, RoughStructure
 
 __all__ = ["TiltedJoint"]
@@ -76,7 +77,7 @@ class TiltedJoint(RoughStructure):
     def solve(self, law: NormalLaw, area: AreaLaw | None = None, *, refined: int = 1) -> Answer:
         """Solve the joint with a law of its roughness; layers grow away from the interface."""
         bodies = self._bodies(np.zeros(refined * self.points))
-        K = csr_array(block_diag([elastic_matrix(body.basis, self.bulk) for body in bodies]))
+        K = on_diagonal(elastic_matrix(body.basis, self.bulk) for body in bodies)
         n = bodies[0].basis.doflocs.size
         (below, motion_below), (above, motion_above) = (fixed_motion(body, 1.0) for body in bodies)
         fixed, u = np.append(below, n + above), np.zeros(K.shape[0])

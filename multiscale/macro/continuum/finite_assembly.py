@@ -6,7 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array, diags_array, kron, vstack
+from scipy.sparse import csr_array, diags_array, kron, vstack
 
 from multiscale.errors import CaseError
 from multiscale.fe.elements import Elements, element_response, prepare_elements, sum_blocks
@@ -24,6 +24,7 @@ from multiscale.macro.continuum.interface import (
     slip_operator,
 )
 from multiscale.macro.continuum.rigid_obstacle import obstacle_motion
+from multiscale.numerics.blocks import on_diagonal
 
 __all__ = ["FiniteAssembly", "JoinedContacts"]
 
@@ -234,7 +235,7 @@ class FiniteAssembly:
             matrices.append(matrix)
             states.append(new)
             smallest = min(smallest, ratio)
-        tangent = csr_array(block_diag(matrices, format="csr"))
+        tangent = on_diagonal(matrices)
         return np.concatenate(forces), tangent, tuple(states), smallest
 
     def couplings(

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import block_diag, coo_array, csr_array
+from scipy.sparse import coo_array, csr_array
 
 from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Coarse", "coarse_basis", "prepare_coarse"]
@@ -24,7 +25,7 @@ def coarse_basis(problem: CutProblem) -> csr_array:
     cross-point, where three or more meet: without them the method diverges.
     """
     blocks = [_basis_of(face, problem) for face in problem.interfaces]
-    return csr_array(block_diag(blocks, format="csr")) if blocks else csr_array((0, 0))
+    return on_diagonal(blocks) if blocks else csr_array((0, 0))
 
 
 def _basis_of(face: CutInterface, problem: CutProblem) -> np.ndarray:

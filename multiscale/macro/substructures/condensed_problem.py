@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array
+from scipy.sparse import csr_array
 
 from multiscale.fe.condensation import CondensedStiffness, condense_body
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["DENSE", "CondensedProblem", "condense_problem"]
@@ -168,7 +169,7 @@ def _reduce(problem: CutProblem, insides: Sequence[CondensedStiffness]) -> Conde
         nowhere = np.tile(part.position.mean(axis=0), (new.size, 1))
         small.append(
             Substructure(
-                csr_array(block_diag(stiffness, format="csr")),
+                on_diagonal(stiffness),
                 np.concatenate([one.reduce(part.load), load]),
                 np.concatenate([number[part.unknown[edge]], new]),
                 np.concatenate([part.position[edge], nowhere]),

@@ -3,13 +3,14 @@
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import CaseError
 from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack_parts
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.schema import HOMOGENISED, Dataset
 
 __all__ = ["homogenise"]
@@ -112,7 +113,7 @@ def _condensed(
     """Evaluate (1) for all substructures at once, shape (substructures, width, width), N/m."""
     matrix = parts.matrix(share * parts.links.stiffness, None)
     taut = parts.matrix(parts.links.stiffness, None).diagonal()
-    C = csr_array(block_diag([csr_array(item) for item in columns], format="csr"))
+    C = on_diagonal(columns)
     kappa = float(taut.max())
     held = diags_array(HELD * np.where(taut > 0.0, taut, kappa))
     answer_to = Factors()(csr_array(matrix + held + kappa * (C @ C.T)))

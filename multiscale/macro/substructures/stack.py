@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
-from scipy.sparse import block_diag, csr_array, diags_array, vstack
+from scipy.sparse import csr_array, diags_array, vstack
 
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.cholesky import Factorise, prepare_cholesky
 from multiscale.numerics.factorisation import Solve
 
@@ -167,7 +168,7 @@ def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
         for part in chosen
     ]
     joined = Links(
-        csr_array(block_diag([item.operator for item in links], format="csr")),
+        on_diagonal(item.operator for item in links),
         *(
             np.concatenate([getattr(item, name) for item in links])
             for name in ("stiffness", "prestress", "lower", "upper", "number")
@@ -181,7 +182,7 @@ def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
                 shared[start[owner - parts[0]] + trace.indices] = True
     return Stack(
         start,
-        csr_array(block_diag([part.stiffness for part in chosen], format="csr")),
+        on_diagonal(part.stiffness for part in chosen),
         np.concatenate([part.load for part in chosen]),
         _traces(problem.interfaces, chosen, parts),
         joined,
@@ -199,4 +200,4 @@ def _traces(
     for number, part in zip(parts, chosen, strict=True):
         mine = [interfaces[index].trace[side] for index, side in sides[number]]
         blocks.append(vstack(mine) if mine else csr_array((0, part.n)))
-    return csr_array(block_diag(blocks, format="csr"))
+    return on_diagonal(blocks)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import block_diag, csr_array, vstack
+from scipy.sparse import csr_array, vstack
 
 from multiscale.convergence import Status
 from multiscale.laws.interface_law import InterfaceLaw
@@ -19,6 +19,7 @@ from multiscale.macro.monolithic import (
 )
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import FULL
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.factorisation import Solve, factorise
 
 __all__ = ["Assembled", "assemble", "stack_jumps"]
@@ -97,7 +98,7 @@ def assemble(problem: CutProblem) -> Assembled:
     """
     parts, n = problem.substructures, problem.n
     place = _placement(np.concatenate([part.unknown for part in parts]), n)
-    K = place.T @ block_diag([part.stiffness for part in parts], format="csr") @ place
+    K = place.T @ on_diagonal(part.stiffness for part in parts) @ place
     load = place.T @ np.concatenate([part.load for part in parts])
     jumps = []
     for joint in problem.joints:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import eigh, qr
-from scipy.sparse import block_diag, csr_array, diags_array
+from scipy.sparse import csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from multiscale.errors import CaseError
@@ -14,6 +14,7 @@ from multiscale.fe.elasticity import assemble_mass
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutProblem
+from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["FreeMotions", "TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
@@ -102,7 +103,7 @@ def structure_mass(
     pairs = zip(bodies, densities, strict=True)
     own = [assemble_mass(body.basis, density) for body, density in pairs]
     E = problem.expansion
-    return csr_array(E.T @ csr_array(block_diag(own, format="csr")) @ E)
+    return csr_array(E.T @ on_diagonal(own) @ E)
 
 
 @dataclass(frozen=True, eq=False)
