@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from skfem import MeshHex, MeshQuad, MeshTri
 
+from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.macro import Body, Contact, FiniteAssembly, RigidGraph, RigidPlane, solve_contact
@@ -338,3 +339,38 @@ def test_a_graph_presses_like_the_sphere_that_it_follows():
         problem = FiniteAssembly({"base": body}, {"ball": contact})
         forces.append(solve_contact(problem)[-1].unwrap().contact["ball"].force)
     np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3, atol=1e-3 * forces[0][2])
+
+
+def press_fit(facets, **how):
+    """Pressures of a ring pressed on another, over Lamé's for an interference of 2.5 µm."""
+    a, b, c, interference, E, nu = 5e-3, 10e-3, 20e-3, 2.5e-6, 210e9, 0.3
+    built = 0.0 if how else interference  # else the meshes overlap
+    bodies = {
+        "shaft": scenes.quarter_ring(MeshQuad, 8, facets[0] // 4, a, b + built),
+        "hub": scenes.quarter_ring(MeshQuad, 12, facets[1] // 4, b, c),
+    }
+    held = {"x": (None, 0.0), "y": (0.0, None)}
+    rings = {name: Body(mesh, Elastic(E, nu), held) for name, mesh in bodies.items()}
+    contact = Contact(("shaft", "outside"), ("hub", "inside"), **how)
+    step = solve_contact(FiniteAssembly(rings, {"fit": contact}))[-1].unwrap()
+    shape = (c**2 + b**2) / (c**2 - b**2) + (b**2 + a**2) / (b**2 - a**2)
+    exact = interference / b * E / (1.0 - nu**2) / shape  # plane strain
+    return step.contact["fit"].pressure / exact
+
+
+@pytest.mark.parametrize(("facets", "error"), [((64, 48), 0.01), ((128, 96), 0.005)])
+def test_a_press_fit_has_the_pressure_of_lame_whatever_its_facets(facets, error):
+    ratio = press_fit(facets, fitted=True, interference=2.5e-6)
+    np.testing.assert_allclose(ratio, 1.0, atol=error)
+
+
+def test_an_overlap_that_facets_hide_is_refused_unless_they_match():
+    with pytest.raises(CaseError, match=r"'fit': the bodies overlap .* give fitted=True and the"):
+        press_fit((32, 24))
+    np.testing.assert_allclose(press_fit((64, 64)), 1.0, atol=0.01)
+
+
+@pytest.mark.parametrize("wrong", [{"interference": 1e-6}, {"fitted": True, "interference": -1e-6}])
+def test_an_interference_takes_bodies_that_fit(wrong):
+    with pytest.raises(CaseError, match="takes fitted=True, got"):
+        Contact(("shaft", "outside"), ("hub", "inside"), **wrong)

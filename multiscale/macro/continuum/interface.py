@@ -44,6 +44,12 @@ __all__ = [
     "slip_operator",
 ]
 
+FACETED = 10.0
+"""Least ratio of an overlap to the distance by which facets miss their curved surface."""
+
+ASIDE = 0.02
+"""Distance of the nodes of both sides, relative to an edge, up to which their facets match."""
+
 LEAST_AREA = 1e-9
 """Nodes with less than this share of their area opposite side 2 carry nothing."""
 
@@ -64,11 +70,15 @@ class Contact:
     fitted : bool, default False
         Whether the bodies fit at the start. The gap that the facets of two curved meshes show
         there is then an error of the meshes and is taken off.
+    interference : float, default 0.0
+        Normal distance by which fitted bodies overlap everywhere at the start, whatever their
+        facets, as in a press fit, m.
 
     Raises
     ------
     CaseError
-        If the coefficient is negative or not finite, or the reach is not positive.
+        If the coefficient is negative or not finite, the reach is not positive, or there is a
+        negative interference or one of bodies that are not fitted.
     """
 
     side1: tuple[str, str]
@@ -77,6 +87,7 @@ class Contact:
     finite_sliding: bool = False
     reach: float = np.inf
     fitted: bool = False
+    interference: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.friction_coefficient < np.inf:
@@ -85,6 +96,11 @@ class Contact:
             )
         if not self.reach > 0.0:
             raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
+        if not 0.0 <= self.interference < np.inf or (self.interference and not self.fitted):
+            raise CaseError(
+                f"the interference of a contact must not be negative (m) and takes fitted=True, "
+                f"got {self.interference}"
+            )
 
     @property
     def obstacle(self) -> RigidObstacle | None:
@@ -181,13 +197,58 @@ def build_coupling(interface: ContactInterface, x: np.ndarray, shift: np.ndarray
 
 
 def fit(interface: ContactInterface, start: np.ndarray) -> ContactInterface:
-    """Take the gap of the start off, where the user says that the surfaces fit."""
-    if not interface.contact.fitted:
+    """Take the gap of the start off, where the user says that the surfaces fit.
+
+    Raises
+    ------
+    CaseError
+        If bodies that are not said to fit overlap on curved faces whose facets do not match and
+        miss the surfaces by as much as the gap.
+    """
+    contact = interface.contact
+    if contact.obstacle is not None and not contact.fitted:
         return interface
     rest = np.zeros_like(start)
     coupling = build_coupling(interface, start, rest[0])
     gap = local_jump(interface, (coupling, coupling), start, (rest, rest), (0.0, 0.0))[:, 0]
-    return replace(interface, offset=gap)
+    if contact.fitted:
+        return replace(interface, offset=gap + contact.interference)
+    facing = coupling.area > LEAST_AREA * interface.area
+    if not np.any(gap[facing] < 0.0):
+        return interface
+    sagitta = _sagitta(interface, start)
+    typical = float(np.median(np.abs(gap[facing])))
+    if typical < FACETED * sagitta:
+        raise CaseError(
+            f"contact {interface.name!r}: the bodies overlap at the start, with gaps of about "
+            f"{typical:.2g} m, which the facets of both curved meshes hide: they do not match and "
+            f"miss the surface by {sagitta:.2g} m; give fitted=True and the interference, or "
+            f"meshes that match on the face"
+        )
+    return interface
+
+
+def _sagitta(interface: ContactInterface, start: np.ndarray) -> float:
+    r"""Distance of the facets of curved faces that do not match from their surface, m.
+
+    An edge of the length L between normals that differ by :math:`\theta` misses its arc by
+    :math:`L \theta / 8`; this is the median over the nodes of the larger side.
+    """
+    from scipy.spatial import cKDTree
+
+    x = [start[nodes] for nodes in interface.nodes]
+    apart = cKDTree(x[1]).query(x[0])[0]
+    found, lengths = [], []
+    for surface, at in zip(interface.surfaces, x, strict=True):
+        normal, node = nodal_normals(surface, at, np.ones_like(at, dtype=bool)), np.zeros(len(at))
+        first, last = surface.facets, np.roll(surface.facets, -1, axis=1)
+        length = np.linalg.norm(at[last] - at[first], axis=2)
+        miss = length * np.linalg.norm(normal[last] - normal[first], axis=2) / 8.0
+        np.maximum.at(node, first, miss)
+        np.maximum.at(node, last, miss)
+        found.append(float(np.median(node)))
+        lengths.append(float(np.median(length)))
+    return max(found) if np.median(apart) > ASIDE * min(lengths) else 0.0
 
 
 def local_jump(
