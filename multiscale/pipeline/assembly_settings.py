@@ -21,7 +21,7 @@ from multiscale.pipeline.assembly_parts import (
     NamedLoad,
 )
 from multiscale.pipeline.body_settings import COARSER
-from multiscale.pipeline.joint_settings import SLABS, JointLaw, alike_bodies
+from multiscale.pipeline.joint_settings import SLABS, JointLaw, SolverChoice, alike_bodies
 from multiscale.pipeline.porous_body import PorousBody, Uncertainty
 from multiscale.pipeline.pressing import Face, highest_pressure
 from multiscale.pipeline.structure_kind import Pressed, StructureKind
@@ -56,7 +56,7 @@ OpenLaw = Callable[[Path, bool], "Dataset"]
 """From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
 
 
-class LoadSteps(Settings):
+class LoadSteps(SolverChoice):
     """Steps over the named loads; see :class:`multiscale.macro.substructures.LoadPath`."""
 
     steps: tuple[dict[str, Number], ...] = Field(
@@ -630,6 +630,19 @@ def check_bodies(bodies: Sequence[MeshedBody], case: "Case") -> None:
         )
     if case.fatigue is not None:
         _check_fatigue(bodies, case)
+    if (method := case.statics.method) is None:
+        return
+    for table in ("vibration", "growth"):
+        if getattr(case, table) is not None:
+            raise ValueError(
+                f'method = "{method}" in [statics] is not for [{table}], which has a solver of its '
+                f"own; leave out method"
+            )
+    if method == "newton" and case.substructures is not None:
+        raise ValueError(
+            'method = "newton" in [statics] solves the whole, and [substructures] cut it for '
+            "LATIN; leave out one of them"
+        )
 
 
 def _check_fatigue(bodies: Sequence[MeshedBody], case: "Case") -> None:

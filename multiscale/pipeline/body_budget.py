@@ -249,6 +249,7 @@ def with_joint_budget(
         jobs |= {(number, key): change for key, change in one.of.changes(one.pressure).items()}
     jobs |= {("other", k): Change(structure=changed) for k, (_, changed) in enumerate(uncertain)}
     solved: dict[Hashable, np.ndarray] = {}
+    job.progress(0, len(jobs), "solves for the intervals")
 
     def finish(key: Hashable, found: Dataset) -> None:
         solved[key] = answers(found)

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -39,11 +39,13 @@ __all__ = [
     "Cycles",
     "Damage",
     "JointLaw",
+    "JointPreloads",
     "LawError",
     "LawSource",
     "Preloads",
     "RisingPreloads",
     "RoughInterface",
+    "SolverChoice",
     "Substructures",
     "alike_bodies",
 ]
@@ -102,6 +104,16 @@ class Substructures(Settings):
     def quick(self) -> Self:
         """Return a cut into two parts each way, at most."""
         return self.model_copy(update={"parts": tuple(min(2, number) for number in self.parts)})
+
+
+class SolverChoice(Settings):
+    """How the bodies of a case are solved."""
+
+    method: Literal["newton", "latin"] | None = Field(
+        None,
+        description='Solver of the bodies: `"newton"` on the whole, or `"latin"` on its parts, '
+        "which `[substructures]` may cut; if not given, what their size makes cheaper.",
+    )
 
 
 class LawSource(Settings):
@@ -272,6 +284,10 @@ class Preloads(Settings):
     def even(self) -> list[tuple[float, float]]:
         """Least and largest pressure of an interface of the size of the pressed face, Pa."""
         return [(preload, preload) for preload in self.preloads]
+
+
+class JointPreloads(SolverChoice, Preloads):
+    """Pressures on the pressed face of bodies that a solver takes."""
 
 
 class RisingPreloads(Preloads):

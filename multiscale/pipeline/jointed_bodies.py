@@ -23,7 +23,7 @@ from multiscale.pipeline.joint_settings import (
     SLABS,
     Cycles,
     Damage,
-    Preloads,
+    JointPreloads,
     RoughInterface,
 )
 from multiscale.pipeline.porous_body import PorousBody
@@ -62,7 +62,7 @@ class RoughBodies(StructureKind, Material):
     )
     models: ClassVar[Mapping[str, type[Settings]]] = {
         "interface": RoughInterface,
-        "statics": Preloads,
+        "statics": JointPreloads,
         "cycles": Cycles,
     }
     may_be_cut: ClassVar[bool] = True

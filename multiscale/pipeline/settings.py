@@ -35,8 +35,8 @@ from multiscale.pipeline.growth_settings import GrowthSettings
 from multiscale.pipeline.joint_settings import (
     Cycles,
     JointLaw,
+    JointPreloads,
     LawSource,
-    Preloads,
     RisingPreloads,
     RoughInterface,
     Substructures,
@@ -149,7 +149,7 @@ class Case(Settings):
     growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")
     interface: Annotated[Any, OneOf((LawSource, RoughInterface, JointLaw))] = None
-    statics: Annotated[Any, OneOf((RisingPreloads, Preloads, LoadSteps, Statics))] = None
+    statics: Annotated[Any, OneOf((RisingPreloads, JointPreloads, LoadSteps, Statics))] = None
     cycles: Annotated[Any, OneOf((Cycles, LoadCycles))] = None
     dynamics: Dynamics | None = None
     vibration: VibrationSettings = ABSENT

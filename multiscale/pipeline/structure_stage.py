@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.errors import ConvergenceError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
@@ -65,14 +65,31 @@ def require_known(result: Dataset, answer: str) -> None:
 def choose_solver(
     case: Case, size: "substructures.JointSize", team: "ProcessGroup | None" = None
 ) -> "substructures.MethodChoice":
-    """Choose the solver of bodies; ``[substructures]`` and many processes ask for LATIN."""
-    asks = case.substructures is not None or (team is not None and team.size > 1)
+    """Choose the solver of bodies, unless the case names it.
+
+    ``[substructures]`` and many processes ask for LATIN.
+
+    Raises
+    ------
+    CaseError
+        If Newton's method is asked for on many processes.
+    """
+    method, shared = case.statics.method, team is not None and team.size > 1
+    if method == "newton":
+        if shared:
+            raise CaseError(
+                'method = "newton" in [statics] solves the whole on one process; take "latin", or '
+                "one process"
+            )
+        return substructures.choose_method(size, substructures.AssembledNewton())
+    asks = method == "latin" or case.substructures is not None or shared
     return substructures.choose_method(size, case.cut.method(team) if asks else None)
 
 
 def counting(method: "substructures.Method", job: Job, steps: int) -> "substructures.Method":
     """Return the method that shows which of so many load steps are finished."""
     done = count(1)
+    job.progress(0, steps, "load steps")  # the first step tells the time of all
     return replace(method, after_step=lambda: job.progress(next(done), steps, "load steps"))
 
 

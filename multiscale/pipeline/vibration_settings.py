@@ -3,7 +3,7 @@
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from multiscale import macro
 from multiscale.pipeline.toml_model import (
@@ -70,6 +70,8 @@ class VibrationSettings(Settings):
         "amplitudes is lost.",
     )
 
+    _whole: "VibrationSettings | None" = PrivateAttr(None)
+
     _rise = field_validator("amplitudes", "modal_amplitudes")(must_rise)
 
     @model_validator(mode="after")
@@ -109,7 +111,7 @@ class VibrationSettings(Settings):
             places = np.linspace(0, len(values) - 1, min(FEW, len(values))).round().astype(int)
             return tuple(values[place] for place in places)
 
-        return self.model_copy(
+        small = self.model_copy(
             update={
                 "modes": self.modes[:1],
                 "amplitudes": few(self.amplitudes),
@@ -118,3 +120,15 @@ class VibrationSettings(Settings):
                 "steps": min(4, self.steps),
             }
         )
+        small._whole = self
+        return small
+
+    def left_out(self) -> str:
+        """Say which modes and amplitudes a quick run leaves out; nothing if it has all."""
+        if self._whole is None:
+            return ""
+        modes = [str(mode) for mode in self._whole.modes if mode not in self.modes]
+        few, all_of = (len(one.amplitudes or one.modal_amplitudes) for one in (self, self._whole))
+        said = [f"mode{'s' if len(modes) > 1 else ''} {', '.join(modes)}"] if modes else []
+        said += [f"{all_of - few} of {all_of} amplitudes"] if few < all_of else []
+        return f"--quick leaves out {' and '.join(said)}." if said else ""

@@ -25,6 +25,9 @@ def test_what_is_asked_for_is_taken():
     assert choice.taken.method == asked
     assert choice.why == "the case asks for it"
     assert [cost.method for cost in choice.others] == [AssembledNewton(), LatinMethod()]
+    choice = choose_method(LONG, AssembledNewton(), memory=GIGABYTE)
+    assert choice.taken.method == AssembledNewton()
+    assert choice.why == "the case asks for it"
 
 
 def test_rigid_contact_goes_to_latin():

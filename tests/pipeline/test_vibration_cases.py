@@ -96,6 +96,20 @@ def test_what_has_no_answer_is_refused_in_a_sentence(meshes, name):
         solve(meshes, ONLY_PRESS + VIBRATION, (old, new))
 
 
+def test_a_preload_that_fails_without_friction_names_the_key(meshes):
+    with pytest.raises(ConvergenceError, match=r"preload_friction = false in \[vibration\] leaves"):
+        solve(meshes, DENSE + VIBRATION)
+
+
+def test_a_quick_run_says_which_modes_and_amplitudes_it_leaves_out(meshes):
+    many = VIBRATION.replace('"0.1 um"', '"20 nm", "50 nm", "0.1 um"')
+    quick = load_case(write_scene(meshes, ONLY_PRESS + many)).quick()
+    assert quick.vibration.modes == (1,)
+    said = "--quick leaves out mode 2 and 1 of 4 amplitudes."
+    assert said in str(run(quick, meshes / "quick")["vibration"].attrs["facts"])
+    assert not load_case(write_scene(meshes, ONLY_PRESS + many)).vibration.left_out()
+
+
 def test_a_free_structure_and_an_amplitude_that_slides_are_told(meshes):
     """The press on the cover against the press on the housing holds both; nothing else does."""
     free = ONLY_PRESS.replace('supports = { bottom = "clamped" }\n', "").replace(

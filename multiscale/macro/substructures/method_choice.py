@@ -89,14 +89,17 @@ class MethodChoice:
 
 
 def choose_method(
-    size: JointSize, asked: LatinMethod | None = None, *, memory: float | None = None
+    size: JointSize,
+    asked: LatinMethod | AssembledNewton | None = None,
+    *,
+    memory: float | None = None,
 ) -> MethodChoice:
     """Choose the method that solves bodies with joints.
 
     Parameters
     ----------
     size : JointSize
-    asked : LatinMethod, optional, what the user asks for, which is taken
+    asked : LatinMethod or AssembledNewton, optional, what the user asks for, which is taken
     memory : float, optional, byte that the solve may take; four fifths of this machine if not given
 
     Returns
@@ -115,6 +118,8 @@ def choose_method(
     """
     limit = usable_memory() if memory is None else memory
     newton, bodies, *cuts = _costs(size)
+    if isinstance(asked, AssembledNewton):
+        return MethodChoice(newton, "the case asks for it", (bodies,))
     if asked is not None:
         taken = _latin_cost(size, asked)
         return MethodChoice(taken, "the case asks for it", (newton, bodies))

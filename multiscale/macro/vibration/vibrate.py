@@ -46,6 +46,7 @@ def vibrate(
         done += 1
         progress(done, total)
 
+    progress(0, total)
     found = {
         mode: follow_backbone(rest, modes, load, mode, asked, count)
         for mode, asked in amplitudes.items()

@@ -266,6 +266,7 @@ def _law_errors(
         own = traction[mine & (traction > 0.0)]
         pressure = np.array([own.mean()]) if own.size else None
         changes, lives = one.changes(pressure), {}
+        job.progress(0, len(changes), "solves for the intervals of the life")
         for done, (key, change) in enumerate(changes.items(), start=1):
             laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
             found = first(cycled.solve(laws), material)

@@ -49,6 +49,7 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     body, load = _loaded(bodies, case)
     mean, *laws = softening_samples(found[VOLUME_GROWTH.name])
     cracked = []
+    job.progress(0, 1 + len(laws), "softening laws")
     for k, law in enumerate((mean, *laws), start=1):
         cracked.append(macro.continuum.follow_crack_band(body, law, load=load))
         job.progress(k, 1 + len(laws), "softening laws")

@@ -25,6 +25,7 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
     """Follow the grains; the attribute ``cautions`` counts steps that missed the tolerance."""
     grains, motion = case.grains, case.motion
     steps = ceil(motion.duration / motion.step)  # at least: an accuracy makes more
+    job.progress(0, steps, "time steps")  # the first step tells the time of all
     result = granulate.simulate_grains(
         given.build(grains, motion),
         motion.duration,
