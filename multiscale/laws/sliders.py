@@ -63,7 +63,7 @@ class Sliders(InterfaceLaw):
     :math:`p(g) = \int p''(s) \langle s - g\rangle_+ \mathrm{d}s`. Each has a tangential spring
     :math:`\kappa p''(s)` and a slider with the limit :math:`\mu` times its normal force. At
     constant pressure the first loading is :math:`t = \mu [p(g) - p(g + \kappa u / \mu)]` [1]_, and
-    reversals follow Masing's rule.
+    reversals follow Masing's rule. Without friction there are no tangential springs.
 
     Edges :math:`b_0 = -\infty < b_1 < \dots < b_M = \infty` divide the heights into slabs. With
     :math:`h = \max(g, b_{i-1})` the load and stiffness of a slab in contact, :math:`g < b_i`, are
@@ -180,6 +180,8 @@ class Sliders(InterfaceLaw):
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
         """Return slip and energy of a step; see :class:`InterfaceLaw`."""
+        if not self.friction:
+            return super().sliding(jump, state)
         response, (work, before, after, slipping) = self._step(jump, state)
         return Sliding(slipping, work - (after - before), after, response.state)
 
@@ -190,10 +192,10 @@ class Sliders(InterfaceLaw):
         :math:`p(g) - p(g') - K(g') (g' - g)`; :math:`p(g') = p - |t| / \mu` tells :math:`g'`.
         Unlike the slabs that slip in a step, it is continuous.
         """
+        if not self.friction:
+            return super().slipping_load(jump, state)
         shear = np.linalg.norm(self.respond(jump, state).traction[1:], axis=0).reshape(-1)
         gap, p, _, force, _ = self._place(jump[0], state[: self.normal.n_state])
-        if self.friction == 0.0:
-            return np.ones(jump.shape[1:])
         held = np.maximum(
             p - shear / (self.friction * np.where(force > 0.0, force, 1.0)), LEAST * p
         )
@@ -209,6 +211,10 @@ class Sliders(InterfaceLaw):
 
         own = self.normal.n_state
         response = self.normal.respond(jump, state[:own])
+        if not self.friction:  # no springs
+            bed = np.zeros((3 * self.slabs, *jump.shape[1:]))
+            new = np.concatenate([response.state, bed, jump])
+            return replace(response, state=new), np.zeros((4, *jump.shape[1:]))
         start, end = self._place(state[-3], state[:own]), self._place(jump[0], response.state)
         shear, tangent, bed, account = respond_slabs(
             _flat(jump),
@@ -241,6 +247,8 @@ class Sliders(InterfaceLaw):
 
         own, k = self.normal.n_state, np.full(source.shape, stiffness, dtype=float)
         jump = self.normal.resolvent(source, k, state[:own])
+        if not self.friction:
+            return jump
         now = self.normal.respond(jump, state[:own]).state
         found, failed = resolve(
             _flat(source),

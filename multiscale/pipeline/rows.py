@@ -44,7 +44,7 @@ INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 
 FURTHER = {
     "unloading_stiffness": ("unloading", None),
-    "tangential_stiffness": ("tangential", None),
+    "tangential_stiffness": ("tangential, no slip", None),
     "thermal_conductance": ("heat", Unit("kW/m²K", 1e-3)),
     "electrical_conductance": ("current", Unit("S/mm²", 1e-6)),
 }
@@ -108,17 +108,18 @@ def _head(stiffness: Unit) -> tuple[str, ...]:
 
 def tabulate_preloads(result: Dataset) -> Table:
     """Head and rows of bodies with joints at their preloads."""
-    states, unit = ("stick", "slip", "open"), joint_unit(result)
+    states, unit = {"slip": "sliding", "open": "open"}, joint_unit(result)
 
     def rest(step: Dataset) -> tuple[str, ...]:
         return (
             _part(step, "tangential_stiffness", unit.scale),
-            *(f"{100.0 * float(step[f'{state}_fraction']):.4g}" for state in states),
+            f"{100.0 * float(step['slipping_load']):.3g}",
+            *(f"{100.0 * float(step[f'{state}_fraction']):.3g}" for state in states),
             _part(step, "real_pressure", 1e-6),
         )
 
-    shares = tuple(f"{state} (%)" for state in states)
-    head = (*_head(unit), f"tangential ({unit.name})", *shares, "real pressure (MPa)")
+    shares = ("sliding force (%)", *(f"{said} area (%)" for said in states.values()))
+    head = (*_head(unit), f"tangential, no slip ({unit.name})", *shares, "real pressure (MPa)")
     pressed = int(np.argmax(result["shear"].values != 0.0)) or result.sizes["step"]
     return head, _rows_of_preloads(result.isel(step=slice(pressed)), head, rest)
 
@@ -379,7 +380,7 @@ def tabulate_cycles(result: Dataset) -> Table:
         "amplitude (MPa)",
         *(f"secant stiffness ({unit.name})", *both),
         *("loss per cycle (mJ)", *both),
-        *("load whose contacts slip (%)", *both),
+        *("contact force at sliding (%)", *both),
     )
     shown = (("secant_stiffness", unit.scale), ("cycle_loss", 1e3), ("cycle_slip", 100.0))
     rows: list[tuple[str, ...]] = []
@@ -409,7 +410,8 @@ def list_cycles(result: Dataset) -> list[str]:
     end = result.isel(step=-1)
     if "slipping_load" in result and not np.isnan(end["slipping_load"]):
         told.append(
-            f"At the amplitude, contacts under {_value(end, 'slipping_load', 100.0)} % of the load "
-            f"slip{say_intervals(_intervals(end, 'slipping_load', 100.0))}"
+            f"At the amplitude, {_value(end, 'slipping_load', 100.0)} % of the contact force is at "
+            f"sliding{say_intervals(_intervals(end, 'slipping_load', 100.0))}, on "
+            f"{100.0 * float(end['slip_fraction']):.3g} % of the nominal area"
         )
     return told

@@ -31,7 +31,7 @@ __all__ = [
     "plot_joint_plan",
 ]
 
-ZONES = ("open", "stick", "slip")
+ZONES = ("open", "stick", "sliding")
 """Names of the values 0, 1 and 2 of ``contact_state``."""
 
 ZONE_COLOURS = ("0.8", "C0", "C3")
@@ -52,7 +52,7 @@ BANDS_SAID = "mean law and one part, 95 %"
 CYCLES = {
     "secant_stiffness": ("secant shear stiffness", None),
     "cycle_loss": ("loss per cycle", Unit("mJ", 1e3)),
-    "cycle_slip": ("load whose contacts slip", Unit("%", 100.0)),
+    "cycle_slip": ("contact force at sliding", Unit("%", 100.0)),
 }
 """Quantities of closed cycles, with their labels and units but of stiffnesses."""
 
@@ -72,7 +72,7 @@ def plot_joint_plan(
     title: str = "",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the open, sticking and slipping zones of a joint in plan, its pressure or its loss.
+    """Plot the open, sticking and sliding zones of a joint in plan, its pressure or its loss.
 
     The joint is seen along its normal, as :func:`draw_points` draws it.
 
@@ -99,12 +99,14 @@ def plot_joint_plan(
         middle = ScaledTranslation(0.5, 0.0, ax.transAxes)  # type: ignore[arg-type]
         handles = [
             Patch(
-                color=colour, label=f"{name}, {100.0 * area[state == k].sum() / area.sum():.0f} %"
+                color=colour,
+                label=f"{name}, {100.0 * area[state == k].sum() / area.sum():.3g} %",
             )
             for k, (name, colour) in enumerate(zip(ZONES, ZONE_COLOURS, strict=True))
         ]
         ax.legend(
             handles=handles,
+            title="share of the nominal area",
             frameon=False,
             ncols=3,
             loc="upper center",
@@ -122,6 +124,9 @@ def plot_joint_plan(
         preload, shear = (1e-6 * float(result[name].values[step]) for name in ("preload", "shear"))
         at = f"shear {shear:.3g} MPa" if quantity != "dissipation" else f"cycles of {shear:.3g} MPa"
         title = f"preload {preload:.3g} MPa, {at}"
+    if quantity == "contact_state":
+        force = 100.0 * float(result["interface_slipping_load"].values[step, joint])
+        title += f"\n{force:.3g} % of the contact force at sliding"
     ax.set_title(title)
     return ax
 
@@ -316,7 +321,7 @@ def plot_amplitudes(
 def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     """Return what is drawn of a joint, by name: zones and pressure, loop and loss if it is sheared.
 
-    Zones are drawn at the step at which most of the area slips.
+    Zones are drawn at the last step that has an answer, at the amplitude of the shear.
 
     Raises
     ------
@@ -327,7 +332,7 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     if np.isnan(slips).all():
         why = result.attrs.get("failure") or result.attrs.get("cautions", "")
         raise CaseError(f"no step has an answer, so that there is no joint to draw: {why}")
-    step = int(np.nanargmax(slips))
+    step = int(np.flatnonzero(np.isfinite(slips))[-1])
     draw: dict[str, Callable[..., object]] = {
         "contact_zones": partial(plot_joint_plan, result, step=step),
         "pressure": partial(plot_joint_plan, result, quantity="pressure", step=step),

@@ -23,7 +23,10 @@ LEAN = 0.12
 QUANTITIES = {"frequency": Unit("Hz", 1.0), "damping": Unit("% of critical", 100.0)}
 """Quantities of backbones and their units."""
 
-AT_POINTS = {"pressure": ("pressure", Unit("MPa", 1e-6)), "slipping": ("slip", Unit("%", 100.0))}
+AT_POINTS = {
+    "pressure": ("pressure", Unit("MPa", 1e-6)),
+    "slipping": ("pressure at sliding", Unit("%", 100.0)),
+}
 """Quantities of the points of joints, their names and units."""
 
 
@@ -96,7 +99,9 @@ def plot_vibrating_joint(
     joint: int = 0,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot pressure at a joint, or the share of it that slips, at an amplitude, in one direction.
+    """Plot pressure at a joint, or the share of it at sliding, at an amplitude, in one direction.
+
+    Open points have no such share, and no colour.
 
     Parameters
     ----------
@@ -104,10 +109,16 @@ def plot_vibrating_joint(
     step : int, amplitude of a mode
     joint : int, number of the joint
     """
+    from multiscale.macro.substructures.joint_state import OPEN
+
     ax = axes_or_current(ax)
     name, unit = AT_POINTS[quantity]
     mine = np.flatnonzero(result["point_joint"].values == joint)
     value = unit.scale * result[quantity].values[0, step, mine]
+    if quantity == "slipping":
+        pressure, area = result["pressure"].values[0, step, mine], result["point_area"].values[mine]
+        mean = np.maximum(pressure, 0.0) @ area / area.sum()
+        value = np.where(pressure > OPEN * mean, value, np.nan)
     dots = draw_points(result, mine, value, ax)
     dots.set_clim(0.0, max(float(np.nanmax(value)), np.finfo(float).tiny))
     add_colour_bar(dots, ax, f"{name} ({unit.name})")

@@ -26,7 +26,7 @@ MACRO_RESULT = Schema(
         "preload": _step("Pa", "nominal preload"),
         "joint_stiffness": _step(
             "Pa m-1",
-            "normal stiffness of the whole joint",
+            "normal stiffness of the whole joint, no point slipping",
             uncertain_part="interface_stiffness",
         ),
         "unloading_stiffness": _step(
@@ -80,22 +80,22 @@ MACRO_RESULT = Schema(
         "energy_density": _element("J m-3", "mean density of the strain energy of an element"),
         "bolt_force": Variable(("step", "bolt"), "N", "tension of the bolts"),
         "contact_state": _point("1", "whether a point is open (0), sticks (1) or slips (2)"),
-        "open_fraction": _step("1", "share of the joint area that is open"),
-        "stick_fraction": _step("1", "share of the joint area that sticks"),
-        "slip_fraction": _step("1", "share of the joint area that slips"),
+        "open_fraction": _step("1", "share of the nominal area that is open"),
+        "stick_fraction": _step("1", "share of the nominal area that sticks"),
+        "slip_fraction": _step("1", "share of the nominal area at sliding"),
         "load_below": _face("1", "share of the load at pressures below the data of the law"),
         "load_above": _face("1", "share of the load at pressures above the data of the law"),
         "load_far": _face("1", "share of the load beyond a factor of 2 outside the data"),
-        "slipping_load": _step(
-            "1", "share of the load whose contacts slip as the shear first gets so large"
-        ),
+        "slipping_load": _step("1", "share of the contact force at sliding"),
         "dissipation": _point("J m-2", "energy that slip loses in the step"),
         "known": _step("1", "whether the data of the laws reach the answer"),
         "shear": _step("Pa", "tangential traction on the loaded face"),
         "shear_displacement": _step(
             "m", "mean displacement of the loaded face along the tangential traction"
         ),
-        "tangential_stiffness": _step("Pa m-1", "tangential stiffness of the whole joint"),
+        "tangential_stiffness": _step(
+            "Pa m-1", "tangential stiffness of the whole joint, no point slipping"
+        ),
         "sliding_speed": _step("m s-1", "speed of steady sliding"),
         "temperature": _step("K", "temperature of the body"),
         "braking_force": _step("N", "force against the motion"),
@@ -109,15 +109,21 @@ MACRO_RESULT = Schema(
             "N m-1", "load over the change of its displacement since the load was zero, alone"
         ),
         "load_stiffness": _load(
-            "N m-1", "stiffness against a small change of the load, no point slipping"
+            "N m-1", "stiffness against a small rise of the load, under which points may slip"
+        ),
+        "stuck_stiffness": _load(
+            "N m-1", "stiffness against changes of the load so small that no point slips"
         ),
         "interface_compliance": _load("1", "share of the interfaces in the compliance"),
         "interface_pressure": _face("Pa", "mean pressure of an interface"),
         "interface_real_pressure": _face(
             "Pa", "mean pressure of an interface on its real contact area"
         ),
-        "interface_open": _face("1", "share of the area of an interface that is open"),
-        "interface_slip": _face("1", "share of the area of an interface that slips"),
+        "interface_open": _face("1", "share of the nominal area of an interface that is open"),
+        "interface_slip": _face("1", "share of the nominal area of an interface at sliding"),
+        "interface_slipping_load": _face(
+            "1", "share of the contact force of an interface at sliding"
+        ),
         "interface_energy": Variable(
             ("cycle", "interface"), "J", "energy that an interface loses in a closed cycle"
         ),
@@ -125,7 +131,7 @@ MACRO_RESULT = Schema(
         "cycle_preload": Variable(("level",), "Pa", "preload of cycles of shear"),
         "cycle_shear": Variable(("amplitude",), "Pa", "amplitude of cycles of shear"),
         "cycle_loss": _cycle("J", "energy that the joint loses in a closed cycle of an amplitude"),
-        "cycle_slip": _cycle("1", "share of the load whose contacts slip at the amplitude"),
+        "cycle_slip": _cycle("1", "share of the contact force at sliding at the amplitude"),
         "secant_stiffness": _cycle(
             "Pa m-1", "shear over displacement between both ends of a cycle, of the whole joint"
         ),
@@ -186,13 +192,15 @@ VIBRATION = Schema(
         "frequency": _step("Hz", "frequency at the amplitude"),
         "fall": _step("Hz", "frequency of small vibration less the frequency at the amplitude"),
         "damping": _step("1", "share of critical damping at the amplitude"),
-        "slipping_load": _step("1", "largest share of the load whose contacts slip"),
+        "slipping_load": _step(
+            "1", "share of the contact force at sliding, the larger of both directions"
+        ),
         "rest_traction": Variable(("point", "direction"), "Pa", "traction of the joints at rest"),
         "pressure": Variable(
             ("side", "step", "point"), "Pa", "pressure at the amplitude in either direction"
         ),
         "slipping": Variable(
-            ("side", "step", "point"), "1", "share of the pressure that slips at the amplitude"
+            ("side", "step", "point"), "1", "share of the pressure at sliding at the amplitude"
         ),
         "bolt_force": Variable(("bolt",), "N", "tension of the bolts at rest"),
         **{

@@ -166,3 +166,15 @@ def test_too_many_points_are_refused_before_a_full_matrix_is_made(monkeypatch):
     monkeypatch.setattr("multiscale.macro.vibration.preloaded.MOST", 30)
     with pytest.raises(CaseError, match="keep so many of 40 unknowns that bodies"):
         press_structure(block_between_friction(4), np.array([[1.0]]))
+
+
+def test_a_frictionless_face_neither_holds_nor_damps_a_mode():
+    rest, modes, load = first_mode(block_between_friction(16, friction=0.0))
+    # small, since the face that sticks rocks, which costs it a little
+    found = follow_backbone(rest, modes, load, 0, Amplitudes((0.1 * UNIT, 0.5 * UNIT)))
+    held = RATIO * PRESSURE / DECAY * AREA  # the springs of the other face, N/m
+    expected = np.sqrt(held / (DENSITY * AREA * HEIGHT)) / (2.0 * np.pi)
+    assert not found.failure
+    np.testing.assert_allclose(modes.frequency, expected, rtol=2e-3)
+    np.testing.assert_allclose(found.frequency, expected, rtol=2e-3)
+    np.testing.assert_allclose(found.damping, 0.0, atol=1e-4)

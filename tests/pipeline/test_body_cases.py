@@ -271,7 +271,10 @@ def test_a_patch_of_faces_that_do_not_match_is_even(meshes):
     assert float(found.interface_compliance.sel(load="press")[0]) == pytest.approx(share, rel=1e-6)
     secant = found.load_secant.sel(load="pull").values
     assert np.isnan(secant[0])
-    assert 0.8 < secant[1] / float(found.load_stiffness.sel(load="pull")[1]) < 1.0
+    stuck, slips = (
+        float(found[name].sel(load="pull")[1]) for name in ("stuck_stiffness", "load_stiffness")
+    )
+    assert slips < secant[1] < stuck < 1.25 * secant[1]
 
 
 def turned(folder, turn, elements):
@@ -597,3 +600,98 @@ def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
         assert float(half.sel(error_term=term)) == pytest.approx(expected, rel=0.5)
     low, high = found.load_stiffness_mean_law.sel(load="press").values[:, 0]
     assert low < press < high
+
+
+SMOOTH = """
+title = "Block on a frictionless ground"
+[structure]
+kind = "bodies"
+[[structure.bodies]]
+name = "block"
+mesh = "block.msh"
+unit = "mm"
+youngs_modulus = "70 GPa"
+poissons_ratio = 0.33
+density = "2700 kg/m^3"
+supports = { left = "x", front = "y" }
+[[structure.interfaces]]
+sides = ["ground", "block.bottom"]
+friction = 0.0
+stiffness_ratio = 0.8
+[structure.interfaces.exponential]
+pressure_scale = "10 MPa"
+decay_length = "0.5 um"
+pressures = ["1 MPa", "100 MPa"]
+[[structure.loads]]
+name = "press"
+face = "block.top"
+pressure = "10 MPa"
+[[structure.loads]]
+name = "push"
+face = "block.right"
+pressure = "1 MPa"
+[statics]
+steps = [{ press = 1 }, { push = 1 }]
+"""
+
+
+def test_a_frictionless_ground_holds_no_push(tmp_path):
+    """A bar along the ground; across it, a bar and the springs of the interface in series."""
+    size = (0.03, 0.02, 0.01)
+    write_body(tmp_path / "block.msh", box_mesh(size, (3, 2, 1)))
+    (tmp_path / "case.toml").write_text(SMOOTH)
+    found = run(load_case(tmp_path / "case.toml"), tmp_path / "results")["macro_result"]
+    push, area = 70e9 * size[1] * size[2] / size[0], size[0] * size[1]
+    press = 1.0 / (0.5e-6 / (10e6 * area) + size[2] / (70e9 * area))
+    np.testing.assert_allclose(found.load_stiffness[1], [press, push], rtol=1e-6)
+    np.testing.assert_allclose(found.stuck_stiffness[1], [press, push], rtol=1e-6)
+    np.testing.assert_allclose(found.interface_compliance[1, 1], 0.0, atol=1e-6)
+    said = "small rise of push at step 1 the structure has a stiffness of 466.7 N/µm; 0 % of the"
+    assert said in found.facts
+
+
+def test_vibration_on_a_frictionless_ground_has_an_answer_at_every_amplitude(tmp_path):
+    write_body(tmp_path / "block.msh", box_mesh((0.03, 0.02, 0.01), (3, 2, 1)))
+    vibrates = SMOOTH.replace("steps = [{ press = 1 }, { push = 1 }]", "steps = [{ press = 1 }]")
+    vibrates += '[vibration]\nmodes = [1]\namplitudes = ["1 nm", "20 nm"]\n'
+    (tmp_path / "case.toml").write_text(vibrates)
+    found = run(load_case(tmp_path / "case.toml"), tmp_path / "results")["vibration"]
+    assert found.converged.values.all()
+    np.testing.assert_allclose(found.frequency, found.mode_frequency[0], rtol=1e-3)
+    np.testing.assert_allclose(found.damping, 0.0, atol=1e-6)
+
+
+STEPS = "steps = [{ press = 1 }, { pull = 1 }]"
+
+
+def test_statics_choose_their_solver(meshes):
+    answers = []
+    for method, name in (("newton", "Newton's method on the whole"), ("latin", "LATIN")):
+        found = solve(meshes, (STEPS, f'{STEPS}\nmethod = "{method}"'))
+        assert f"Solved by {name}: the case asks for it." in found.attrs["facts"]
+        answers.append(found)
+    same_answers(*answers)
+
+
+@pytest.mark.parametrize(
+    ("method", "table", "said"),
+    [
+        ("newton", "[substructures]\nparts = [2, 1]\n", "leave out one of them"),
+        ("gauss", "", "method"),
+        ("latin", '[vibration]\namplitudes = ["1 nm"]\n', "is not for \\[vibration\\]"),
+    ],
+)
+def test_a_solver_that_does_not_fit_is_refused(meshes, method, table, said):
+    text = TEXT.replace(STEPS, f'{STEPS}\nmethod = "{method}"\n{table}')
+    text = text.replace("poissons_ratio = 0.3", 'poissons_ratio = 0.3\ndensity = "7850 kg/m^3"')
+    with pytest.raises(CaseError, match=said):
+        load_case(write_scene(meshes, text))
+
+
+def test_the_time_of_all_load_steps_follows_from_the_first(meshes):
+    told = []
+    case = load_case(write_scene(meshes, TEXT))
+    run(case, meshes / "told", progress=lambda *one: told.append(one))
+    assert [one for one in told if one[2] == "load steps"] == [
+        (k, 2, "load steps") for k in range(3)
+    ]

@@ -96,7 +96,7 @@ def test_blocks_are_sheared_in_series_with_the_tangential_branch_of_their_law(ru
     shares = known.sel(quantity="tangential_stiffness") / known.sel(quantity="interface_stiffness")
     np.testing.assert_allclose(shares, (expected / (0.8 * K))[:2], rtol=0.05)
     head, rows = tabulate(told)
-    assert " ± " in rows[1][head.index("tangential (MPa/µm)")]
+    assert " ± " in rows[1][head.index("tangential, no slip (MPa/µm)")]
     assert "shear branch of the law: assumed, stiffness ratio 0.8" in list_facts(told)[-1]
     assert "tangential_stiffness" not in result
 

@@ -11,7 +11,8 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
-from multiscale.plotting import draw_joint, plot_hysteresis, plot_joint_plan
+from multiscale.pipeline.rows import list_cycles
+from multiscale.plotting import draw_joint, joint_pictures, plot_hysteresis, plot_joint_plan
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +51,22 @@ def test_zones_cover_the_joint_in_millimetres_and_name_their_share(result, meshe
     shares = [100.0 * float(result[f"{name}_fraction"][4]) for name in ("open", "stick", "slip")]
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == [
-        f"{name}, {share:.0f} %"
-        for name, share in zip(("open", "stick", "slip"), shares, strict=True)
+        f"{name}, {share:.3g} %"
+        for name, share in zip(("open", "stick", "sliding"), shares, strict=True)
     ]
     assert "10 MPa, shear 1.5 MPa" in ax.get_title()
+
+
+def test_picture_sentence_and_dataset_have_one_measure_of_slip(result):
+    ax = joint_pictures(result)["contact_zones"](ax=Figure().add_subplot())
+    end = result.isel(step=-1)
+    assert 0.0 < float(end["slipping_load"]) < 1.0
+    names = ("slipping_load", "slip_fraction")
+    force, area = (f"{100.0 * float(end[name]):.3g} %" for name in names)
+    assert f"{force} of the contact force at sliding" in ax.get_title()
+    assert ax.get_legend().get_texts()[2].get_text() == f"sliding, {area}"
+    force = f"{100.0 * float(end['slipping_load']):.4g} %"
+    assert f"{force} of the contact force is at sliding, on {area}" in list_cycles(result)[-1]
 
 
 def test_the_pressure_is_that_of_the_points_in_megapascal(result):

@@ -199,7 +199,7 @@ def measure_joint(
         "shear_displacement": along,
         **contact_state(problem, result),
     }
-    whole, of_joints, of_bodies = path.tangent_work(range(len(loading.preloads)))
+    whole, of_joints, of_bodies = path.tangent_work(range(len(loading.preloads)))[0]
     values |= {
         "joint_stiffness": area[0] / whole[:, 0],
         "tangential_stiffness": area[1] / whole[:, 1],

@@ -16,18 +16,24 @@ __all__ = [
     "STICKS",
     "contact_state",
     "joint_shares",
+    "replay",
+    "sliding_share",
     "state_after",
-    "without_slip",
 ]
 
 OPENED, STICKS, SLIPS = 0, 1, 2
 """States of a point of a joint."""
 
-OPEN = 1e-6
-"""Pressure, relative to the largest of the step, up to which a point counts as open."""
+OPEN = 0.01
+"""Pressure, relative to the mean of its joint, up to which a point counts as open: all open points
+together carry less than this share of the force, which laws without a last pressure leave them."""
 
 MOST = 0.5
 """Share of the pressure of a point above which what slips makes it a slipping one."""
+
+ALIKE = 0.1
+"""Difference of the slipping share of a first loading and of the slabs that slip in a step, up to
+which the first one, which is continuous, counts."""
 
 
 def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
@@ -41,28 +47,38 @@ def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
     Returns
     -------
     dict
-        Variables of ``MACRO_RESULT``, NaN where a step failed. A point slips if what slips in the
-        step carries most of its pressure, so that one without friction slips, and one that stays
-        at its limit without further slip sticks.
+        Variables of ``MACRO_RESULT``, NaN where a step failed. Slip has one measure: at every
+        point the share of its pressure whose contacts slip in the step. Its mean, weighted by the
+        force, is the share of the contact force at sliding; a point is a slipping one if more than
+        half of its pressure slips, and these points have a share of the nominal area. One without
+        friction slips, and one that stays at its limit without further slip sticks.
 
     Raises
     ------
     ConvergenceError
         If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
     """
-    pressure = -result["traction"].values[..., 0]
-    slipping, dissipated, reached = _slip_and_loss(problem, result)
-    state = np.where(slipping > MOST, SLIPS, STICKS)
-    state = np.where(pressure <= OPEN * pressure.max(axis=1, keepdims=True), OPENED, state)
+    pressure, area = -result["traction"].values[..., 0], result["point_area"].values
+    slipping, dissipated = _slip_and_loss(problem, result)
     failed = np.isnan(pressure)
-    area = result["point_area"].values
-    share = area / area.sum()
+    joint = np.unique(result["point_joint"].values, return_inverse=True)[1]
+    shares = joint == np.arange(joint.max() + 1)[:, None]  # (joints, points)
+    force = np.maximum(pressure, 0.0) * area
+    total = force @ shares.T  # (steps, joints)
+    mean = (total / (shares @ area))[:, joint]
+    state = np.where(slipping > MOST, SLIPS, STICKS)
+    state = np.where(pressure <= OPEN * mean, OPENED, state)
+    slides = np.where(pressure > 0.0, slipping, 0.0) * force
+    of_all = area / area.sum()
     laws = [_normal(face.law) for face in problem.joints]
     sizes = [face.weight.size for face in problem.joints]
     initial = [np.broadcast_to(law.gap, size) for law, size in zip(laws, sizes, strict=True)]
 
     def fraction(where: np.ndarray) -> np.ndarray:
-        return np.asarray(np.where(failed, np.nan, where) @ share)
+        return np.asarray(np.where(failed, np.nan, where) @ of_all)
+
+    def of_force(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        return np.asarray(part / np.where(whole > 0.0, whole, 1.0) + 0.0 * whole)
 
     return {
         "gap": result["jump"].values[..., 0] + np.concatenate(initial) + problem.gap,
@@ -71,9 +87,29 @@ def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
         "open_fraction": fraction(state == OPENED),
         "stick_fraction": fraction(state == STICKS),
         "slip_fraction": fraction(state == SLIPS),
-        "slipping_load": np.sum(reached * pressure * area, axis=1) / (pressure @ area),
+        "slipping_load": of_force(slides.sum(axis=1), force.sum(axis=1)),
+        "interface_slipping_load": of_force(slides @ shares.T, total),
         "dissipation": dissipated,
     }
+
+
+def sliding_share(law: InterfaceLaw, jump: np.ndarray, account: Sliding) -> np.ndarray:
+    """Share of the pressure of every point whose contacts slip in a step.
+
+    Parameters
+    ----------
+    law : InterfaceLaw
+    jump : ndarray, shape (3, points), at the end of the step, m
+    account : Sliding, of the step
+
+    Returns
+    -------
+    ndarray, shape (points,)
+        Slabs of a bed slip one after the other; where they are those of a first loading up to the
+        shear that is reached, or of Masing's branch to it, the continuous share of that loading.
+    """
+    reached = law.slipping_load(jump, account.state)
+    return np.where(np.abs(reached - account.slipping) <= ALIKE, reached, account.slipping)
 
 
 def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -100,16 +136,14 @@ def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.n
 
 
 def _slip_and_loss(problem: CutProblem, result: Dataset) -> np.ndarray:
-    """Return what slips in a step, what slip loses, J/m², and what the shear makes slip.
+    """Return the share of the pressure that slips in a step, and what slip loses, J/m².
 
-    The shape is (3, steps, points). What slips is a share of the pressure of a point, counted by
-    slabs and continuous.
+    The shape is (2, steps, points).
     """
     jump = np.moveaxis(result["jump"].values, 2, 0)  # (3, steps, points)
-    found = np.full(jump.shape, np.nan)
-    for step, state, account in _replay(problem, result):
-        reached = problem.law.slipping_load(jump[:, step], state)
-        found[:, step] = account.slipping, account.dissipated, reached
+    found = np.full((2, *jump.shape[1:]), np.nan)
+    for step, _, account in replay(problem, result):
+        found[:, step] = sliding_share(problem.law, jump[:, step], account), account.dissipated
     return found
 
 
@@ -117,24 +151,21 @@ def state_after(problem: CutProblem, path: Dataset | None) -> np.ndarray:
     """State of the laws of joints after a path, shape (rows, points); zero without one."""
     state = np.zeros((problem.law.n_state, problem.weight.size))
     if path is not None and problem.joints:
-        for _, last, _ in _replay(problem, path):
+        for _, last, _ in replay(problem, path):
             state = last
     return state
 
 
-def _replay(problem: CutProblem, result: Dataset) -> Iterator[tuple[int, np.ndarray, Sliding]]:
-    """State after and account of each step that converged: jumps tell the states."""
+def replay(problem: CutProblem, result: Dataset) -> Iterator[tuple[int, np.ndarray, Sliding]]:
+    """Return number, state and account of each step that converged: jumps tell the states.
+
+    The states have the shape (rows, points).
+    """
     state = np.zeros((problem.law.n_state, problem.weight.size))
     for step in np.flatnonzero(result["converged"].values == 1):
         account = problem.law.sliding(result["jump"].values[step].T, state)
         state = account.state
         yield int(step), state, account
-
-
-def without_slip(law: InterfaceLaw, jump: np.ndarray) -> np.ndarray:
-    """Diagonal of the tangent about a jump at which nothing slips, shape (3, points), Pa/m."""
-    tangent = law.respond(jump, law.at_rest(jump)).tangent
-    return np.stack([tangent[i, i] for i in range(3)])
 
 
 def _normal(law: InterfaceLaw | None) -> InterfaceLaw:

@@ -158,23 +158,29 @@ def follow_cut_loads(
     -----
     With the nodal forces :math:`f` of a load at the factor one and their resultant F, its
     displacement is :math:`q = f \cdot u / F`: the mean along the load where that is even. It
-    counts from bodies without stress whose interfaces have no gap. Its stiffness without slip is
-    :math:`F^2 / (f \cdot u)`, by :meth:`~.followed_path.FollowedPath.tangent_work`. The energy of a
-    cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
+    counts from bodies without stress whose interfaces have no gap. Its stiffness is
+    :math:`F^2 / (f \cdot u)`, by :meth:`~.followed_path.FollowedPath.tangent_work`, against a small
+    rise of its factor away from zero, and against changes so small that no point slips. The energy
+    of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
     :func:`~.closed_cycles.cycle_work`; interfaces share it as slip dissipates at their points.
     """
     factors, forces = path.factors(), np.array(path.forces)
     done = solve_path(problem, factors, method, near)
     result, joints, ends = done.result, done.problem.joints, path.ends()
     displacement = done.work / forces
-    whole, of_interfaces, _ = done.tangent_work(np.flatnonzero(ends >= 0).tolist())
+    rests = np.flatnonzero(ends >= 0).tolist()
+    (stuck, *_), (whole, of_interfaces, _) = done.tangent_work(
+        rests, np.where(factors < 0.0, -1.0, 1.0)
+    )
+    free = np.isinf(whole)
     values: dict[str, Any] = {
         "path_step": ends,
         "factor": factors,
         "load_displacement": displacement,
         "load_secant": _secants(factors, displacement, forces, not joints),
         "load_stiffness": forces**2 / whole,
-        "interface_compliance": of_interfaces / whole,
+        "stuck_stiffness": forces**2 / stuck,
+        "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
     }
     if joints:
         values |= contact_state(problem, result)

@@ -29,6 +29,7 @@ from scipy.sparse import csr_array
 
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.substructures.closed_cycles import closed_cycle
+from multiscale.macro.substructures.joint_state import sliding_share
 from multiscale.macro.substructures.whole_structure import Assembled
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.macro.vibration.tangent_modes import TangentModes
@@ -227,9 +228,10 @@ class _Mode:
         if failure:
             return replace(point, failure=failure)
         done = law.sliding(solution.jump, state)
+        slipping = sliding_share(law, solution.jump, done)
         force = spring * (reach - q)
         sheared = float(done.stored @ self.structure.weight)
-        return _Point(solution.value, q, force, jump, done.state, done.slipping, sheared)
+        return _Point(solution.value, q, force, jump, done.state, slipping, sheared)
 
     def stored(self, point: _Point) -> float:
         """Energy that bodies and joints store at a point of the path since rest, J."""
@@ -248,10 +250,11 @@ class _Mode:
         return np.asarray(-self.rest.law.respond(point.jump, point.state).traction[0])
 
     def sliding(self, point: _Point) -> str:
-        """Say which interface slides away; nothing if none does."""
+        """Say which interface with friction slides away; nothing if none does."""
         if point.failure:
             return f"no equilibrium was found ({point.failure})"
-        load = np.maximum(self.pressure(point), 0.0) * self.structure.weight
+        rubs = self.rest.law.friction_limit(np.ones(point.slipping.size)) > 0.0
+        load = np.where(rubs, np.maximum(self.pressure(point), 0.0), 0.0) * self.structure.weight
         number = self.rest.path["point_joint"].values
         for joint in np.unique(number):
             mine = number == joint

@@ -74,7 +74,7 @@ of_stiffness = partial(StageAnswer, over="preload", choose=stiffness_unit)
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
     of_stiffness("joint_stiffness", "joint stiffness"),
-    of_stiffness(TANGENTIAL, "tangential stiffness"),
+    of_stiffness(TANGENTIAL, "tangential stiffness without slip"),
     of_stiffness("interface_stiffness", "interface stiffness"),
     StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
     StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
@@ -120,7 +120,9 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     areas = {"contact_fraction": fraction, "real_pressure": real_pressure(preload, fraction)}
     kept = np.isfinite(result["joint_stiffness"].to_numpy())
     areas |= _unloading_stiffness(law, result)
-    ratio = tangential_values(law).get("stiffness_ratio")
+    shears = tangential_values(law)
+    # without friction there are no tangential springs
+    ratio = None if shears.get("friction") == 0.0 else shears.get("stiffness_ratio")
     sheared = lower.shear_compliance + upper.shear_compliance  # m/Pa
 
     def tangential(K: np.ndarray) -> dict[str, np.ndarray]:

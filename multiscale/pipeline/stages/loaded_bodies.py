@@ -50,10 +50,16 @@ COARSER_ALONE = (
     "interface has a law with a budget; take the law of a run"
 )
 
+SHARES = ("slipping_load", "slip", "open")
+"""Of the contact force of an interface at sliding, of its area at sliding, and of its open area."""
+
+SLIPS = 1e-3
+"""Change of a stiffness by slip, relative to it, from which both are told."""
+
 ANSWERS = (
     StageAnswer("load_stiffness", "stiffness under the last load", "N/µm", 1e-6),
     StageAnswer("interface_real_pressure", "real pressure of the last interface", "MPa", 1e-6),
-    StageAnswer("slipping_load", "load that slips", "%", 100.0),
+    StageAnswer("slipping_load", "contact force at sliding", "%", 100.0),
     StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
     StageAnswer("bolt_force", "largest bolt force", "kN", 1e-3),
 )
@@ -134,10 +140,15 @@ def _secants(result: Dataset) -> Iterator[str]:
         known = np.flatnonzero(np.isfinite(one["load_stiffness"].to_numpy()))
         if known.size:
             at = one.isel(step=known[-1])
-            share = f"{100.0 * float(at['interface_compliance']):.3g} % of the compliance"
+            share = f"{100.0 * float(at['interface_compliance'].round(6)):.3g} % of the compliance"
             beside = f"; {share} comes from the interfaces" if result.sizes.get("interface") else ""
+            stiffness, stuck = float(at["load_stiffness"]), float(at["stuck_stiffness"])
+            if abs(stuck - stiffness) > SLIPS * stuck:
+                beside += (
+                    f"; while no point slips, as in small vibration, it has {1e-6 * stuck:.4g} N/µm"
+                )
             yield (
-                f"Against a small change of {load} at step {int(at['path_step'])} the structure "
+                f"Against a small rise of {load} at step {int(at['path_step'])} the structure "
                 f"has a stiffness of {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}{beside}."
             )
 
@@ -210,7 +221,8 @@ def _tabulate(result: Dataset) -> Table:
     """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
 
     Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
-    each interface its mean pressure and the shares of its area that slip and that are open.
+    each interface its mean pressure, the share of its contact force at sliding, and the shares of
+    its nominal area at sliding and open.
     """
     loads = [str(name) for name in result["load"].values]
     count = result.sizes.get("interface", 0)
@@ -221,7 +233,7 @@ def _tabulate(result: Dataset) -> Table:
     head = (
         "step",
         *(f"{name}: factor, µm, N/µm" for name in loads),
-        *(f"interface {k}: MPa, slip, open" for k in range(count)),
+        *(f"interface {k}: MPa, sliding force, area, open area" for k in range(count)),
         *(("bolts (kN)",) if bolts else ()),
     )
     rows: list[tuple[str, ...]] = []
@@ -240,7 +252,7 @@ def _tabulate(result: Dataset) -> Table:
             row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
         for at in range(count):
             one = step.isel(interface=at)
-            shares = (100.0 * float(one[f"interface_{what}"]) for what in ("slip", "open"))
+            shares = (100.0 * float(one[f"interface_{what}"]) for what in SHARES)
             told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
             row.append(", ".join([*told, *(f"{share:.3g} %" for share in shares)]))
         if bolts:

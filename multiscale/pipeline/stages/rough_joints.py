@@ -59,10 +59,10 @@ PICTURES = (
 ANSWERS = (
     StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
     of_stiffness("joint_stiffness", "joint stiffness"),
-    of_stiffness("tangential_stiffness", "tangential stiffness"),
+    of_stiffness("tangential_stiffness", "tangential stiffness without slip"),
     of_stiffness("interface_stiffness", "interface stiffness"),
     StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    StageAnswer("slipping_load", "load that slips", "%", 100.0),
+    StageAnswer("slipping_load", "contact force at sliding", "%", 100.0),
     StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
 )
 """What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
@@ -157,15 +157,17 @@ def _losses(result: Dataset) -> Iterator[str]:
         shear = 1e-6 * float(np.abs(result["shear"]).max())
         yield (
             f"A cycle of shear between {shear:.3g} and -{shear:.3g} MPa loses {loss}; at its ends, "
-            f"contacts under {slip} of the load slip."
+            f"{slip} of the contact force is at sliding, on "
+            f"{100.0 * float(end['slip_fraction']):.3g} % of the nominal area."
         )
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show where the joints stick, slip and open, their loop, and what is known of their errors."""
     told = [
-        "Zones and pressure are seen along the normal of the first joint, at the step at which "
-        "most of its area slips; lines are the outlines of the parts."
+        "Zones and pressure are seen along the normal of the first joint, at the last amplitude "
+        "that has an answer; a point slides if contacts under more than half of its pressure do, "
+        "and is open below 1 % of the mean pressure; lines are the outlines of the parts."
     ]
     figures = {name: on_axes(plot) for name, plot in joint_pictures(result).items()}
     yield Section("Joint", told, figures=figures)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from multiscale import macro
+from multiscale.errors import ConvergenceError
 from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
@@ -83,13 +84,21 @@ def _press(
     asked = case.vibration
     parts = bodies.build(case, laws)
     smooth = [replace(cast(Sliders, law), friction=0.0) for law in laws]  # all have a friction
-    rest = macro.vibration.press_structure(
-        parts.assembly,
-        parts.path.factors(),
-        preload_laws=None if asked.preload_friction else smooth,
-        extrapolate=case.extrapolate,
-        near=near,
-    )
+    try:
+        rest = macro.vibration.press_structure(
+            parts.assembly,
+            parts.path.factors(),
+            preload_laws=None if asked.preload_friction else smooth,
+            extrapolate=case.extrapolate,
+            near=near,
+        )
+    except ConvergenceError as error:
+        if asked.preload_friction:
+            raise
+        raise ConvergenceError(
+            f"{error}; preload_friction = false in [vibration] leaves the bodies without friction "
+            f"while the preload is brought up: leave it out, or hold them by supports or bolts"
+        ) from error
     densities = [float(body.density or 0.0) for body in bodies.bodies]
     mass = macro.vibration.structure_mass(rest.free, parts.assembly.bodies, densities)
     modes = macro.vibration.tangent_modes(rest.free, rest.tangent(), mass, max(asked.modes))
@@ -136,8 +145,10 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
         result = _with_budget(result, bodies, case, laws, still, sources, job)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
     pinned = "without friction" if not asked.preload_friction else "with friction"
+    frequencies = ", ".join(f"{one:.5g}" for one in modes.frequency)
     facts += [
-        f"Small vibration has {', '.join(f'{one:.5g}' for one in modes.frequency)} Hz.",
+        f"Small vibration, in which no point slips, has {frequencies} Hz.",
+        asked.left_out(),
         rigid,
         f"The preload was brought up {pinned}; shapes and amplitudes count from there.",
     ]
@@ -257,7 +268,7 @@ def _tabulate(result: Dataset) -> Table:
     """Head and rows of the amplitudes of all modes."""
     along = length_unit(result["largest_displacement"].values[-1:])
     head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)")
-    head += ("frequency (Hz)", "fall (Hz)", "damping (%)", "slip (%)", "opens")
+    head += ("frequency (Hz)", "fall (Hz)", "damping (%)", "sliding force (%)", "opens")
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)
