@@ -32,6 +32,7 @@ class Point:
         Each answer and each of its intervals by name: ``dims``, ``attrs`` and ``data`` as of
         ``Dataset.to_dict``.
     caution, failure : str, what to beware of, a line for each, and why there is no result
+    missing : str, terms of the error that the intervals lack
     final : bool, whether the same case would give the same again
     """
 
@@ -39,6 +40,7 @@ class Point:
     values: dict[str, Any] = field(default_factory=dict)
     caution: str = ""
     failure: str = ""
+    missing: str = ""
     final: bool = True
 
 

@@ -12,20 +12,30 @@ from multiscale.plotting.budget_figures import estimated_steps, step_labels
 from multiscale.schema import Dataset
 from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling import Prediction
-from multiscale.upscaling.budget import how_attribute, total_error
+from multiscale.upscaling.budget import (
+    has_budget,
+    how_attribute,
+    known_error,
+    total_error,
+    unknown_terms,
+)
 
 __all__ = [
+    "LOWER_BOUND",
     "Table",
     "joint_unit",
     "list_bolts",
     "list_cycles",
     "list_facts",
+    "list_missing",
     "padded",
     "round_by",
     "say_answer",
     "say_beside",
-    "say_error",
-    "say_intervals",
+    "say_cell",
+    "say_ends",
+    "say_sides",
+    "say_total",
     "say_value",
     "tabulate",
     "tabulate_budget",
@@ -64,6 +74,12 @@ NEGLIGIBLE = 1e-5
 
 ROUNDING = 1e-9
 """Relative error up to which an answer has none but rounding."""
+
+FOUR_DIGITS = 5e-4
+"""Relative error below which an answer has four digits if a term of its error is not known."""
+
+LOWER_BOUND = " + ?"
+"""Stands behind errors and intervals that lack a term that is not known: they are lower bounds."""
 
 
 def tabulate(result: Dataset) -> Table:
@@ -155,61 +171,142 @@ def round_by(value: float, half_width: float) -> str:
     Parameters
     ----------
     value, half_width : float
-        One unit. Without an error, or with one below 1e-6 of the value, it has four digits.
+        One unit. Without an error, or with one below 1e-5 of the value, it has four digits.
 
     Examples
     --------
     >>> round_by(18.7, 0.14), round_by(18.56, 0.14), round_by(17.893, 0.8), round_by(18.7034, 0.0)
     ('18.70', '18.56', '17.9', '18.7')
     """
-    if not half_width > 1e-6 * abs(value):
+    if not half_width > NEGLIGIBLE * abs(value):
         return f"{value:.4g}"
     return f"{value:.{max(0, -int(np.floor(np.log10(half_width / TWO_DIGITS))))}f}"
 
 
-def say_intervals(intervals: Sequence[str]) -> str:
-    """Say both intervals of an answer beside it, in brackets; nothing if there are none."""
-    kinds: dict[str, str] = {}
-    for name, one in zip(INTERVALS.values(), intervals, strict=True):
-        kind = name.removesuffix(", 95 %")
-        kinds[one] = f"{kinds[one]} and {kind}" if one in kinds else kind
-    said = "; ".join(f"{kind} {one}" for one, kind in kinds.items() if one)
-    return f" ({said})" if said else ""
-
-
 def _intervals(step: Dataset, name: str, scale: float) -> list[str]:
     """Both intervals of an answer; empty where there are none, unknown where they are unknown."""
-    said = []
+    said, bound = [], _bound(step, name)
     for kind in INTERVALS:
         if f"{name}_{kind}" not in step:
             said.append("")
             continue
-        low, high = scale * step[f"{name}_{kind}"].values
-        half = 0.5 * (high - low)
-        known = np.isfinite(half)
-        said.append(f"{round_by(low, half)} ... {round_by(high, half)}" if known else "unknown")
+        ends = scale * step[f"{name}_{kind}"].values
+        said.append(say_ends(scale * float(step[name]), ends, bound))
     return said
+
+
+def say_ends(value: float, ends: np.ndarray, bound: str = "") -> str:
+    """Write an interval about a value; in per cent where its ends would have the same digits.
+
+    It is empty if nothing but rounding is wrong with the value, and has the ``bound`` at its end.
+    """
+    low, high = ends
+    half, size = 0.5 * (high - low), abs(value)
+    if not np.isfinite(half) or (bound and half <= ROUNDING * size):
+        return "unknown"
+    if half <= ROUNDING * size:
+        return ""
+    if half < (FOUR_DIGITS if bound else NEGLIGIBLE) * size:
+        return f"± {say_error(half / size)} %{bound}"
+    return f"{round_by(low, half)} ... {round_by(high, half)}{bound}"
 
 
 def _value(step: Dataset, name: str, scale: float) -> str:
     """Answer with the digits that the error of the mean law leaves."""
-    half = 0.0
+    half, value = 0.0, float(step[name])
     if f"{name}_mean_law" in step:
         half = 0.5 * float(np.ptp(step[f"{name}_mean_law"].values))
-    return round_by(scale * float(step[name]), scale * half)
+    if _bound(step, name) and half < FOUR_DIGITS * abs(value):
+        half = 0.0
+    return round_by(scale * value, scale * half)
 
 
 def say_error(total: float) -> str:
     """Total of an error budget in per cent, or that a term it must hold could not be computed."""
     if not np.isfinite(total):
         return "unknown"
+    if ROUNDING < total < NEGLIGIBLE:
+        return f"< {100.0 * NEGLIGIBLE:g}"
     return f"{100.0 * total:{'.0f' if total >= 1.0 else '.2g'}}" if total > ROUNDING else "0"
 
 
-def say_answer(step: Dataset, name: str, scale: float, unit: str) -> str:
-    """Say an answer with its unit and, in brackets, its intervals."""
-    intervals = say_intervals(_intervals(step, name, scale))
-    return f"{_value(step, name, scale)}{unit}{intervals}"
+def say_total(step: Dataset, name: str) -> str:
+    """Error of a quantity of a budget, per cent, as its interval if it has one.
+
+    It ends with the mark of a lower bound if a term is not known; without any known term it is
+    unknown.
+    """
+    known = known_error(step.sel(quantity=[name])).item()
+    bound = _bound(step, name)
+    if not known > ROUNDING:
+        return "unknown" if bound or np.isnan(known) else "0"
+    if f"{name}_one_part" in step:
+        return say_sides(float(step[name]), step[f"{name}_one_part"].values, bound)
+    return f"{say_error(known)}{bound}"
+
+
+def say_sides(value: float, ends: np.ndarray, bound: str = "") -> str:
+    """Error of a value, per cent, by its interval: its larger side, or both if they differ much.
+
+    They do if one is more than twice as long as the other, or than the value.
+
+    Examples
+    --------
+    >>> say_sides(20.0, np.array([19.0, 21.1])), say_sides(23.0, np.array([0.0, 24.0]))
+    ('5.5', '-100, +4.3')
+    """
+    sides = np.abs(np.asarray(ends) / value - 1.0)
+    if not sides.max() > min(2.0 * sides.min(), 1.0):
+        return f"{say_error(sides.max())}{bound}"
+    below, above = map(say_error, sides)
+    return f"-{below}, +{above}{bound}"
+
+
+def _bound(step: Dataset, name: str) -> str:
+    """Return the mark of a lower bound, if a term of the budget of an answer is not known."""
+    return LOWER_BOUND if _missing(step, name) else ""
+
+
+def _missing(step: Dataset, name: str) -> str:
+    """Names of the terms of the budget of an answer that are not known; empty without a budget.
+
+    An answer of a load, an interface or a cycle has those of any quantity.
+    """
+    if "error_half_width" not in step:
+        return ""
+    own = (name,) if name in step["quantity"].values else ()
+    return ", ".join(unknown_terms(step, *own))
+
+
+def say_answer(step: Dataset, name: str, scale: float, unit: str = "") -> str:
+    """Say an answer with its unit and, in brackets, its intervals, and what they lack."""
+    return f"{_value(step, name, scale)}{unit}{say_intervals(step, name, scale)}"
+
+
+def say_cell(step: Dataset, name: str, scale: float) -> str:
+    """Write an answer for a table, in brackets its intervals, with the mark of lower bounds."""
+    said = _join_intervals(_intervals(step, name, scale))
+    return f"{_value(step, name, scale)}{f' ({said})' if said else ''}"
+
+
+def say_intervals(step: Dataset, name: str, scale: float) -> str:
+    """Say both intervals of an answer, in brackets; nothing if there are none."""
+    intervals, missing = _intervals(step, name, scale), _missing(step, name)
+    said = _join_intervals(intervals)
+    if said and missing and set(intervals) == {"unknown"}:
+        said = f"error unknown: {missing}"
+    elif said and missing:
+        said = f"{said.replace(LOWER_BOUND, '')}; or wider, without {missing}, not known"
+    return f" ({said})" if said else ""
+
+
+def _join_intervals(intervals: Sequence[str]) -> str:
+    """Join both intervals of an answer, those that are alike once."""
+    kinds: dict[str, str] = {}
+    for name, one in zip(INTERVALS.values(), intervals, strict=True):
+        kind = name.removesuffix(", 95 %")
+        kinds[one] = f"{kinds[one]} and {kind}" if one in kinds else kind
+    return "; ".join(f"{kind} {one}" for one, kind in kinds.items() if one)
 
 
 def say_value(step: Dataset, name: str, unit: Unit) -> str:
@@ -218,8 +315,14 @@ def say_value(step: Dataset, name: str, unit: Unit) -> str:
 
 
 def say_beside(error: str) -> str:
-    """Write an error behind its answer; nothing if there is none."""
-    return {"": "", "0": "", "unknown": " ± an unknown error"}.get(error, f" ± {error} %")
+    """Write an error, as of :func:`say_total`, behind its answer; nothing if there is none."""
+    if error in {"", "0"}:
+        return ""
+    if error == "unknown":
+        return " ± an unknown error"
+    more = " or more" if error.endswith(LOWER_BOUND) else ""
+    number = error.removesuffix(LOWER_BOUND)
+    return f" {'' if number.startswith('-') else '± '}{number} %{more}"
 
 
 def padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
@@ -228,10 +331,10 @@ def padded(row: tuple[str, ...], head: Sequence[str]) -> tuple[str, ...]:
 
 
 def _error(step: Dataset, name: str) -> str:
-    """Total error of a quantity, per cent; empty if nothing was estimated."""
+    """Error of a quantity, per cent; empty if nothing was estimated."""
     if "error_total" not in step or name not in step["quantity"].values:
         return ""
-    return say_error(float(step["error_total"].sel(quantity=name)))
+    return say_total(step, name)
 
 
 def _part(step: Dataset, name: str, scale: float) -> str:
@@ -239,8 +342,12 @@ def _part(step: Dataset, name: str, scale: float) -> str:
     if name not in step:
         return ""
     error = _error(step, name)
-    said = {"": "", "0": "", "unknown": ", error unknown"}
-    return f"{_value(step, name, scale)}{said.get(error, f' ± {error} %')}"
+    if error in {"", "0"}:
+        return _value(step, name, scale)
+    if error == "unknown":
+        return f"{_value(step, name, scale)}, error unknown"
+    bound = LOWER_BOUND if error.endswith(LOWER_BOUND) else ""
+    return f"{_value(step, name, scale)}{say_beside(error.removesuffix(LOWER_BOUND))}{bound}"
 
 
 def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) -> Table:
@@ -253,12 +360,7 @@ def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) 
     ):
         half = 0.5 * unit.scale * np.ptp(ends, axis=1)
         least = float(np.nanmin(half)) if np.isfinite(half).any() else 0.0
-        said = (
-            " ... ".join(round_by(unit.scale * end, width) for end in pair)
-            if np.isfinite(width)
-            else "unknown"
-            for pair, width in zip(ends, half, strict=True)
-        )
+        said = (say_ends(unit.scale * value, unit.scale * np.array(pair)) for pair in ends)
         rows.append((f"{1e-6 * p:.4g}", round_by(unit.scale * value, least), *said))
     name = quantity.removeprefix("normal_").replace("_", " ")
     intervals = "mean law, 95 %", "next specimen, 95 %"
@@ -307,6 +409,13 @@ def list_facts(result: Dataset) -> list[str]:
     return str(result.attrs.get("facts", "")).splitlines()
 
 
+def list_missing(dataset: Dataset) -> list[str]:
+    """Name the terms that the errors of a law or a result lack; nothing without a budget."""
+    missing = ", ".join(unknown_terms(dataset)) if has_budget(dataset) else ""
+    told = "Terms of the error that are not known and not counted"
+    return [f"{told}: {missing}."] if missing else []
+
+
 def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
     """Say of each bolt what it carries where it is tightened last, and in the steps after that.
 
@@ -328,46 +437,57 @@ def tabulate_budget(result: Dataset, quantity: str | None = None) -> Table:
     """Head and rows of an error budget: half-widths in per cent of each term, and their total.
 
     They are of one quantity of the budget, the first if not given, at no more than
-    ``MOST_BUDGETS`` steps; the last column says what a term rests on.
+    ``MOST_BUDGETS`` steps; the last column says what a term rests on. Terms without a part in it
+    share a row.
     """
-    one = estimated_steps(result, quantity or str(result["quantity"].values[0]))
-    some = np.unique(np.linspace(0, one.sizes["step"] - 1, MOST_BUDGETS).round().astype(int))
-    one = one.isel(step=some[some >= 0])
+    name = quantity or str(result["quantity"].values[0])
+    steps = estimated_steps(result, name)
+    some = np.unique(np.linspace(0, steps.size - 1, MOST_BUDGETS).round().astype(int))
+    shown = result.isel(step=steps[some[some >= 0]])
+    one = shown.sel(quantity=name)
     half = total_error(one["error_bias"].values, one["error_half_width"].values)
-
-    def say(half: float, absent: str) -> str:
-        if 0.0 < half < NEGLIGIBLE:
-            return f"< {100.0 * NEGLIGIBLE:g}"
-        return absent if np.isnan(half) else say_error(half)
-
-    rows = []
+    missing = unknown_terms(result, name)
+    rows: list[tuple[str, ...]] = []
+    nothing: list[str] = []
     for term, values in zip(map(str, one["error_term"].values), half, strict=True):
         how = str(result.attrs[how_attribute(term)])
-        absent = "-" if how.startswith("not in a law") else "unknown"
-        said = (say(value, absent) for value in values)
-        rows.append((term, *said, how))
-    total = (say_error(value) for value in one["error_total"].values)
-    beside = f"without what is not known: {unknown}" if (unknown := result.attrs["unknown"]) else ""
-    rows.append(("total", *total, f"terms add as squares; {beside}".removesuffix("; ")))
-    return ("error (%) at", *step_labels(one, unit=" MPa"), "rests on"), rows
+        if term not in missing and (how.startswith("not in a law") or np.all(values <= ROUNDING)):
+            nothing.append(term)
+        else:
+            rows.append((term, *map(say_error, values), how))
+    if nothing:
+        rows.append(("all others", *("0" for _ in half[0]), f"no part in it: {', '.join(nothing)}"))
+    beside = f"; lower bounds, without what is not known: {', '.join(missing)}" if missing else ""
+    each = [shown.isel(step=k) for k in range(shown.sizes["step"])]
+    total = [say_total(step.drop_vars(f"{name}_one_part", errors="ignore"), name) for step in each]
+    rows.append(("total", *total, f"terms add as squares{beside}"))
+    if f"{name}_one_part" in shown and shown[name].dims == ("step",):
+        ends = [say_total(step, name) for step in each]
+        if ends != total:
+            why = "ends of the interval, where the answer does not follow its error in proportion"
+            rows.append(("interval", *ends, why))
+    return ("error (%) at", *step_labels(shown, unit=" MPa"), "rests on"), rows
 
 
 def tabulate_sensitivity(result: Dataset) -> Table:
     """Head and rows of relative changes of answers, in per cent, if parameters are larger.
 
-    Each parameter is larger by its half-width; steps are as of :func:`tabulate_budget`.
+    Each parameter is larger by its half-width; steps are as of :func:`tabulate_budget`. Answers
+    that a parameter does not change have no row.
     """
     known = np.flatnonzero(result["sensitivity"].notnull().any(("parameter", "quantity")))
     some = known[np.unique(np.linspace(0, known.size - 1, MOST_BUDGETS).round().astype(int))]
     one = result.isel(step=some)
+    changes = one["sensitivity"].to_numpy()
     rows = [
         (
             parameter,
             quantity,
-            *(f"{100.0 * float(change):+.3g}" for change in one["sensitivity"].values[k, i]),
+            *("0" if abs(x) <= ROUNDING else f"{100.0 * x:+.3g}" for x in changes[k, i]),
         )
         for k, parameter in enumerate(map(str, one["parameter"].values))
         for i, quantity in enumerate(map(str, one["quantity"].values))
+        if np.any(np.abs(changes[k, i]) > ROUNDING)
     ]
     return ("larger parameter", "change (%) of", *step_labels(one, unit=" MPa")), rows
 
@@ -404,14 +524,15 @@ def list_cycles(result: Dataset) -> list[str]:
     told = []
     for k, loss in enumerate(result["cycle_energy"].values):
         one = result.isel(cycle=k)
-        intervals = _intervals(one, "cycle_energy", 1e3) if k + 1 == last["cycle"] else ()
-        lost = f"{_value(one, 'cycle_energy', 1e3)} mJ lost{say_intervals(intervals)}"
+        at_end = k + 1 == last["cycle"]
+        intervals = say_intervals(one, "cycle_energy", 1e3) if at_end else ""
+        lost = f"{_value(one, 'cycle_energy', 1e3)} mJ lost{intervals}"
         told.append(f"cycle {k}: {missing if np.isnan(loss) else lost}")
     end = result.isel(step=-1)
     if "slipping_load" in result and not np.isnan(end["slipping_load"]):
         told.append(
             f"At the amplitude, {_value(end, 'slipping_load', 100.0)} % of the contact force is at "
-            f"sliding{say_intervals(_intervals(end, 'slipping_load', 100.0))}, on "
+            f"sliding{say_intervals(end, 'slipping_load', 100.0)}, on "
             f"{100.0 * float(end['slip_fraction']):.3g} % of the nominal area"
         )
     return told

@@ -31,6 +31,7 @@ from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
 from multiscale.schema import SWEEP, Dataset
+from multiscale.upscaling.budget import has_budget, unknown_terms
 
 __all__ = ["Sweep", "load_sweep", "run_sweep"]
 
@@ -282,7 +283,9 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
     names = [name for one in answers for kind in kinds if (name := f"{one}{kind}") in values]
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
-    return Point(answers, values[names].reset_coords(drop=True).to_dict()["data_vars"], caution)
+    kept_values = values[names].reset_coords(drop=True).to_dict()["data_vars"]
+    missing = ", ".join(unknown_terms(found[answering])) if has_budget(found[answering]) else ""
+    return Point(answers, kept_values, caution, missing=missing)
 
 
 def _answering(case: AnyCase) -> Stage:
@@ -297,7 +300,7 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
     answers: dict[str, StageAnswer] = {}
     kinds: dict[str, tuple[list[str], dict[str, Any]]] = {}
     shapes: dict[str, np.ndarray] = {}
-    failures, cautions = [], []
+    failures, cautions, missing = [], [], []
     for k, name in enumerate(names):
         point = store.read(name)
         if not answers.keys() >= set(point.answers):
@@ -307,6 +310,7 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
             shapes[own] = np.maximum(shapes.get(own, 0), np.shape(one["data"]))
         failures.append(intern(point.failure))
         cautions.append(intern(point.caution))
+        missing.append(intern(point.missing))
     if all(failures):
         raise MultiscaleError(
             f"none of the {len(names)} points of the sweep has a result; at {sweep.name(0)}: "
@@ -338,6 +342,7 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
             "folder": [f"points/{name}" for name in names],
             "failure": np.array(failures, dtype=object),
             "caution": np.array(cautions, dtype=object),
+            "missing_terms": np.array(missing, dtype=object),
             "answer_place": place,
         },
         title=sweep.title,

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from multiscale.pipeline.rows import Table, padded, round_by, say_beside, say_error
+from multiscale.pipeline.rows import (
+    LOWER_BOUND,
+    Table,
+    padded,
+    round_by,
+    say_beside,
+    say_ends,
+    say_sides,
+)
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
@@ -125,7 +133,16 @@ def _shown(result: Dataset) -> tuple[Dataset, list[str]]:
 
 def _lines(result: Dataset) -> list[str]:
     few, more = _shown(result)
-    return [*format_table(few.attrs["title"], *tabulate_sweep(few)), *more]
+    table = format_table(few.attrs["title"], *tabulate_sweep(few))
+    return [*table, *more, *_list_missing(result)]
+
+
+def _list_missing(result: Dataset) -> list[str]:
+    """Name the terms of the error that the intervals of any point lack."""
+    told = map(str, result["missing_terms"].values) if "missing_terms" in result else ()
+    missing = ", ".join(dict.fromkeys(name for one in told if one for name in one.split(", ")))
+    beside = f"Where intervals end with '{LOWER_BOUND.strip()}' they lack what is not known"
+    return [f"{beside}: {missing}."] if missing else []
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -142,6 +159,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
         "figures a bar, and lighter the interval of one part.",
         *more,
+        *_list_missing(result),
     ]
     head, rows = tabulate_sweep(result)
     numbered = [(str(number), *row) for number, row in enumerate(rows, start=1)]
@@ -151,8 +169,9 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     head, rows = _tabulate_steps(result)
     if rows:
         told = [
-            "Behind an answer stands its error, half of the 95 % interval of one part, or of the "
-            "mean law where there is no other; or the interval, where its half is not smaller."
+            "Behind an answer stands its error, the larger side of the 95 % interval of one part, "
+            "or of the mean law where there is no other; or both sides where they differ much, or "
+            "the interval where its half is not smaller than the answer."
         ]
         yield Section("All steps", told, head, rows)
 
@@ -206,10 +225,11 @@ def _with_error(point: Dataset, name: str, step: int) -> str:
     for kind in ("one_part", "mean_law"):
         if f"{name}_{kind}" in point:
             low, high = scale * point[f"{name}_{kind}"].values[:, step]
-            half, size = 0.5 * (high - low), abs(scale * value)
+            half, size, bound = 0.5 * (high - low), abs(scale * value), _bounds(point).item()
             if half >= size:  # of an answer that may be zero, such as a leak rate
-                return f"{scale * value:.3g} ({low:.2g} ... {high:.2g})"
-            return f"{round_by(scale * value, half)}{say_beside(say_error(half / size))}"
+                return f"{scale * value:.3g} ({low:.2g} ... {high:.2g}){bound}"
+            error = say_sides(scale * value, np.array([low, high]), bound)
+            return f"{round_by(scale * value, half)}{say_beside(error)}"
     return f"{scale * value:.4g}"
 
 
@@ -217,16 +237,23 @@ def _column(result: Dataset, name: str) -> list[str]:
     """Write an answer of a sweep at all points, with the interval of the mean law if it has one."""
     ends, scale = sweep_ends(result, name), float(result["answer_scale"].sel(answer=name))
     told = []
-    for value, (low, high) in zip(ends["value"].values, ends["mean_law"].values, strict=True):
-        half = 0.5 * scale * (high - low)
+    for value, limits, bound in zip(
+        scale * ends["value"].values, scale * ends["mean_law"].values, _bounds(result), strict=True
+    ):
         if np.isnan(value):
             told.append("unknown")
-        elif half > 0.0:
-            band = f"{round_by(scale * low, half)} ... {round_by(scale * high, half)}"
-            told.append(f"{round_by(scale * value, half)} ({band})")
-        else:
-            told.append(f"{scale * value:.4g}")
+            continue
+        half = 0.5 * float(np.ptp(limits))
+        band = say_ends(value, limits, bound) if np.isfinite(half) else ""
+        told.append(f"{round_by(value, half)}{f' ({band})' if band else ''}")
     return told
+
+
+def _bounds(result: Dataset) -> np.ndarray:
+    """Return the mark of lower bounds at every point of a sweep where a term is not known."""
+    if "missing_terms" not in result:
+        return np.full(result["failure"].shape, "")
+    return np.where(result["missing_terms"].values != "", LOWER_BOUND, "")
 
 
 POINTS = Shown(

@@ -6,7 +6,8 @@ import numpy as np
 
 from multiscale.plotting.figure import Axes, axes_or_current
 from multiscale.schema import Dataset
-from multiscale.upscaling.budget import total_error
+from multiscale.units import length_unit
+from multiscale.upscaling.budget import ALWAYS, known_error, total_error, unknown_terms
 
 __all__ = ["estimated_steps", "plot_error_budget", "step_labels"]
 
@@ -27,10 +28,10 @@ def plot_error_budget(
 ) -> Axes:
     """Draw the half-width of the 95 % interval of each step as a bar, stacked by its terms.
 
-    The height of a filled bar is the total. As terms add as squares, each term has its share of
-    the sum of the squares. Terms that are not known stand hatched on top of every bar, with a
-    question mark: their height means nothing. A total with an unknown term has no bar but the word
-    unknown.
+    The height of a filled bar is the total of the known terms. As terms add as squares, each term
+    has its share of the sum of the squares. Terms that are not known stand hatched on top of every
+    bar, with a question mark: their height means nothing. A step without any known term has no
+    bar but the word unknown.
 
     Parameters
     ----------
@@ -41,10 +42,11 @@ def plot_error_budget(
     """
     ax = axes_or_current(ax)
     chosen = str(budget["quantity"].values[0]) if quantity is None else quantity
-    one = estimated_steps(budget, chosen)
+    one = budget.sel(quantity=chosen).isel(step=estimated_steps(budget, chosen))
     half = 100.0 * total_error(one["error_bias"].values, one["error_half_width"].values)
-    known = np.isfinite(one["error_total"].values)
-    total = np.where(known, 100.0 * one["error_total"].values, 0.0)
+    error = known_error(one.expand_dims("quantity"))[0]
+    known = np.isfinite(error)
+    total = np.where(known, 100.0 * error, 0.0)
     share = np.nan_to_num(half**2) / np.maximum(np.nansum(half**2, axis=0), 1e-300)
     at, bottom = np.arange(total.size), np.zeros(total.size)
     for k, term in enumerate(one["error_term"].values):
@@ -52,7 +54,7 @@ def plot_error_budget(
             continue
         ax.bar(at, share[k] * total, 0.7, bottom=bottom, color=COLOURS[k], label=str(term))
         bottom = bottom + share[k] * total
-    top, unknown = total.max(initial=0.0), str(budget.attrs.get("unknown", ""))
+    top, unknown = total.max(initial=0.0), ", ".join(unknown_terms(budget, chosen))
     above = UNKNOWN * (top or 1.0) if unknown else 0.0
     if unknown:
         style: dict[str, Any] = {
@@ -78,15 +80,27 @@ def plot_error_budget(
     return ax
 
 
-def estimated_steps(budget: Dataset, quantity: str) -> Dataset:
-    """Return the budget of a quantity at the steps where any term was estimated."""
-    one = budget.sel(quantity=quantity)
-    return one.isel(step=np.flatnonzero(one["error_half_width"].notnull().any("error_term")))
+def estimated_steps(budget: Dataset, quantity: str) -> np.ndarray:
+    """Return the steps at which any term of the budget of a quantity was estimated.
+
+    Terms without a part in an answer are zero also where it is none.
+    """
+    half = budget["error_half_width"].sel(quantity=quantity).values
+    always = np.isin(budget["error_term"], ALWAYS)[:, None]
+    return np.flatnonzero(((half > 0.0) | (np.isfinite(half) & always)).any(axis=0))
 
 
 def step_labels(budget: Dataset, *, unit: str = "") -> list[str]:
-    """Pressures of the steps, MPa, from the first of three variables; else numbers of the steps."""
+    """Return the pressure of each step, MPa, its amplitude, or its number on a path."""
     for name in PRESSURES:
         if name in budget.variables:
             return [f"{1e-6 * value:.3g}{unit}" for value in budget[name].values]
-    return [f"step {step}" for step in budget["step"].values]
+    if "largest_displacement" in budget:  # of a mode that vibrates
+        along = length_unit(budget["largest_displacement"].values[-1:])
+        modes, sizes = budget["step_mode"].values, along.scale * budget["largest_displacement"]
+        which = [f"mode {mode}, " for mode in modes] if len(set(modes)) > 1 else [""] * len(modes)
+        return [
+            f"{mode}{size:.3g} {along.name}" for mode, size in zip(which, sizes.values, strict=True)
+        ]
+    on_path = budget["path_step"].values if "path_step" in budget else budget["step"].values
+    return ["last cycle" if step < 0 else f"step {step}" for step in on_path]

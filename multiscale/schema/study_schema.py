@@ -138,6 +138,11 @@ SWEEP = Schema(
             ("point", "answer"), "1", "place of an answer along its steps or cycles at their end"
         ),
     },
+    optional={
+        "missing_terms": _point(
+            "1", "terms of the error that are not known: the intervals are lower bounds"
+        ),
+    },
     news="the answers of every kind of case",
 )
 """Every answer is a variable of its own name, along the points and its steps or cycles, with its

@@ -34,8 +34,10 @@ __all__ = [
     "error_budget",
     "has_budget",
     "how_attribute",
+    "known_error",
     "mean_law_error",
     "total_error",
+    "unknown_terms",
     "with_budget",
 ]
 
@@ -207,16 +209,47 @@ def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Total of a budget without what one part has by its few cells: the error of the mean part.
+    """Known total of a budget without what one part has by its few cells: error of the mean part.
 
-    It is relative to the value, shape (quantities, steps); NaN where the total, which is the error
-    of one part, is not known.
+    It is as of :func:`known_error`, shape (quantities, steps).
     """
-    half, bias = (budget[name].to_numpy().copy() for name in ("error_half_width", "error_bias"))
-    few = budget["error_term"].to_numpy() == FEW_CELLS
-    half[:, few] = bias[:, few] = 0.0
-    error = add_terms(half, bias, np.isfinite(half).any(axis=(0, 2)))
-    return np.where(np.isfinite(budget["error_total"]), error, np.nan)
+    return known_error(budget, FEW_CELLS)
+
+
+def known_error(budget: Dataset, *without: str) -> np.ndarray:
+    """Total of the terms that are known, but for those that are left out.
+
+    It is a lower bound of the error where :func:`unknown_terms` names any, relative to the value,
+    shape (quantities, steps); NaN where no term is known, or those that are have no part in it.
+    """
+    counted = budget["error_half_width"].notnull() & ~budget["error_term"].isin(without)
+    half, bias = (budget[name].where(counted) for name in ("error_half_width", "error_bias"))
+    spread = (half**2).sum("error_term") ** 0.5
+    error = total_error(bias.sum("error_term").values, spread.values)
+    lacking = budget["error_total"].isnull().values & (error == 0.0)
+    return np.where(counted.any("error_term").values & ~lacking, error, np.nan)
+
+
+def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
+    """Terms that totals of a budget, or of some of its quantities, hold not or not at every step.
+
+    Steps at which none of :data:`ALWAYS` was estimated do not count, and terms of a law do not for
+    an answer on which the known terms of the law have no influence.
+    """
+    names, terms = (list(map(str, budget[name].values)) for name in ("quantity", "error_term"))
+    half = np.reshape(budget["error_half_width"].values, (len(names), len(terms), -1))
+    asked = [names.index(name) for name in quantities] if quantities else range(len(names))
+    of_law = ~np.isin(terms, [STATED, ERROR_TERMS[-1]])
+    said = [str(budget.attrs.get(how_attribute(term), "")) for term in terms]
+    told = np.array([not how.startswith("not in a law") for how in said])
+    told |= np.isfinite(half).any(axis=(0, 2))  # of another answer
+    missing = np.zeros(len(terms), dtype=bool)
+    always = np.isin(terms, ALWAYS)
+    for one in (half[k][:, np.isfinite(half[k][always]).any(axis=0)] for k in asked):
+        passed = one[of_law & np.isfinite(one).any(axis=1)]
+        counts = told & ~(of_law & (passed.size > 0 and not np.nan_to_num(passed).any()))
+        missing |= counts & np.isnan(one).any(axis=1)
+    return [term for term, is_missing in zip(terms, missing, strict=True) if is_missing]
 
 
 def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:

@@ -16,6 +16,7 @@ from multiscale.upscaling.budget import (
     assemble_budget,
     has_budget,
     how_attribute,
+    known_error,
     mean_law_error,
 )
 from multiscale.upscaling.budget_terms import FEW_CELLS, Term, scatter_term, separation_term
@@ -184,7 +185,8 @@ def with_intervals(
     """Return a result of a structure with the 95 % intervals of all answers of its budget.
 
     ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
-    lies, whose interface holds only so many cells. Of answers for each cycle the last one has
+    lies, whose interface holds only so many cells; where a term of the budget is not known they
+    have the others, and are lower bounds. Of answers for each cycle the last one has
     intervals, which the budget has at the last step. No answer lies below zero, and no joint is
     stiffer than its bodies: its ``uncertain_part``, in series with them, has the error. ``along``
     names variable and place of answers that are one of several loads or interfaces.
@@ -208,8 +210,13 @@ def with_intervals(
 
 
 def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
-    """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps)."""
-    return {"mean_law": mean_law_error(budget), "one_part": budget["error_total"].to_numpy()}
+    """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps).
+
+    Where a term is not known, they have the others: lower bounds.
+    """
+    total = budget["error_total"].to_numpy()
+    one_part = np.where(np.isfinite(total), total, known_error(budget))
+    return {"mean_law": mean_law_error(budget), "one_part": one_part}
 
 
 def limits(value: np.ndarray, error: np.ndarray, share: "np.ndarray | float" = 1.0) -> np.ndarray:

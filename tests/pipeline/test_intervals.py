@@ -168,7 +168,7 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
     ends = 1e-12 * joint["joint_stiffness_mean_law"].values[:, 1]
     half = 0.5 * np.ptp(ends)
     said = " ... ".join(round_by(end, half) for end in ends)
-    assert row["mean law, 95 %"] == said
+    assert row["mean law, 95 %"] == f"{said} + ?"  # scenes compare no cells of other sizes
     assert row["joint stiffness (MPa/µm)"] == round_by(1e-12 * joint["joint_stiffness"][1], half)
     assert " ± " in row["tangential, no slip (MPa/µm)"]
     assert " ± " in row["real pressure (MPa)"]
@@ -252,10 +252,12 @@ def test_the_loss_is_as_sure_as_the_cycles_of_the_cells(joint, tmp_path):
 
     save_law(law, tmp_path / "law.nc")  # of cells that were not cycled
     found = run_macro(load_case(write_scene(tmp_path, SCENE)), tmp_path / "out.nc")
-    assert np.isnan(found["cycle_energy_mean_law"].values).all()
+    assert found["error_total"].sel(quantity="cycle_energy").isnull().all()
+    less = np.ptp(found["cycle_energy_mean_law"].values[:, -1])  # a lower bound
+    assert 0.0 < less < np.ptp(joint["cycle_energy_mean_law"].values[:, -1])
     assert np.isfinite(found["slipping_load_mean_law"].values[:, -1]).all()
     assert "error of the loss of a cycle is not known" in found.attrs["cautions"]
-    assert "J lost (mean law and one part unknown)" in list_cycles(found)[0]
+    assert re.search(r"J lost \(mean .* or wider, without .*friction bed", list_cycles(found)[0])
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import matplotlib as mpl
 import numpy as np
 import pytest
+import xarray as xr
 
 from multiscale.plotting import plot_error_budget
 from multiscale.plotting.budget_figures import step_labels
@@ -46,12 +47,15 @@ def test_bars_stack_up_to_the_total(axes, carried):
     assert ax.get_xticklabels()[0].get_text() == "5"
 
 
-def test_a_total_that_lacks_a_term_is_hatched_under_the_word_unknown(axes):
+def test_a_total_that_lacks_a_term_is_as_high_as_the_known_terms(axes):
+    """One realisation knows nothing of the sampling."""
     response = response_of(exponential_gaps(1))
-    ax = plot_error_budget(error_budget(response, fit_law(response)), ax=axes)
-    assert [text.get_text() for text in ax.texts] == 8 * ["unknown"]
-    assert max(bar.get_height() for bar in ax.patches if not bar.get_hatch()) == 0.0
-    assert max(bar.get_height() for bar in ax.patches if bar.get_hatch()) > 0.0
+    budget = error_budget(response, fit_law(response))
+    ax = plot_error_budget(budget, ax=axes)
+    known = 100.0 * budget["error_half_width"].sel(quantity="mean_gap", error_term="fit").values
+    assert budget["error_total"].isnull().all()
+    assert [text.get_text() for text in ax.texts] == [f"{value:.2g} + ?" for value in known]
+    assert ax.get_legend().get_texts()[-1].get_text().startswith("not known: sampling, ")
 
 
 def test_steps_of_loads_have_numbers_and_no_pressure():
@@ -60,3 +64,16 @@ def test_steps_of_loads_have_numbers_and_no_pressure():
     assert step_labels(pressed, unit=" MPa")[0].endswith(" MPa")
     loaded = pressed[["error_half_width"]].reset_coords(drop=True).assign_coords(step=range(8))
     assert step_labels(loaded, unit=" MPa")[:2] == ["step 0", "step 1"]
+
+
+def test_steps_of_a_vibration_have_their_amplitudes():
+    sizes = {"largest_displacement": ("step", [2e-7, 1e-6]), "step_mode": ("step", [1, 1])}
+    one = xr.Dataset(sizes)
+    assert step_labels(one) == ["0.2 µm", "1 µm"]
+    two = one.assign(step_mode=("step", [1, 2]))
+    assert step_labels(two) == ["mode 1, 0.2 µm", "mode 2, 1 µm"]
+
+
+def test_steps_of_a_path_have_its_numbers():
+    path = xr.Dataset({"path_step": ("step", [0, 1, -1])}).assign_coords(step=[3, 6, 9])
+    assert step_labels(path) == ["step 0", "step 1", "last cycle"]

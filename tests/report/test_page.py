@@ -59,7 +59,7 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert "multiscale 0" in page.split("Work and provenance</h2>")[1]
     assert "numpy" in page.split("Work and provenance</h2>")[1]
     assert "(from 2 MPa to 240 MPa)" in page
-    assert re.search(r"<td>[\d.]+ \.\.\. [\d.]+</td>", page)  # an interval
+    assert re.search(r"<td>[\d.]+ \.\.\. [\d.]+ \+ \?</td>", page)  # an interval
     assert re.findall(r"<td>micro.unload</td><td>false</td>", page)
 
 
@@ -106,7 +106,7 @@ def test_the_answer_shows_the_interface_the_bodies_and_that_it_is_elastic(page):
     assert re.match(r"At a preload of 40 MPa the joint has a stiffness of [\d.]+ MPa/µm ± ", first)
     assert re.search(r"[\d.]+ % of its area touches, under a mean pressure of [\d.]+ MPa ± ", first)
     assert re.search(
-        r"interface alone has [\d.]+ MPa/µm ± [\d.]+ %, the bodies 21 MPa/µm\.", answer
+        r"interface alone has [\d.]+ MPa/µm ± [\d.]+ % or more, the bodies 21 MPa/µm\.", answer
     )
     assert "The answer is elastic: no body has a hardness, and nothing flows." in answer
     assert "A cell of 0.8 mm is 0.08 of the edge of the interface, 10 mm." in page
@@ -145,6 +145,6 @@ def test_the_page_of_a_sweep_has_a_row_for_each_point_and_says_which_failed(run_
     assert link.startswith("points/points-64-64-")
     steps = page.split("All steps</h2>")[1]
     assert steps.count("<td>[64, 64]</td>") == 6  # preloads
-    assert re.search(r"<td>40</td><td>18\.\d+ ± 1\.\d+ %</td>", steps)
+    assert re.search(r"<td>40</td><td>18\.\d+ ± 1\.\d+ % or more</td>", steps)
     assert 'alt="sweep joint stiffness"' in page
     assert "multiscale 0" in page.split("Work and provenance</h2>")[1]

@@ -3,9 +3,24 @@
 import numpy as np
 import pytest
 
-from multiscale.pipeline.rows import list_cycles, say_error, tabulate
+from multiscale.pipeline.rows import (
+    list_cycles,
+    round_by,
+    say_answer,
+    say_ends,
+    say_error,
+    say_sides,
+    say_value,
+    tabulate,
+    tabulate_budget,
+    tabulate_sensitivity,
+)
 from multiscale.pipeline.stages.braking import braking_answer
 from multiscale.schema import MACRO_RESULT
+from multiscale.units import Unit
+from multiscale.upscaling import with_budget, with_intervals
+from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, assemble_budget
+from multiscale.upscaling.budget_terms import Term
 
 
 def test_a_total_is_a_percentage_or_unknown():
@@ -52,3 +67,99 @@ def test_the_answer_of_a_tread_block_says_so(total, said):
 def test_a_cycle_without_a_loss_says_why(converged, said):
     result = joint(0.01).assign(converged=("step", [converged]), cycle_energy=("cycle", [np.nan]))
     assert list_cycles(result) == [f"cycle 0: {said}"]
+
+
+MPA = Unit("MPa/µm", 1e-12)
+
+
+def budgeted(half_widths, uncertain=1.0):
+    """A joint of 23 MPa/µm, of whose compliance the interface has a share, with some terms."""
+    known = dict.fromkeys(ALWAYS, 0.0) | half_widths
+    terms = {
+        term: Term(
+            "as measured" if known.get(term, 0.0) is not None else "not known: measure it",
+            None if known.get(term) is None else np.full((2, 1), known[term]),
+        )
+        for term in ERROR_TERMS
+    }
+    for term in set(ERROR_TERMS) - known.keys():
+        terms[term] = Term("not in a law")
+    names = ("interface_stiffness", "joint_stiffness")
+    budget = assemble_budget(terms, names, None, steps=1)
+    half = budget["error_half_width"].copy()
+    half[1] *= uncertain
+    total = budget["error_total"].copy()
+    total[1] *= uncertain
+    result = joint(0.0).drop_dims(["quantity", "error_term"])
+    stiffness = {"joint_stiffness": 23e12, "interface_stiffness": 23e12 / uncertain}
+    result = MACRO_RESULT.assign(result, {name: [value] for name, value in stiffness.items()})
+    budget = budget.assign(error_half_width=half, error_total=total)
+    return with_intervals(with_budget(result, budget))
+
+
+def test_the_error_follows_an_interval_that_ends_at_zero():
+    """An interface that may carry nothing, in series with stiff bodies: 23, 0 ... 24."""
+    result = budgeted({"sampling": 1.36}, uncertain=0.05)
+    head, rows = tabulate(result)
+    row = dict(zip(head, rows[0], strict=True))
+    assert row["one part, 95 %"] == "0 ... 24"
+    assert row["error (%)"] == "-100, +3"
+    assert row["interface (MPa/µm)"] == "460 -100, +136 %"
+    assert say_value(result.isel(step=0), "joint_stiffness", MPA) == "23 MPa/µm -100, +3 %"
+    said = {line[0]: line[1] for line in tabulate_budget(result, "joint_stiffness")[1]}
+    assert (said["total"], said["interval"]) == ("6.8", "-100, +3")
+
+
+def test_the_error_is_the_larger_side_of_an_interval_about_as_wide_on_both():
+    assert say_sides(100.0, np.array([94.0, 105.0])) == "6"
+    assert say_sides(100.0, np.array([97.9, 105.0])) == "-2.1, +5"
+
+
+@pytest.mark.parametrize("missing", ["sampling", "cell size"])
+def test_known_terms_are_a_lower_bound_beside_the_name_of_the_unknown_term(missing):
+    """Whether the total must hold the term or not."""
+    result = budgeted({"fit": 0.03, "increments": 0.04, missing: None})
+    step, (head, rows) = result.isel(step=0), tabulate(result)
+    row = dict(zip(head, rows[0], strict=True))
+    assert row["error (%)"] == "5 + ?"
+    assert row["one part, 95 %"] == "21.8 ... 24.1 + ?"
+    assert row["interface (MPa/µm)"] == "23.0 ± 5 % + ?"
+    assert say_value(step, "joint_stiffness", MPA) == "23.0 MPa/µm ± 5 % or more"
+    assert say_answer(step, "joint_stiffness", 1e-12) == (
+        f"23.0 (mean law and one part 21.8 ... 24.1; or wider, without {missing}, not known)"
+    )
+    *_, total = tabulate_budget(result)[1]
+    assert total[:2] == ("total", "5 + ?")
+    assert total[-1].endswith(f"lower bounds, without what is not known: {missing}")
+
+
+def test_an_answer_without_any_known_term_has_no_number_for_its_error():
+    result = budgeted({"macro discretisation": None})
+    step, (head, rows) = result.isel(step=0), tabulate(result)
+    assert dict(zip(head, rows[0], strict=True))["error (%)"] == "unknown"
+    said = say_answer(step, "joint_stiffness", 1e-12)
+    assert said == "23 (error unknown: macro discretisation)"
+
+
+def test_digits_do_not_exceed_the_error():
+    bound = " + ?"
+    assert say_ends(445.9496, np.array([445.9462, 445.9529])) == "± < 0.001 %"
+    assert say_ends(445.9496, np.array([445.85, 446.05]), bound) == "± 0.022 % + ?"
+    assert say_ends(445.9496, np.array([441.0, 451.0])) == "441 ... 451"
+    assert say_ends(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16])) == ""
+    assert say_ends(0.3431, 0.3431 + np.array([-3.3e-16, 3.3e-16]), bound) == "unknown"
+    assert round_by(445.9496, 0.0034) == "445.9"
+    unsure = budgeted({"fit": 1e-4, "macro discretisation": None}).isel(step=0)
+    assert say_value(unsure, "joint_stiffness", MPA) == "23 MPa/µm ± 0.01 % or more"
+
+
+def test_rows_without_a_part_in_the_budget_share_a_row():
+    rows = tabulate_budget(budgeted({"fit": 0.03, "cell size": None}))[1]
+    assert [row[0] for row in rows] == ["fit", "cell size", "all others", "total"]
+    assert rows[2][-1].startswith("no part in it: sampling, micro discretisation, increments")
+
+
+def test_parameters_that_change_nothing_have_no_row():
+    changes = {"sensitivity": (("parameter", "quantity", "step"), [[[0.02]], [[4e-14]]])}
+    result = joint(0.01).assign(changes).assign_coords(parameter=["first", "second"])
+    assert [row[0] for row in tabulate_sensitivity(result)[1]] == ["first"]

@@ -43,8 +43,8 @@ from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions
-from multiscale.upscaling import Dependence, shear_errors, structure_budget
-from multiscale.upscaling.budget import has_budget, mean_law_error
+from multiscale.upscaling import Dependence, interval_errors, shear_errors, structure_budget
+from multiscale.upscaling.budget import ERROR_TERMS, has_budget, unknown_terms
 from multiscale.upscaling.budget_terms import NORMAL
 from multiscale.upscaling.structure_errors import STRETCH
 
@@ -81,6 +81,11 @@ NO_VOLUME_ERRORS = (
 NO_LAW_BUDGET = (
     "the intervals of the life do not count the error of the law of interface {number}, which is "
     "not known: take the law of a run"
+)
+
+LACKS = (
+    "the intervals of the life are lower bounds, without terms of the error of the law of joints "
+    "{joints} that are not known: {terms}"
 )
 
 
@@ -289,8 +294,11 @@ def _law_errors(
             ],
             changed=lives,
         )
-        squares["mean_law"] += float(mean_law_error(budget)[0, 0]) ** 2
-        squares["one_part"] += float(budget["error_total"].to_numpy()[0, 0]) ** 2
+        for kind, error in interval_errors(budget).items():
+            squares[kind] += float(error[0, 0]) ** 2
+        # the mesh has its own part in the life
+        if missing := [term for term in unknown_terms(budget) if term != ERROR_TERMS[-1]]:
+            cautions.append(LACKS.format(joints=one.joints, terms=", ".join(missing)))
     errors = {kind: float(np.sqrt(square)) for kind, square in squares.items()}
     return errors, places, cautions
 

@@ -12,7 +12,14 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import load_shares, with_load_shares
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table, list_facts, say_beside, say_error, tabulate_budget
+from multiscale.pipeline.rows import (
+    Table,
+    list_facts,
+    list_missing,
+    say_beside,
+    say_total,
+    tabulate_budget,
+)
 from multiscale.pipeline.stage import (
     Datasets,
     Section,
@@ -210,14 +217,14 @@ def braking_answer(result: Dataset) -> list[str]:
             lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known.")
             continue
         best = _hardest(result.isel(step=at))
-        error = say_beside(say_error(float(best["error_total"].squeeze())))
+        error = say_beside(say_total(best, str(best["quantity"].values[0])))
         lines.append(
             f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
             f"{float(best['braking_force']):.4g} N{error}, "
             f"{float(best['braking_coefficient']):.3g} of its load, at "
             f"{float(best['sliding_speed']):.3g} m/s."
         )
-    return lines
+    return [*lines, *list_missing(result)]
 
 
 def _hardest(result: Dataset) -> Dataset:
@@ -244,7 +251,13 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
 
 def _tabulate(result: Dataset) -> Table:
     """Return head and rows of text for a tread block: each temperature at its speeds."""
-    head = ("temperature (°C)", "speed (m/s)", "braking force (N)", "95 % band", "force / load")
+    head = (
+        "temperature (°C)",
+        "speed (m/s)",
+        "braking force (N)",
+        "sampling, 95 %",
+        "force / load",
+    )
     rows: list[tuple[str, ...]] = []
     for k in range(result.sizes["step"]):
         step = result.isel(step=k)

@@ -11,7 +11,7 @@ from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour
-from multiscale.pipeline.rows import say_beside, say_error
+from multiscale.pipeline.rows import list_missing, say_beside, say_total
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
@@ -47,6 +47,7 @@ from multiscale.upscaling import (
     write_pressure_overclosure,
 )
 from multiscale.upscaling.bootstrap import half_range
+from multiscale.upscaling.budget import known_error
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
@@ -232,9 +233,9 @@ def _summary(law: Dataset) -> Summary:
         "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
         "contact_fraction": (f"{100.0 * touching:.3g} %", "the share of its area that touches"),
     }
-    total = law["error_total"].isel(step=middle)
+    step = law.isel(step=middle)
     told = [
-        f"{words} {value}{say_beside(say_error(float(total.sel(quantity=name))))}"
+        f"{words} {value}{say_beside(say_total(step, name))}"
         for name, (value, words) in values.items()
     ]
     question = (
@@ -250,12 +251,12 @@ def _summary(law: Dataset) -> Summary:
         )
     planned = str(law.attrs.get("plan", "")).splitlines()
     tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
-    said = [answer, *planned, *behaviour(law), *tight]
+    said = [answer, *list_missing(law), *planned, *behaviour(law), *tight]
     return Summary(question, said)
 
 
 def _compared(law: Dataset) -> Dataset:
-    """Return gap, stiffness and contact at the pressures of the cells, with their total errors."""
+    """Return gap, stiffness and contact at the pressures of the cells, with their known errors."""
     pressure, gap = law["fit_pressure"].to_numpy(), law["fit_mean_gap"].to_numpy()
     found = {
         "mean_gap": (gap, "m"),
@@ -264,7 +265,7 @@ def _compared(law: Dataset) -> Dataset:
     }
     values: dict[str, Any] = {}
     for name, (value, unit) in found.items():
-        half = value * law["error_total"].sel(quantity=name).to_numpy()
+        half = value * known_error(law.sel(quantity=[name]))[0]
         values[name] = ("step", value, {"units": unit})
         values[f"{name}_mean_law"] = (("limit", "step"), [value - half, value + half])
     for name, value in conductances(law, pressure).items():

@@ -19,6 +19,7 @@ from multiscale.pipeline.real_contact import behaviour, contact_dependence, real
 from multiscale.pipeline.rows import (
     joint_unit,
     list_facts,
+    list_missing,
     say_value,
     tabulate,
     tabulate_budget,
@@ -261,13 +262,8 @@ def _check(result: Dataset) -> None:
 def _lines(result: Dataset) -> Iterator[str]:
     yield from _decisions(result)
     yield from format_table(result.attrs["title"], *tabulate(result))
-    yield from _left_out(result)
+    yield from list_missing(result)
     yield from list_facts(result)
-
-
-def _left_out(result: Dataset) -> list[str]:
-    unknown = result.attrs.get("unknown", "")
-    return [f"Terms of the error that are not known and not counted: {unknown}."] if unknown else []
 
 
 def _decisions(result: Dataset) -> list[str]:
@@ -307,7 +303,7 @@ def _answer(result: Dataset) -> list[str]:
         f"{joint}{touching}.",
         f"The interface alone has {interface}, the bodies {bodies}.",
         *unloading,
-        *_left_out(result),
+        *list_missing(result),
         *list_facts(result)[:1],
     ]
 
@@ -339,10 +335,11 @@ def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
             figures={} if quantity in further else {"error_budget": drawn},
             notes=True,
         )
-    if "sensitivity" in result:
+    head, rows = tabulate_sensitivity(result) if "sensitivity" in result else ((), [])
+    if rows:
         told = "Relative changes of the answers, to first order, if a parameter is larger by the "
         told += "half-width of its 95 % interval, and all others stay as they are."
-        yield Section("Sensitivity", [told], *tabulate_sensitivity(result))
+        yield Section("Sensitivity", [told], head, rows)
 
 
 JOINT = Stage(

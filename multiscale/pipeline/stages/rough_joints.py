@@ -19,6 +19,7 @@ from multiscale.pipeline.rows import (
     joint_unit,
     list_bolts,
     list_facts,
+    list_missing,
     say_value,
     tabulate_cycles,
     tabulate_preloads,
@@ -143,6 +144,7 @@ def _answer(result: Dataset) -> list[str]:
         f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
         f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
         *_losses(result),
+        *list_missing(result),
     ]
 
 

@@ -19,7 +19,7 @@ from multiscale.pipeline.body_budget import Change, ErrorSources, changed_slider
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import with_cautions_of
-from multiscale.pipeline.rows import Table, padded, say_answer
+from multiscale.pipeline.rows import Table, padded, say_answer, say_cell
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -282,21 +282,14 @@ def _tabulate(result: Dataset) -> Table:
             continue
         slips = step.get("slipping_load")
         row += (
-            _hertz(step),
-            say_answer(step, "fall", 1.0, ""),
-            say_answer(step, "damping", 100.0, ""),
+            say_cell(step, "frequency", 1.0),
+            say_cell(step, "fall", 1.0),
+            say_cell(step, "damping", 100.0),
             "-" if slips is None else f"{100.0 * float(slips):.3g}",
             "yes" if int(step["opens"]) else "no",
         )
         rows.append(row)
     return head, rows
-
-
-def _hertz(step: Dataset) -> str:
-    """Say a frequency with its intervals, or in digits that show its fall."""
-    if "frequency_mean_law" in step:
-        return say_answer(step, "frequency", 1.0, "")
-    return f"{float(step['frequency']):.6g}"
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
@@ -327,7 +320,7 @@ def _answer(result: Dataset) -> list[str]:
     for k in dict.fromkeys((known[0], known[-1])):
         step = result.isel(step=k)
         said.append(
-            f"Mode {int(step['step_mode'])} has {_hertz(step)} Hz and "
+            f"Mode {int(step['step_mode'])} has {say_answer(step, 'frequency', 1.0, ' Hz')} and "
             f"{say_answer(step, 'damping', 100.0, ' %')} of critical damping where its largest "
             f"displacement is {along.scale * float(step['largest_displacement']):.3g} {along.name}."
         )
