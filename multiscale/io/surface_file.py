@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BytesIO
@@ -14,6 +14,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.files import say_missing
+from multiscale.io.mended_topographies import mend, place_on_grid
 from multiscale.units import readable
 
 if TYPE_CHECKING:
@@ -313,11 +314,10 @@ def _reading(path: Path) -> Iterator[Any]:
                 except CannotDetectFileFormat:
                     if begin == NPY:
                         raise
-                    source.seek(0)
-                    if b"\0" in source.read(4096):
-                        raise
-                    source.seek(0)
-                    opened = SurfaceTopography.open_topography(_with_blanks(source))
+                    opened = _open_otherwise(path, source)
+                if (on_grid := _points_on_grid(path, opened)) is not None:
+                    opened.close()
+                    opened = SurfaceTopography.open_topography(on_grid)
                 with opened as reader:
                     yield reader
         except CaseError:
@@ -328,10 +328,9 @@ def _reading(path: Path) -> Iterator[Any]:
                 f"kind, so copy it again or export it from the instrument in another format"
             ) from error
         except Exception as error:  # damaged files raise exceptions of any kind
-            lines = str(error).strip().splitlines() or [type(error).__name__]
             raise CaseError(
                 f"{path}: cannot be read as a topography, probably because it is damaged or cut "
-                f"off ({lines[0][:200].rstrip('.')}); copy it again or export it in another format"
+                f"off ({_reason(error)}); copy it again or export it in another format"
             ) from error
 
 
@@ -342,6 +341,57 @@ def _renamed(stream: Any) -> Any:
         stream.seek(0)
         return stream
     return BytesIO(head + stream.read())
+
+
+def _open_otherwise(path: Path, source: Any) -> Any:
+    """Open a file of no known format: mended, with other separators, or for its reader's reason."""
+    from SurfaceTopography import open_topography
+    from SurfaceTopography.Exceptions import CannotDetectFileFormat
+    from SurfaceTopography.IO import readers
+
+    source.seek(0)
+    content = source.read()
+    attempts: list[Callable[[], BytesIO | None]] = [lambda: mend(content)]
+    if b"\0" not in content[:4096]:
+        attempts.append(lambda: _with_blanks(BytesIO(content)))
+    for attempt in attempts:
+        with suppress(Exception):  # of damaged files, whose reader says more
+            if (mended := attempt()) is not None:
+                return open_topography(mended)
+    for reader in readers:
+        if path.suffix[1:].lower() in reader.file_extensions():
+            try:
+                return open_topography(BytesIO(content), format=reader.format())
+            except UnicodeDecodeError:  # this is no text
+                continue
+            except Exception as error:  # damaged files raise exceptions of any kind
+                raise CaseError(
+                    f"{path}: no known topography format, and the reader of {reader.name()} "
+                    f"refuses it ({_reason(error)}); copy it again or export it from the "
+                    f"instrument in another format"
+                ) from error
+    raise CannotDetectFileFormat
+
+
+def _points_on_grid(path: Path, reader: Any) -> BytesIO | None:
+    """Write points x, y, z of which places are missing, which look like a matrix, on their grid."""
+    first = reader.channels[0]
+    if reader.format() != "asc" or first.physical_sizes or first.nb_grid_pts[0] != 3:
+        return None
+    points = reader.topography(physical_sizes=(1.0, 1.0)).heights()
+    on_grid = place_on_grid(np.ma.filled(points, np.nan).T)
+    if on_grid is None:
+        raise CaseError(
+            f"{path}: holds three columns, which are scattered points or no map; give a map on a "
+            f"regular grid"
+        )
+    return on_grid
+
+
+def _reason(error: Exception) -> str:
+    """First line of an error of a reader, or its kind."""
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return lines[0][:200].rstrip(".")
 
 
 def _check_array(path: Path) -> None:
