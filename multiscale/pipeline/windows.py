@@ -1,7 +1,7 @@
 """Windows of a measured map as surfaces of cells, and what is left of its roughness in them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from math import floor
 
@@ -34,6 +34,9 @@ FEWEST_PIXELS = 16  # measured points across a window
 HELD = 0.9
 """Share of the rms height and slope of a map below which its cells need a caution."""
 
+MINOR = 0.99
+"""Share of the roughness of both bodies from which the loss of one needs no caution."""
+
 OBLIQUE = 1.0 / 3.0
 """Share of the lay lost in a mirror image that needs a caution: ridges at 10 degrees to an axis."""
 
@@ -49,6 +52,8 @@ class Measured:
     filled : tuple of float, share of filled points of each window
     cutoff : str, the shortest wave that was kept, and what chose it
     cautions : tuple of str, what is lost between map and cells, one sentence each
+    losses : dict of str to str
+        Cautions about the rms height and the rms slope, by the name of the quantity.
     """
 
     stages: tuple[Roughness, Roughness, Roughness]
@@ -56,6 +61,17 @@ class Measured:
     filled: tuple[float, ...]
     cutoff: str
     cautions: tuple[str, ...]
+    losses: dict[str, str] = field(default_factory=dict)
+
+    def cautions_beside(self, other: "Measured") -> list[str]:
+        """Return the cautions that count against the map of the other body, often far rougher."""
+        minor = []
+        for name, said in self.losses.items():
+            whole, cells = (getattr(stage, name) for stage in (self.stages[0], self.stages[2]))
+            rest = getattr(other.stages[2], name)
+            if np.hypot(rest, cells) >= MINOR * np.hypot(rest, whole):
+                minor.append(said)
+        return [one for one in self.cautions if one not in minor]
 
 
 def cut_windows(
@@ -124,15 +140,17 @@ def cut_windows(
     same = settings.periodic == "mirror" and not any(piece.filled_share for piece in pieces)
     of_periodic = of_pieces if same else spectrum(periodic)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
+    losses = _losses(stages, of_map, of_periodic, whole.size, cell, share, chosen)
     return surfaces, Measured(
         stages,
         whole.filled_share,
         tuple(piece.filled_share for piece in pieces),
         f"{_length(cutoff)}, {chosen}",
         (
-            *_losses(stages, of_map, of_periodic, whole.size, cell, share, chosen),
+            *losses.values(),
             *_herringbone(settings, whole, cutoff),
         ),
+        losses,
     )
 
 
@@ -234,9 +252,9 @@ def _losses(
     cell: CellSettings,
     window_share: float,
     chosen: str,
-) -> list[str]:
+) -> dict[str, str]:
     """Say where height or slope is lost on the way to the cell, and what would hold it."""
-    found = []
+    found = {}
     faded = of_periodic.roughness()
     for order, name in ((0, "rms_height"), (2, "rms_slope")):
         whole, pieces, periodic, cells = (
@@ -266,13 +284,14 @@ def _losses(
             )
         if cells < HELD * periodic:
             cutoff = 0.995 * of_periodic.cutoff_holding(HELD, order=order)  # is said in 3 digits
-            points = (2 * int(np.ceil(0.5 * POINTS_PER_WAVE * edge / cutoff)) for edge in cell.size)
+            points = [2 * int(np.ceil(0.5 * POINTS_PER_WAVE * edge / cutoff)) for edge in cell.size]
+            finer = any(new > old for new, old in zip(points, cell.points, strict=True))
+            grid = f" on a grid of {' x '.join(map(str, points))} points" if finer else ""
             lost.append(
                 f"the cut-off ({chosen}) leaves {cells / periodic:.2g}, where short_cutoff = "
-                f'"{_length(cutoff)}" on a grid of {" x ".join(map(str, points))} points would '
-                f"leave {HELD:g}"
+                f'"{_length(cutoff)}"{grid} would leave {HELD:g}'
             )
-        found.append(
+        found[name] = (
             f"the cells hold {cells / whole:.2g} of the {name.replace('_', ' ')} of the map: "
             + "; ".join(lost or ["windows, edges and cut-off take a little each"])
         )

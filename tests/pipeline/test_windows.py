@@ -77,6 +77,21 @@ def test_a_lost_roughness_is_a_caution_whose_advice_holds(cut):
     assert worse.stages[2].rms_slope < 0.9 * worse.stages[1].rms_slope
 
 
+def test_a_loss_counts_against_the_map_of_the_other_body(cut):
+    heights = rough(256, 4)
+    held = [cut(scale * heights, "128 um", 64, short_cutoff="32 um")[1] for scale in (1.0, 0.01)]
+    large, small = held
+    (said,) = [one for one in large.cautions if "rms slope" in one]
+    assert "on a grid of" in said
+    assert large.cautions_beside(small) == large.cautions_beside(large) == list(large.cautions)
+    assert not small.cautions_beside(large)
+    # where the grid carries the shorter waves, the advice is the cut-off only
+    _, fine = cut(heights, "128 um", 256, short_cutoff="32 um")
+    (said,) = [one for one in fine.cautions if "rms height" in one]
+    assert "short_cutoff = " in said
+    assert "grid" not in said
+
+
 def test_windows_that_are_too_small_for_the_long_waves_say_which_cells_are_not(cut):
     x = np.arange(512)
     heights = 1e-6 * np.cos(2.0 * np.pi * x / 128.0)[:, None] + noise((512, 512))

@@ -151,7 +151,7 @@ def _press(case: Case, job: Job) -> Dataset:
                         response, "composite surface", "one elastic body no longer stands for two"
                     )
                 ),
-                *(f"{name}: {one}" for name in measured for one in measured[name].cautions),
+                *_say_losses(measured),
                 *_increments(response),
                 *str(response.attrs.get("ended", "")).splitlines(),
             ]
@@ -222,6 +222,14 @@ def with_slope_errors(
             told = f"one body for two in conforming cells, {told}"
     values = {f"{name}_slope_error": error for name, error in errors.items()}
     return MICRO_RESPONSE.assign(response, values).assign_attrs(small_slopes=told)
+
+
+def _say_losses(measured: Mapping[str, Measured]) -> list[str]:
+    """Say what cells lack of measured bodies; of two maps, where it counts for both together."""
+    if len(measured) != 2:
+        return [f"{name}: {one}" for name, own in measured.items() for one in own.cautions]
+    pairs = zip(measured.items(), list(measured.values())[::-1], strict=True)
+    return [f"{name}: {one}" for (name, own), rest in pairs for one in own.cautions_beside(rest)]
 
 
 def _increments(response: Dataset) -> list[str]:
