@@ -6,13 +6,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.sparse import csr_array, kron
 
+from multiscale.fe.elements import elements_of_basis, sum_blocks
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.bulk.moduli import lame_parameters
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
 
-__all__ = ["assemble_elasticity", "assemble_mass", "displacement_basis", "elastic_matrix"]
+__all__ = [
+    "assemble_elasticity",
+    "assemble_mass",
+    "displacement_basis",
+    "elastic_matrix",
+    "mode_stiffness",
+]
 
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
@@ -132,6 +139,63 @@ def elastic_matrix(
         for i in range(d)
     ]
     return _interleave(blocks)
+
+
+def mode_stiffness(
+    basis: "CellBasis", law: Elastic | AnisotropicElastic, share: np.ndarray | None = None
+) -> csr_array:
+    r"""Stiffness by which hexahedra of first order are too stiff without incompatible modes.
+
+    In reference coordinates from -1 to 1, the modes :math:`1 - \xi_m^2` of every element [1]_, with
+    gradients scaled to a mean of zero, so that even strain is exact on any hexahedron [2]_,
+
+    .. math:: P_m = \frac{j_0}{j}\, J_0^{-T} \nabla_\xi (1 - \xi_m^2), \qquad
+        K_{ua} K_{aa}^{-1} K_{au}, \quad K_{aa} = \int P\, C\, P, \quad
+        K_{ua} = \int \nabla N\, C\, P    \tag{3}
+
+    is taken off the stiffness, with the Jacobian :math:`J` and its determinant j, :math:`J_0` and
+    :math:`j_0` at the middle of the element.
+
+    Parameters
+    ----------
+    basis : CellBasis, of ``ElementHex1``
+    law, share
+        As of :func:`elastic_matrix`.
+
+    Returns
+    -------
+    csr_array, shape (3 n, 3 n), N/m, as of :func:`assemble_elasticity`
+
+    References
+    ----------
+    .. [1] E. L. Wilson, R. L. Taylor, W. P. Doherty, J. Ghaboussi, Incompatible displacement
+       models, in Numerical and Computer Methods in Structural Mechanics (1973) 43-57.
+    .. [2] R. L. Taylor, P. J. Beresford, E. L. Wilson, Int. J. Numer. Methods Eng. 10 (1976)
+       1211-1219, doi:10.1002/nme.1620100602.
+    """
+    if isinstance(law, AnisotropicElastic):
+        C = law.tensor
+    else:
+        lame, shear = lame_parameters(law.youngs_modulus, law.poissons_ratio)
+        pairs = np.einsum("ij,kl->ijkl", np.eye(3), np.eye(3))
+        C = lame * pairs + shear * (pairs.transpose(0, 2, 1, 3) + pairs.transpose(0, 2, 3, 1))
+    elements = elements_of_basis(basis, mean_volume=False)
+    G, w = elements.gradient, elements.weight
+    if share is not None:
+        w = w * share[:, None]
+    middle = np.full((3, 1), 0.5)
+    J = np.asarray(basis.mapping.DF(middle))[..., 0].transpose(2, 0, 1)
+    ratio = np.abs(basis.mapping.detDF(middle) / basis.mapping.detDF(basis.X))  # j_0 / j
+    slope = np.eye(3) * (1.0 - 2.0 * basis.X.T)[:, :, None]  # but for a factor of every mode
+    P = np.einsum("eq,qmr,erj->eqmj", ratio, slope, np.linalg.inv(J))  # (3)
+
+    def integrate(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        blocks = np.einsum("eq,eqaj,ijkl,eqbl->eaibk", w, left, C, right, optimize=True)
+        return np.asarray(blocks.reshape(len(w), 3 * left.shape[2], 3 * right.shape[2]))
+
+    mixed, own = integrate(G, P), integrate(P, P)
+    blocks = mixed @ np.linalg.solve(own, mixed.transpose(0, 2, 1))
+    return sum_blocks(blocks, elements.unknowns, elements.unknowns, (elements.size,) * 2)
 
 
 def _interleave(blocks: Sequence[Sequence[Any]]) -> csr_array:

@@ -17,7 +17,7 @@ from multiscale.io import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.pipeline.asperity_settings import StatedAsperities
-from multiscale.pipeline.body_settings import Material
+from multiscale.pipeline.body_settings import COARSER, Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw, LawError
 from multiscale.pipeline.toml_model import (
     Length,
@@ -123,10 +123,11 @@ class MeshedBody(Material):
     unit: Unit | None = Field(
         None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
     )
-    order: Literal[1, 2] = Field(
-        1,
-        description="Order of the elements: 2 puts nodes between the corners of the mesh, which "
-        "bending needs where there are few elements through a thickness.",
+    order: Literal[1, 2] | None = Field(
+        None,
+        description="Order of the elements: 2 puts nodes between the corners of the mesh, without "
+        "which tetrahedra bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by "
+        "incompatible modes, if not given.",
     )
     youngs_modulus: UncertainPressure | None = Field(
         None,
@@ -169,6 +170,18 @@ class MeshedBody(Material):
         if self.coarser is None:
             return None
         return self.model_copy(update={"mesh": self.coarser, "coarser": None})
+
+    def check_coarser(self) -> None:
+        """Refuse a coarser mesh whose elements are hardly larger."""
+        if self.coarser is None:
+            return
+        fine, few = (one.load().t.shape[1] for one in (self, self.coarsened()))
+        if fine < COARSER**3 * few:
+            raise CaseError(
+                f"{self.coarser}: coarser of {self.name} has {few} elements and its mesh {fine}, "
+                f"and the error of the mesh takes at most {fine / COARSER**3:.0f}; give a mesh of "
+                f"elements about twice as large"
+            )
 
     def load(self) -> "Mesh":
         """Read the mesh.
@@ -224,14 +237,19 @@ class MeshedBody(Material):
             self.elasticity(),
             supports,
             pulled,
-            element_of_order(mesh, self.order),
+            element_of_order(mesh, self.order_on(mesh)),
             name=self.name,
+            bends=True,
         )
 
     def count_nodes(self, mesh: "Mesh") -> int:
         """Count the nodes of the body."""
         between = [mesh.edges] if mesh.t.shape[0] == 4 else [mesh.edges, mesh.facets, mesh.t]
-        return sum(one.shape[1] for one in (mesh.p, *(between if self.order == 2 else ())))
+        return sum(one.shape[1] for one in (mesh.p, *between[: 3 * (self.order_on(mesh) - 1)]))
+
+    def order_on(self, mesh: "Mesh") -> int:
+        """Order of the elements on its mesh."""
+        return self.order or (2 if mesh.t.shape[0] == 4 else 1)
 
 
 class StatedLaw(Settings):

@@ -508,6 +508,8 @@ class Bodies(StructureKind):
 
     def try_to_build(self, case: "Case", require: "Callable[[macro.Assembly], object]") -> None:
         """Refuse meshes, faces and bolts that do not fit, and free bodies, whatever the laws."""
+        for one in self.bodies:
+            one.check_coarser()
         frictions = [one.over(case.interface).friction for one in self.interfaces]
         any_law = Exponential(1e9, 1e-6)
         laws = [
@@ -585,6 +587,11 @@ class Bodies(StructureKind):
         fine, few = (sum(one.load().t.shape[1] for one in each) for each in (self.bodies, bodies))
         ratio = (fine / few) ** (1.0 / 3.0)
         return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
+
+    def quick_title(self) -> str:
+        """Say whether elements have a lower order than the whole case takes."""
+        lower = any(one.element is None and one.order_on(one.load()) > 1 for one in self.bodies)
+        return "quick, elements of first order" if lower else "quick"
 
     def quick(self, case: "Case") -> Self:
         """Return the same bodies of coarser geometries, and quick runs of the cases they name.

@@ -282,6 +282,9 @@ def with_joint_budget(
         coarse = {} if budgets else mesh
         budgets.append(_parameter_budget(names, value, changes[-1], error, coarse, left))
         where.append(error.name)
+    if not budgets:  # nothing but the mesh is known to err
+        unchanged = Uncertainty("the mesh", {}, {})
+        budgets.append(_parameter_budget(names, value, 0.0 * value, unchanged, mesh, left))
     budget = add_budgets(budgets, where)
     if changes:
         half = [np.hypot.reduce([*error.half_width.values()]) for error, _ in uncertain]

@@ -664,8 +664,9 @@ class Case(Settings):
             grid = zip(shear.points, changes["cell"].points, strict=True)
             shear = shear.model_copy(update={"points": tuple(map(min, grid))})
             changes["micro"] = changes["micro"].model_copy(update={"shear": shear})
+        told = self.structure.quick_title() if self.structure else "quick"
         small = self.model_copy(
-            update={"title": f"{self.title} (quick)", "accuracy": None} | changes
+            update={"title": f"{self.title} ({told})", "accuracy": None} | changes
         )
         structure = self.structure and self.structure.quick(small)
         return small.model_copy(update={"structure": structure})

@@ -118,6 +118,10 @@ class StructureKind(Settings):
         """Cut the structure into its substructures, if it may be cut."""
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 
+    def quick_title(self) -> str:
+        """Say after the title of a quick case what is quick in it."""
+        return "quick"
+
     def quick(self, case: "Case") -> Self:
         """Return the same structure, smaller; the other tables of the case are quick already."""
         return self

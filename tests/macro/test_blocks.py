@@ -4,6 +4,8 @@ Manufactured solution on the unit cube with zero displacement on its surface:
 :math:`u_x = s(x)s(y)s(z)`, :math:`u_y = u_z = 0`, :math:`s(x) = \sin \pi x`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy import cos, pi, sin
@@ -24,7 +26,12 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.elasticity import assemble_elasticity, displacement_basis, elastic_matrix
+from multiscale.fe.elasticity import (
+    assemble_elasticity,
+    displacement_basis,
+    elastic_matrix,
+    mode_stiffness,
+)
 from multiscale.fe.faces import face_operator
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
@@ -164,6 +171,34 @@ def test_faces_of_two_blocks_are_numbered_alike(element):
     x = one.doflocs[:, face_unknowns(one, "top")]
     np.testing.assert_allclose(x, two.doflocs[:, face_unknowns(two, "bottom")], atol=1e-15)
     assert np.unique(np.round(x, 9), axis=1).shape == x.shape
+
+
+@pytest.mark.parametrize(
+    "law", [Elastic(E, NU), AnisotropicElastic(np.diag([4.0, 3.0, 3.0, 1.0, 1.0, 2.0]))]
+)
+def test_incompatible_modes_leave_even_strain_and_rigid_motions_as_they_are(law):
+    mesh = box_mesh((3.0, 1.0, 1.0), (3, 2, 2))
+    moved = 0.1 * np.random.default_rng(0).uniform(-1.0, 1.0, mesh.p.shape)
+    basis = displacement_basis(replace(mesh, doflocs=mesh.p + moved))
+    share = np.linspace(0.5, 1.0, mesh.t.shape[1])
+    K, less = (one(basis, law, share) for one in (elastic_matrix, mode_stiffness))
+    x, y, z = basis.doflocs
+    even = np.stack([x + 2.0 * y, 0.5 * z - x, y + 3.0 * z], axis=1).ravel()
+    np.testing.assert_allclose(less @ even, 0.0, atol=1e-12)
+    np.testing.assert_allclose((less - less.T).toarray(), 0.0, atol=1e-12)
+    free = np.linalg.eigvalsh((K - less).toarray())
+    np.testing.assert_allclose(free[:6], 0.0, atol=1e-9)
+    assert free[6] > 1e-3
+
+
+def test_incompatible_modes_bend_one_layer_of_flat_elements_as_a_beam():
+    basis, law = displacement_basis(box_mesh((6.0, 1.0, 0.1), (3, 1, 1))), Elastic(E, 0.0)
+    x, _, z = basis.doflocs
+    bent = np.stack([x * (z - 0.05), 0.0 * x, -0.5 * x**2], axis=1).ravel()
+    K, less = elastic_matrix(basis, law), mode_stiffness(basis, law)
+    exact = E * 0.1**3 / 12.0 * 6.0  # E I, times the length, of a curvature of one
+    assert bent @ ((K - less) @ bent) == pytest.approx(exact)
+    assert bent @ (K @ bent) > 100.0 * exact
 
 
 def test_the_face_operator_integrates_over_the_face():

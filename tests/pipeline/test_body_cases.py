@@ -416,12 +416,42 @@ steps = [{ lift = 1 }]
 """
 
 
-def test_three_elements_of_second_order_bend_as_a_beam(meshes):
-    """Deflection of Timoshenko's beam; elements of first order reach a third of it."""
-    found = run_macro(load_case(write_scene(meshes, BEAM)), meshes / "found.nc")
+@pytest.mark.parametrize(("order", "error"), [("order = 2\n", 0.02), ("", 0.04)])
+def test_three_hexahedra_bend_as_a_beam(meshes, order, error):
+    """Deflection of Timoshenko's beam; first order without further modes reaches a third of it."""
+    case = load_case(write_scene(meshes, BEAM, ("order = 2\n", order)))
+    found = run_macro(case, meshes / "found.nc")
+    assert "the error of the meshes is unknown" in found.attrs["cautions"]
     inertia, area = WIDE * HIGH**3 / 12.0, WIDE * HIGH
     bent = 1e3 * (LONG**3 / (3.0 * 210e9 * inertia) + LONG / (5.0 / 6.0 * 105e9 * area))
-    assert float(found["load_displacement"].values[-1, 0]) == pytest.approx(bent, rel=0.02)
+    assert float(found["load_displacement"].values[-1, 0]) == pytest.approx(bent, rel=error)
+
+
+def test_tetrahedra_are_of_second_order_and_a_quick_case_says_that_they_are_not(meshes):
+    text = BEAM.replace("order = 2\n", "").replace("housing.msh", "tets.msh")
+    case = load_case(write_scene(meshes, text))
+    (body,) = case.structure.bodies
+    assert body.order_on(body.load()) == 2
+    assert case.quick().title == "Cantilever (quick, elements of first order)"
+    (first,) = case.quick().structure.bodies
+    assert first.order_on(first.load()) == 1
+
+
+def test_a_coarser_mesh_tells_the_error_of_the_mesh_whatever_else_is_known(meshes):
+    write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (1, 1, 1)))
+    given = ('"housing.msh"', '"housing.msh"\ncoarser = "coarse.msh"')
+    found = run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
+    half = found["error_half_width"].sel(quantity="load_stiffness lift").squeeze("step")
+    assert 1e-3 < float(half.sel(error_term="macro discretisation")) < 0.5
+    low, high = found["load_stiffness_mean_law"].values.ravel()
+    assert low < float(found["load_stiffness"].squeeze()) < high
+    assert "unknown" not in found.attrs.get("cautions", "")
+
+
+def test_a_coarser_mesh_that_is_none_is_refused_with_both_numbers_of_elements(meshes):
+    given = ('"housing.msh"', '"housing.msh"\ncoarser = "housing.msh"')
+    with pytest.raises(CaseError, match="of housing has 6 elements and its mesh 6, and the error"):
+        run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
 
 
 ASPERITIES = """[structure.interfaces.asperities]
@@ -573,10 +603,12 @@ def test_the_budget_of_the_law_reaches_stiffness_and_loss(meshes):
     """The stiffness under the press is of springs in series: so are the changes of the law."""
     p = write_scattered_law(meshes / "law.nc")
     text = TEXT.replace(STATED, 'law = "law.nc"\n').replace(
-        'cover.msh"', 'cover.msh"\ncoarser = "cover.msh"'
+        'cover.msh"', 'cover.msh"\ncoarser = "larger.msh"'
     )
     text = text.replace('housing.msh"', 'housing.msh"\ncoarser = "coarse.msh"')
     write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (2, 1, 1)))
+    above = (0.0, 0.0, HIGH)
+    write_body(meshes / "larger.msh", box_mesh((LONG, WIDE, HIGH), (2, 2, 1), origin=above))
     even = [("poissons_ratio = 0.3", "poissons_ratio = 0")] * 2
     cycles = '[cycles]\nload = "pull"\ncycles = 1\nsteps = 4\n'
     found = run_macro(load_case(write_scene(meshes, text + cycles, *even)), meshes / "found.nc")

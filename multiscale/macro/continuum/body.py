@@ -59,6 +59,9 @@ class Body:
     share : ndarray, shape (elements,), optional
         Share of the stiffness of every element that is left, above 0; 1 if not given. Solvers of
         linear elastic bodies take it.
+    bends : bool, default False
+        Whether hexahedra of first order have incompatible modes, without which they bend too
+        stiffly; see :func:`~multiscale.fe.elasticity.mode_stiffness`. Bodies that are cut take it.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Body:
     pins: Pins = field(default_factory=dict)
     name: str = ""
     share: np.ndarray | None = None
+    bends: bool = False
 
     def __post_init__(self) -> None:
         kind = type(self.mesh).__name__

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csr_array, hstack, vstack
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.fe.elasticity import displacement_basis, elastic_matrix
+from multiscale.fe.elasticity import displacement_basis, elastic_matrix, mode_stiffness
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.bodies.platen import Platen
@@ -215,6 +215,8 @@ def _stiffness(
     body: Body, index: int, owner: np.ndarray, expansion: csr_array
 ) -> list[tuple[csr_array, np.ndarray]]:
     """Stiffness of every substructure of a body, and its unknowns, rising."""
+    from skfem import ElementHex1
+
     mesh, found = body.mesh, []
     if not isinstance(body.law, Elastic | AnisotropicElastic):
         raise CaseError(
@@ -246,7 +248,10 @@ def _stiffness(
         unknown = np.unique(mine.indices)
         mine = csr_array(mine[:, unknown])
         share = None if body.share is None else body.share[elements]
-        found.append((csr_array(mine.T @ elastic_matrix(basis, body.law, share) @ mine), unknown))
+        K = elastic_matrix(basis, body.law, share)
+        if body.bends and isinstance(basis.elem, ElementHex1):
+            K = K - mode_stiffness(basis, body.law, share)
+        found.append((csr_array(mine.T @ K @ mine), unknown))
     return found
 
 

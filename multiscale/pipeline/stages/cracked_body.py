@@ -77,10 +77,12 @@ def _prepare(case: Case) -> None:
     """Refuse elements whose bands have no width."""
     assert isinstance(case.structure, Bodies)  # as the case has checked
     one = case.structure.bodies[0]
-    if (kind := type(one.load()).__name__) not in macro.continuum.SHAPES or one.order != 1:
+    mesh = one.load()
+    order, kind = one.order_on(mesh), type(mesh).__name__
+    if kind not in macro.continuum.SHAPES or order != 1:
         raise CaseError(
             f"[growth] cracks {one.name} in bands of hexahedra of first order, and its mesh is a "
-            f"{kind} of order {one.order}; mesh it by hexahedra, in a geometry of gmsh by "
+            f"{kind} of order {order}; mesh it by hexahedra, in a geometry of gmsh by "
             f"transfinite, recombined volumes"
         )
 

@@ -41,13 +41,8 @@ KEPT = (
 )
 
 NO_COARSER = (
-    "intervals do not count the error of the meshes, which is not known: give every body a coarser "
+    "the error of the meshes is unknown, and no interval counts it: give every body a coarser "
     "mesh, of elements twice as large"
-)
-
-COARSER_ALONE = (
-    "the coarser meshes are not used: the error of the meshes is a part of an error budget, and no "
-    "interface has a law with a budget; take the law of a run"
 )
 
 SHARES = ("slipping_load", "slip", "open")
@@ -101,9 +96,11 @@ def _with_budget(
 ) -> Dataset:
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
-    sources = ErrorSources.of(bodies, case, laws)
-    if not sources:
-        return with_cautions(result, COARSER_ALONE) if bodies.coarser() else result
+    sources, coarser = ErrorSources.of(bodies, case, laws), bodies.coarser()
+    if not coarser:
+        result = with_cautions(result, NO_COARSER)
+        if not sources:
+            return result
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
@@ -115,9 +112,7 @@ def _with_budget(
     follow = partial(_follow, short)
     near = follow(ready.structure.small, (), ready.method)
     rise = path.cycle_steps if path.cycles and whole and sources.laws else 0
-    asked, coarser = load_answers(result, rise, few), bodies.coarser()
-    if not coarser:
-        result = with_cautions(result, NO_COARSER)
+    asked = load_answers(result, rise, few)
     solve = ready.again(follow, near)
     return with_joint_budget(result, sources, solve, asked, coarser, job)
 

@@ -38,11 +38,16 @@ from multiscale.pipeline.structure_stage import (
 )
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
-from multiscale.schema import Dataset
+from multiscale.schema import Dataset, with_cautions
 from multiscale.units import Unit
 
 __all__ = ["ROUGH_JOINTS"]
 
+
+NO_LARGER = (
+    "the error of the mesh is unknown, and no interval counts it: nothing was solved with elements "
+    "of twice the size; give smaller elements, or an even number of them, in [structure]"
+)
 
 PICTURES = (
     "contact_zones",
@@ -82,7 +87,10 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
-    if sources := ErrorSources.of(ready.bodies, case, ready.laws):
+    sources, coarser = ErrorSources.of(ready.bodies, case, ready.laws), ready.bodies.coarser()
+    if not coarser:
+        result = with_cautions(result, NO_LARGER)
+    if sources or coarser:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = substructures.JointLoading(preloads[:solved])
@@ -92,7 +100,7 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
             )
         near = substructures.follow_joint(small, short, method=ready.method)
         solve = ready.again(partial(_follow, short), near)
-        asked, coarser = joint_answers(result), ready.bodies.coarser()
+        asked = joint_answers(result)
         result = with_joint_budget(result, sources, solve, asked, coarser, job)
     return ready.finish(result, facts)
 

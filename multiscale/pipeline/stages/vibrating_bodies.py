@@ -141,8 +141,7 @@ def _solve(structure: Bodies | RoughBodies, case: Case, found: Datasets, job: Jo
         values["bolt_force"] = still.rest.path["bolt_force"].values[-1]
     result = VIBRATION.assign(result, values)
     result = with_cautions_of(result, bodies, case, found, laws)
-    if sources := ErrorSources.of(bodies, case, laws):
-        result = _with_budget(result, bodies, case, laws, still, sources, job)
+    result = _with_budget(result, bodies, case, laws, still, job)
     rigid = f"Rigid motions {', '.join(modes.rigid)} are left out." if modes.rigid else ""
     pinned = "without friction" if not asked.preload_friction else "with friction"
     frequencies = ", ".join(f"{one:.5g}" for one in modes.frequency)
@@ -166,16 +165,17 @@ def _with_budget(
     case: Case,
     laws: Sequence[Dataset | None],
     still: _Vibrating,
-    sources: ErrorSources,
     job: Job,
 ) -> Dataset:
     """Carry the budgets of all laws to frequency and damping of every amplitude."""
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
-    coarser = bodies.coarser()
+    sources, coarser = ErrorSources.of(bodies, case, laws), bodies.coarser()
     if not coarser:
         result = with_cautions(result, NO_COARSER)
+        if not sources:
+            return result
 
     def place(told: Dataset, budget: Dataset) -> Dataset:
         """Give every amplitude its column, which follow the preload."""
