@@ -173,9 +173,10 @@ class MeshedBody(Material):
 
     def check_coarser(self) -> None:
         """Refuse a coarser mesh whose elements are hardly larger."""
-        if self.coarser is None:
+        coarse = None if self.coarser is None else self.coarsened()
+        if coarse is None:
             return
-        fine, few = (one.load().t.shape[1] for one in (self, self.coarsened()))
+        fine, few = (one.load().t.shape[1] for one in (self, coarse))
         if fine < COARSER**3 * few:
             raise CaseError(
                 f"{self.coarser}: coarser of {self.name} has {few} elements and its mesh {fine}, "
