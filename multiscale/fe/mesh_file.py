@@ -54,8 +54,9 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool 
     path : Path, a mesh of gmsh, Salome, Abaqus, CalculiX, or any other that meshio or gmsh reads
     scale : float, length of one unit of the file, m: ``1e-3`` for a file in millimetres
     volume : str
-        Named group of elements that is the body, or ``"tetra"`` or ``"hexahedron"`` of a file with
-        both; all elements if not given. Facets of other elements are left out of the boundaries.
+        Named group of elements that is the body, ``"tetra"`` or ``"hexahedron"`` of a file with
+        both, or a named face for the piece that has it, of a file with several pieces that do not
+        touch; all elements if not given. Facets of other elements are left out of the boundaries.
     curved : bool
         Whether the nodes between the corners of elements of second order are kept: of hexahedra of
         20 nodes, whose faces get nodes in their middle, hexahedra of 27 nodes and tetrahedra of 10.

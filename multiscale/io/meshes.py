@@ -8,6 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError, listed
 from multiscale.io.gmsh_model import write_whole_mesh
@@ -146,8 +148,8 @@ def read_mesh(path: Path, volume: str = "", *, curved: bool = False) -> MeshArra
     ----------
     path : Path, see :func:`open_mesh`
     volume : str
-        Named group of elements that is read, or a kind of element; all elements of the largest
-        dimension if not given.
+        Named group of elements that is read, or a kind of element, or a named face for the piece
+        of the mesh that has it; all elements of the largest dimension if not given.
     curved : bool
         Whether the nodes between the corners of solids of second order are kept; they are dropped
         otherwise, and edges are straight.
@@ -221,12 +223,17 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
     by_kind: dict[str, dict[str, np.ndarray]] = {}
     for kind in bodies:
         by_kind.setdefault(SHAPES.get(kind, kind), {})[kind] = whole[kind]
-    if volume and volume not in {**by_kind, **named}:
-        raise CaseError(
-            f"{path}: no volume {volume!r} is named; its volumes are {listed(named)}, and its "
-            f"kinds of elements {listed(by_kind)}"
-        )
-    found = (by_kind | named)[volume] if volume else {kind: whole[kind] for kind in bodies}
+    found = {kind: whole[kind] for kind in bodies}
+    if volume in {**by_kind, **named}:
+        found = (by_kind | named)[volume]
+    elif volume:
+        found = _piece_with(mesh, bodies, volume)
+        if not found:
+            faces = listed({*mesh.groups, *mesh.node_sets} - {*named})
+            raise CaseError(
+                f"{path}: no volume {volume!r} is named; its volumes are {listed(named)}, its "
+                f"kinds of elements {listed(by_kind)}, and its faces {faces}"
+            )
     if len(found) != 1 or not found.keys() <= SHAPES.keys():
         counts = ", ".join(f"{len(members)} {kind}" for kind, members in sorted(found.items()))
         choices = {**by_kind, **named} if len(by_kind) > 1 else {}
@@ -236,3 +243,21 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
             + (f"give as volume one of {listed(choices)}" if choices else "mesh the body again")
         )
     return next(iter(found.items()))
+
+
+def _piece_with(mesh: NamedMesh, bodies: list[str], face: str) -> dict[str, np.ndarray]:
+    """Elements by kind of the piece of a mesh that hangs together and has a named face."""
+    members = [mesh.cells[kind][rows].ravel() for kind, rows in mesh.groups.get(face, {}).items()]
+    nodes = np.concatenate([mesh.node_sets.get(face, np.zeros(0, dtype=int)), *members])
+    pairs = [
+        np.stack([np.repeat(cells[:, 0], cells.shape[1] - 1), cells[:, 1:].ravel()])
+        for cells in (mesh.cells[kind] for kind in bodies)
+    ]
+    links, n = np.concatenate(pairs, axis=1), len(mesh.points)
+    graph = coo_array((np.ones(links.shape[1]), links), shape=(n, n))
+    piece = connected_components(graph, directed=False)[1]
+    found = {
+        kind: np.flatnonzero(np.isin(piece[mesh.cells[kind][:, 0]], piece[nodes]))
+        for kind in bodies
+    }
+    return {kind: rows for kind, rows in found.items() if len(rows)}

@@ -117,8 +117,9 @@ class MeshedBody(Material):
     )
     volume: str = Field(
         "",
-        description='Named volume of the mesh that is the body, or `"tetra"` or `"hexahedron"` in '
-        "a mesh with both; the whole mesh if not given.",
+        description='Named volume of the mesh that is the body; or `"tetra"` or `"hexahedron"` in '
+        "a mesh with both; or a face that it names, for the piece with this face in a mesh of "
+        "several pieces. The whole mesh if not given.",
     )
     unit: Unit | None = Field(
         None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'

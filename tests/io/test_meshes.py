@@ -154,6 +154,21 @@ def test_a_mesh_with_two_kinds_of_solids_needs_a_volume(tmp_path):
     assert sorted(named.boundaries) == sorted(kind.boundaries)
 
 
+def test_a_face_names_the_piece_of_a_mesh_that_has_it(tmp_path):
+    above = CUBE + np.array([0.0, 0.0, 2.0])
+    top = "*Surface, name=Lid\n7, S2\n*Nset, nset=Seat\n51, 52, 53, 54\n"
+    rows = "".join(f"{51 + k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(above))
+    more = f"*Node\n{rows}*Element, type=C3D8\n7, {', '.join(str(51 + k) for k in range(8))}\n"
+    (tmp_path / "pair.inp").write_text(deck() + more + top)
+    for name in ("Lid", "Seat"):
+        upper = load_mesh(tmp_path / "pair.inp", volume=name)
+        np.testing.assert_allclose(upper.p.min(axis=1), [0.0, 0.0, 2.0])
+        np.testing.assert_allclose(area_vector(upper, "Lid"), [0.0, 0.0, 1.0])
+        assert set(upper.boundaries) == {"Lid", "Seat"}
+    with pytest.raises(CaseError, match="got 1 hexahedron, 1 tetra"):
+        load_mesh(tmp_path / "pair.inp", volume="Floor")
+
+
 def test_wedges_beside_the_elements_of_a_body_are_not_left_out(tmp_path):
     points = np.vstack([CUBE, [[2.0, 0.0, 0.0], [2.0, 0.0, 1.0]]])
     cells = [("hexahedron", [range(8)]), ("wedge", [[1, 8, 2, 5, 9, 6]])]
@@ -337,6 +352,10 @@ FIELD = [
     ("zzzz416a.med", "", {"base": 1, "face_1": 1, "ori": 1}),
     ("cont103b.med", "hexahedron", {"CONT_BAS": 49}),
     ("cont103b.med", "tetra", {"CONT_HAUT": 124}),
+    ("cont001i.med", "CONT_BAS", {"CONT_BAS": 4}),
+    ("cont103b.med", "CONT_HAUT", {"CONT_HAUT": 124}),
+    ("ccx_friction1.inp", "Smast", {"Smast": 16, "Nfix": 16}),
+    ("ccx_friction1.inp", "Sslav", {"Sslav": 16, "Nload": 16}),
     ("ccx_friction1.inp", "", {"Smast": 16, "Sslav": 16, "Nfix": 16, "Nload": 16}),
     ("box_saveall.msh", "", {"bottom": 118, "top": 118, "left": 68}),
     ("precice_flap_all.msh", "", {"Nall": 736}),

@@ -264,6 +264,6 @@ def _check_piece(elements: np.ndarray, name: str) -> None:
     pieces = connected_components(coo_array((np.ones(pairs.shape[1]), pairs), shape=shape))[0]
     if pieces > 1:
         raise CaseError(
-            f"{name} is in {pieces} pieces that do not touch; make each of them a body with a "
-            f"named volume or a mesh file of its own"
+            f"{name} is in {pieces} pieces that do not touch; make each piece a body, by "
+            f"the name of its volume or of a face of it"
         )
