@@ -436,6 +436,8 @@ def inspect_command(
         detrend_order=detrend_order,
     )
     page = write_inspection(out, told)
+    if case is not None and told.attrs["proposal"]:  # before a pipe may close
+        write_bytes(case, told.attrs["proposal"].encode())
     _warn(list(INSPECTION.cautions(told)))
     for line in INSPECTION.lines(told):
         typer.echo(line)
@@ -443,7 +445,6 @@ def inspect_command(
     if case is not None and not told.attrs["proposal"]:
         raise CaseError(f"{surface}: no case is proposed, and {case} is not written")
     if case is not None:
-        write_bytes(case, told.attrs["proposal"].encode())
         typer.echo(f"case: {case}")
 
 

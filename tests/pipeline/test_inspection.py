@@ -1,5 +1,8 @@
 """What a measured surface is found to hold, and cases from measured files of every kind."""
 
+import os
+import subprocess
+import sys
 import tomllib
 import warnings
 from pathlib import Path
@@ -8,10 +11,11 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.case import validate_case
+from multiscale.pipeline.case import load_case, validate_case
 from multiscale.pipeline.case_cells import rough_sides, two_surfaces
 from multiscale.pipeline.inspection import inspect_surface
 from multiscale.surfaces import Anisotropy, self_affine
+from tests.support import COMMAND
 
 PIXEL = 1e-6
 BODY = {"youngs_modulus": "210 GPa", "poissons_ratio": 0.3}
@@ -120,6 +124,24 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
     (tmp_path / "small.toml").write_text(tomli_w.dumps(case))
     status, said, _ = command("run", "small.toml", "-o", "out", "--jobs", "1")
     assert (status, "MPa" in said) == (0, True)
+
+
+def test_a_closed_pipe_leaves_the_case_file(store, tmp_path, rough):
+    """As of a command that is followed by head."""
+    end, closed = os.pipe()
+    os.close(end)
+    command = ["inspect", store(rough), "--size", "384 um x 320 um", "--unit", "m"]
+    command += ["-o", tmp_path / "out", "--case", tmp_path / "case.toml"]
+    done = subprocess.run(
+        [sys.executable, "-c", COMMAND, *map(str, command)],
+        stdout=closed,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(closed)
+    assert "Traceback" not in done.stderr
+    assert load_case(tmp_path / "case.toml").has_cells
 
 
 def test_the_share_that_proposed_cells_hold_is_the_share_of_their_surfaces(store, rough):
