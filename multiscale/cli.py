@@ -417,6 +417,9 @@ def inspect_command(
     detrend_order: Annotated[
         int, typer.Option(min=0, max=2, help="0 mean, 1 plane, 2 curvature.")
     ] = 2,
+    remove_spikes: Annotated[
+        bool, typer.Option("--remove-spikes", help="Fill points that stand out of the others.")
+    ] = False,
     case: Annotated[Path | None, typer.Option(help="Case file to write, which runs.")] = None,
 ) -> None:
     """Describe a measured surface, and propose cells with the same roughness."""
@@ -434,6 +437,7 @@ def inspect_command(
         size=edges,
         unit=one,
         detrend_order=detrend_order,
+        spikes="remove" if remove_spikes else "keep",
     )
     page = write_inspection(out, told)
     if case is not None and told.attrs["proposal"]:  # before a pipe may close

@@ -4,7 +4,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -25,6 +25,9 @@ __all__ = ["Topography", "open_topography", "read_surface"]
 _TRENDS = ("mean", "plane", "curvature")
 
 NPY = b"\x93NUMPY"
+MOST_SPIKES = 0.01
+"""Largest share of points that are spikes."""
+
 BOM = b"\xef\xbb\xbf"
 
 OLDER_SDF = {b"aBCR-1.0": b"aISO-1.0", b"bBCR-1.0": b"bISO-1.0"}
@@ -50,6 +53,7 @@ class Topography:
         Shortest wavelength that the instrument resolves by the metadata of the file, m.
     interpolated : bool
         Whether the points of a line scan were uneven, and heights were interpolated linearly.
+    spikes : int, points that were taken for spikes, and are undefined now
     """
 
     path: Path
@@ -60,11 +64,42 @@ class Topography:
     size: tuple[float, float]
     resolution: float | None = None
     interpolated: bool = False
+    spikes: int = 0
 
     @property
     def is_profile(self) -> bool:
         """Whether this is a line scan."""
         return bool(self.heights.shape[1] == 1)
+
+    def without_spikes(self) -> "Topography":
+        """Return the same scan with spikes undefined; see :func:`multiscale.surfaces.find_spikes`.
+
+        Raises
+        ------
+        CaseError
+            If more than a hundredth of the points would be spikes.
+        """
+        from multiscale.surfaces.preparation import find_spikes
+
+        spikes = find_spikes(self.heights)
+        number = int(np.count_nonzero(spikes))
+        if number > MOST_SPIKES * spikes.size:
+            raise CaseError(
+                f"{self.path}: {number} of {spikes.size} points ({number / spikes.size:.2%}) stand "
+                f"out of their surroundings, too many for spikes; leave out spikes, or remove them "
+                f"in the instrument's software"
+            )
+        return replace(self, heights=np.where(spikes, np.nan, self.heights), spikes=number)
+
+    def say_spikes(self) -> list[str]:
+        """Say how many spikes were removed, if any."""
+        if not self.spikes:
+            return []
+        share = f"{100.0 * self.spikes / self.heights.size:.2g} %"
+        return [
+            f"{self.spikes} of {self.heights.size} points ({share}) stood out of their "
+            f"surroundings as spikes, and are filled"
+        ]
 
     def to_surface(self, *, detrend_order: int = 1, fill_undefined: bool = False) -> "Surface":
         """Remove the trend and fill undefined points; see :func:`read_surface`.
@@ -82,10 +117,11 @@ class Topography:
             raise CaseError(
                 f"{path}: no point has a defined height; choose another channel or file"
             )
-        if n_undefined and not fill_undefined:
+        in_file = n_undefined - self.spikes
+        if in_file and not fill_undefined:
             raise CaseError(
-                f"{path}: {n_undefined} of {undefined.size} points "
-                f"({n_undefined / undefined.size:.2%}) are undefined; set fill_undefined to true "
+                f"{path}: {in_file} of {undefined.size} points "
+                f"({in_file / undefined.size:.2%}) are undefined; set fill_undefined to true "
                 f"or crop the map in the instrument's software"
             )
         scale = np.nanmax(np.abs(self.heights))

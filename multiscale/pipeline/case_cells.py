@@ -314,7 +314,7 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
     count, seed = case.micro.realisations, case.micro.seed
     settings = [body.surface for body in case.bodies]
     files = [one.file.resolve() for one in settings if isinstance(one, InstrumentSurface)]
-    maps: dict[str, Surface] = {}
+    maps: dict[str, tuple[Surface, list[str]]] = {}
     sides = []
     for side, one in enumerate(settings):
         try:
@@ -328,9 +328,11 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
                 key = one.checksum(exclude={"filled", "periodic", "short_cutoff"})
                 if key not in maps:
                     maps[key] = measured_map(one)
-                sides.append(
-                    measured_side(maps[key], one, case.cell, which[:made], needed, seed, side=side)
+                whole, said = maps[key]
+                made_of = measured_side(
+                    whole, one, case.cell, which[:made], needed, seed, side=side
                 )
+                sides.append(made_of.with_cautions(said))
             else:  # the two sides are independent
                 grid = (case.cell.points, case.cell.size)
                 seeds = range(2 * seed + side, 2 * (seed + count), 2)

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.io import open_topography, write_bytes
+from multiscale.io import Topography, open_topography, write_bytes
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
@@ -19,7 +20,7 @@ from multiscale.plotting.surface_figures import (
     plot_spectral_density,
 )
 from multiscale.schema import SURFACE_STATISTICS, Dataset
-from multiscale.surfaces import describe_surface, spectrum
+from multiscale.surfaces import describe_surface, find_spikes, spectrum
 from multiscale.units import readable
 
 __all__ = ["INSPECTION", "inspect_surface"]
@@ -37,6 +38,7 @@ def inspect_surface(
     size: Sequence[float] | None = None,
     unit: float | None = None,
     detrend_order: int = 2,
+    spikes: Literal["keep", "remove"] = "keep",
 ) -> Dataset:
     """Describe a measured surface, and propose a case for it.
 
@@ -44,6 +46,7 @@ def inspect_surface(
     ----------
     file, channel, size, unit, detrend_order
         See :func:`multiscale.io.read_surface`; line scans may be inspected, too.
+    spikes : str, ``"remove"`` fills points that stand out of their surroundings
 
     Returns
     -------
@@ -57,6 +60,9 @@ def inspect_surface(
         If the file cannot be read, or is flat.
     """
     found = open_topography(file, channel=channel, size=size, unit=unit)
+    if spikes == "remove":
+        found = found.without_spikes()
+    undefined = np.count_nonzero(np.isnan(found.heights)) - found.spikes
     surface = found.to_surface(detrend_order=detrend_order, fill_undefined=True)
     waves = spectrum([surface], periodic=False)
     told = describe_surface(surface, resolution=found.resolution, waves=waves)
@@ -64,10 +70,11 @@ def inspect_surface(
         file=file.resolve(),
         channel=channel,
         detrend_order=detrend_order,
-        fill_undefined=surface.filled is not None,
+        fill_undefined=undefined > 0,
+        spikes=spikes,
         profile="isotropic" if found.is_profile else None,
     ).model_copy(update={"size": None if size is None else tuple(size), "unit": unit})
-    cautions = list(_doubts(told))
+    cautions = [*found.say_spikes(), *_doubts(told, found)]
     if found.interpolated:
         cautions.append("the points of the line scan are uneven, and heights were interpolated")
     proposal, held = "", ""
@@ -105,7 +112,7 @@ def inspect_surface(
     )
 
 
-def _doubts(told: Dataset) -> Iterator[str]:
+def _doubts(told: Dataset, found: Topography) -> Iterator[str]:
     """Say what makes the statistics doubtful."""
     slope, filled = float(told["rms_slope"]), float(told["filled_share"])
     low, high = PLAUSIBLE_SLOPES
@@ -122,9 +129,16 @@ def _doubts(told: Dataset) -> Iterator[str]:
             f"count them as filled"
         )
     if (kurtosis := float(told["kurtosis"])) > SPIKED:
+        spikes = 0 if found.spikes else int(np.count_nonzero(find_spikes(found.heights)))
+        removed = (
+            f'{spikes} spikes go with --remove-spikes, and with spikes = "remove" in the surface '
+            f"table; remove wider dust and holes in the instrument's software"
+            if spikes
+            else "remove dust and holes wider than spikes in the instrument's software"
+        )
         yield (
             f"few points have most of the rms height, as the kurtosis of {kurtosis:.3g} tells: "
-            f"remove spikes, dust and holes that are not of the surface, or measure another place"
+            f"{removed}, or measure another place"
         )
     if float(told["fit_deviation"]) > SELF_AFFINE:
         yield (

@@ -1,6 +1,7 @@
 """Surfaces of a body from a measured file: a map cut into windows, or a line scan."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,9 +32,16 @@ class RoughSide:
     surfaces: list[Surface]
     measured: Measured | None = None
 
+    def with_cautions(self, said: Sequence[str]) -> "RoughSide":
+        """Return the same surfaces with further cautions about their map, the first of all."""
+        if self.measured is None:
+            return self
+        cautions = (*said, *self.measured.cautions)
+        return replace(self, measured=replace(self.measured, cautions=cautions))
 
-def measured_map(settings: InstrumentSurface) -> Surface:
-    """Read the map, or the line scan, of a surface table, without trend.
+
+def measured_map(settings: InstrumentSurface) -> tuple[Surface, list[str]]:
+    """Read the map, or the line scan, of a surface table, without trend, and say what is removed.
 
     Raises
     ------
@@ -51,10 +59,13 @@ def measured_map(settings: InstrumentSurface) -> Surface:
         )
     if not found.is_profile and settings.profile is not None:
         raise CaseError(f"{settings.file}: holds a map, no line scan; leave out profile")
+    if settings.spikes == "remove":
+        found = found.without_spikes()
     surface = found.to_surface(
         detrend_order=settings.detrend_order, fill_undefined=settings.fill_undefined
     )
-    return surface if found.is_profile else rotate(surface, settings.rotate)
+    turned = surface if found.is_profile else rotate(surface, settings.rotate)
+    return turned, found.say_spikes()
 
 
 def measured_side(

@@ -165,6 +165,8 @@ def _table(settings: InstrumentSurface) -> str:
         lines.append(f"detrend_order = {settings.detrend_order}")
     if settings.fill_undefined:
         lines.append("fill_undefined = true")
+    if settings.spikes == "remove":
+        lines.append('spikes = "remove"')
     if settings.profile is not None:
         lines.append(f'profile = "{settings.profile}"')
     if settings.short_cutoff is not None:

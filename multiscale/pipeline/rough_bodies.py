@@ -138,6 +138,11 @@ class InstrumentSurface(Settings):
         description="0 mean, 1 plane, 2 curvature of the map; also the plane of windows.",
     )
     fill_undefined: bool = Field(False, description="Fills undefined points; refused otherwise.")
+    spikes: Literal["keep", "remove"] = Field(
+        "keep",
+        description="`remove` fills points that stand out of their surroundings, by the median "
+        "test of `multiscale.surfaces.find_spikes`, and says how many.",
+    )
     filled: Share = Field(0.1, description="Largest share of filled points in a window.")
     periodic: Literal["mirror", "window"] = Field(
         "mirror", description="Reflects a window (into a quarter of the cell) or fades its edges."

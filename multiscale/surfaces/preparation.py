@@ -7,7 +7,23 @@ from multiscale.errors import CaseError
 from multiscale.surfaces.statistics import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
-__all__ = ["composite", "crop", "detrend", "low_pass", "mirror", "resample", "rotate", "window"]
+__all__ = [
+    "composite",
+    "crop",
+    "detrend",
+    "find_spikes",
+    "low_pass",
+    "mirror",
+    "resample",
+    "rotate",
+    "window",
+]
+
+AROUND = 5
+"""Points across the surroundings of a point that may be a spike."""
+
+SPIKE, GAUSSIAN = 10.0, 1.4826
+"""Distance of a spike over a standard deviation, and this over the median of a Gaussian."""
 
 _ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
 
@@ -19,6 +35,41 @@ def detrend(surface: Surface) -> Surface:
     points stay.
     """
     return Surface(remove_trend(surface.heights, 1), surface.size, surface.filled)
+
+
+def find_spikes(heights: np.ndarray) -> np.ndarray:
+    r"""Find points that stand out of their surroundings.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (nx, ny), m, NaN where undefined; a line scan has ``ny = 1``
+
+    Returns
+    -------
+    ndarray of bool, shape (nx, ny), whether a point is a spike; undefined points are none
+
+    Notes
+    -----
+    With the median :math:`m` of the 5 x 5 points about it, a point is a spike if
+
+    .. math:: |h - m| > 10 \cdot 1.4826\, \mathrm{median}(|h - m| \ne 0),
+
+    ten times the standard deviation of Gaussian differences. Clusters of more than three points
+    across are their own surroundings, and stay.
+    """
+    undefined = ~np.isfinite(heights)
+    if undefined.all():
+        return np.zeros_like(undefined)
+    nearest = scipy.ndimage.distance_transform_edt(
+        undefined, return_distances=False, return_indices=True
+    )
+    whole = heights[tuple(nearest)]
+    around = scipy.ndimage.median_filter(whole, np.minimum(heights.shape, AROUND), mode="nearest")
+    away = np.where(undefined, 0.0, np.abs(whole - around))
+    if not away.any():
+        return np.zeros_like(undefined)
+    spikes: np.ndarray = away > SPIKE * GAUSSIAN * np.median(away[away > 0.0])
+    return spikes
 
 
 def mirror(surface: Surface) -> Surface:

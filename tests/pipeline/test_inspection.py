@@ -14,7 +14,8 @@ from multiscale.errors import CaseError
 from multiscale.pipeline.case import load_case, validate_case
 from multiscale.pipeline.case_cells import rough_sides, two_surfaces
 from multiscale.pipeline.inspection import inspect_surface
-from multiscale.surfaces import Anisotropy, self_affine
+from multiscale.pipeline.measured_sides import measured_map
+from multiscale.surfaces import Anisotropy, find_spikes, self_affine
 from tests.support import COMMAND
 
 PIXEL = 1e-6
@@ -124,6 +125,76 @@ def test_the_proposed_case_runs(store, rough, command, tmp_path):
     (tmp_path / "small.toml").write_text(tomli_w.dumps(case))
     status, said, _ = command("run", "small.toml", "-o", "out", "--jobs", "1")
     assert (status, "MPa" in said) == (0, True)
+
+
+@pytest.fixture(scope="module")
+def spiked(rough):
+    """The map with 40 spikes of 30 times its rms height, up to two points wide, and their mask."""
+    spikes = np.zeros(rough.shape, bool)
+    places = np.random.default_rng(5).permutation(rough.size // 64)[:40]
+    x, y = np.unravel_index(places, (rough.shape[0] // 8, rough.shape[1] // 8))
+    spikes[8 * x + 3, 8 * y + 3] = True
+    spikes[8 * x[::2] + 4, 8 * y[::2] + 3] = True
+    return np.where(spikes, rough + 30.0 * rough.std(), rough), spikes
+
+
+def test_spikes_are_the_points_that_stand_out(rough, spiked):
+    heights, spikes = spiked
+    assert not find_spikes(rough).any()
+    np.testing.assert_array_equal(find_spikes(heights), spikes)
+    lost = np.where(np.roll(spikes, 2, axis=1), np.nan, heights)
+    np.testing.assert_array_equal(find_spikes(lost), spikes & np.isfinite(lost))
+    line = np.where(np.arange(300) == 100, 9.0, np.sin(0.1 * np.arange(300)))[:, None]
+    assert np.argwhere(find_spikes(line)).tolist() == [[100, 0]]
+    assert not find_spikes(np.full((9, 9), np.nan)).any()
+    assert not find_spikes(np.ones((9, 9))).any()
+
+
+def test_inspect_counts_spikes_and_removes_them(store, rough, spiked):
+    known = {"size": (384e-6, 320e-6), "unit": 1.0}
+    heights, spikes = spiked
+    said = inspect_surface(store(heights), **known)
+    number = int(spikes.sum())
+    assert (
+        f'{number} spikes go with --remove-spikes, and with spikes = "remove"'
+        in (said.attrs["cautions"])
+    )
+    clean, told = (
+        inspect_surface(store(one), **known, spikes=spikes)
+        for one, spikes in ((rough, "keep"), (heights, "remove"))
+    )
+    assert f"{number} of {heights.size} points (0.049 %) stood out" in told.attrs["cautions"]
+    assert "few points have" not in told.attrs["cautions"]
+    assert float(said["kurtosis"]) > 10 * float(told["kurtosis"])
+    for name in ("rms_height", "rms_slope"):
+        assert float(told[name]) == pytest.approx(float(clean[name]), rel=1e-2)
+    table = tomllib.loads(told.attrs["proposal"])["body_1"]["surface"]
+    assert table["spikes"] == "remove"
+    assert "fill_undefined" not in table
+
+
+def test_cells_leave_out_spikes_and_say_how_many(store, rough, spiked):
+    heights, spikes = spiked
+    table = {"size": ["384 um", "320 um"], "unit": "1 m"}
+    sides = [
+        rough_sides(case_of([table | {"file": str(store(one, name))} | more, None]))[0]
+        for one, name, more in (
+            (rough, "clean.npy", {}),
+            (heights, "spiked.npy", {"spikes": "remove"}),
+        )
+    ]
+    clean, filled = (side.measured.stages[0].rms_height for side in sides)  # of the maps
+    assert filled == pytest.approx(clean, rel=1e-3)
+    assert sides[1].measured.cautions[0].startswith(f"{spikes.sum()} of {heights.size} points")
+    assert not any("spikes" in one for one in sides[0].measured.cautions)
+
+
+def test_too_many_spikes_are_no_spikes(store):
+    noise = np.random.default_rng(1).standard_cauchy((64, 64))
+    case = case_of([{"file": str(store(noise)), "size": ["1 mm"] * 2, "unit": "um"}, None])
+    surface = case.body_1.surface.model_copy(update={"spikes": "remove"})
+    with pytest.raises(CaseError, match="stand out of their surroundings, too many for spikes"):
+        measured_map(surface)
 
 
 def test_a_closed_pipe_leaves_the_case_file(store, tmp_path, rough):
@@ -366,4 +437,4 @@ def test_spikes_that_make_the_rms_height_are_a_caution(store, rough):
         for heights in (rough, spiked)
     )
     assert "kurtosis" not in clean.attrs["cautions"]
-    assert "remove spikes, dust and holes that are not of the surface" in dusty.attrs["cautions"]
+    assert "20 spikes go with --remove-spikes" in dusty.attrs["cautions"]
