@@ -25,6 +25,7 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
+from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
@@ -119,6 +120,8 @@ class Granulate(StructureKind):
     asks: ClassVar[tuple[tuple[str, ...], ...]] = (("grains", "motion"),)
     strained: ClassVar[bool] = False
     """Whether they lie in a periodic cell that strains under a pressure."""
+    question: ClassVar[str] = "How do the grains move, and what do their contacts carry?"
+    """Question that the motion answers."""
 
     @property
     def roughest_wall(self) -> float:
@@ -137,9 +140,15 @@ class Granulate(StructureKind):
             If grains that are pressed do not come to rest.
         """
 
+    def measured(self, result: Dataset) -> Dataset:
+        """Return the result of the motion with the quantities that answer the question."""
+        return result
+
 
 class Deposit(Granulate):
     """Spheres that fall into an open box; see :func:`multiscale.macro.granulate.deposit`."""
+
+    question: ClassVar[str] = "Which walls bear the weight of the grains, and what costs a step?"
 
     kind: Literal["deposit"]
     size: tuple[Length, Length] = Field(description="Edges of the box along x and y, m.")
@@ -148,9 +157,15 @@ class Deposit(Granulate):
         """Let the grains fall into the box."""
         return granulate.deposit(grains.radii, self.size, grains.law, **grains.options)
 
+    def measured(self, result: Dataset) -> Dataset:
+        """Add the shares of the weight that sides and floor bear."""
+        return granulate.with_weight_shares(result, floor=4)
+
 
 class Silo(Granulate):
     """Spheres that fall into a pipe; see :func:`multiscale.macro.granulate.silo`."""
+
+    question: ClassVar[str] = "How much of the weight of the grains does the wall bear?"
 
     kind: Literal["silo"]
     diameter: Length = Field(description="Inner diameter, m.")
@@ -162,6 +177,10 @@ class Silo(Granulate):
         walls: dict[str, Any] = {"wall_friction": self.wall_friction, "sinking": self.sinking}
         return granulate.silo(grains.radii, self.diameter, grains.law, **walls, **grains.options)
 
+    def measured(self, result: Dataset) -> Dataset:
+        """Add the shares of the weight that wall and bottom bear."""
+        return granulate.with_weight_shares(result, floor=0)
+
     @property
     def roughest_wall(self) -> float:
         """That of the pipe."""
@@ -170,6 +189,8 @@ class Silo(Granulate):
 
 class ColumnCollapse(Granulate):
     """Discs that settle behind a gate, which is then taken away."""
+
+    question: ClassVar[str] = "How far do the grains run beyond the gate?"
 
     kind: Literal["column_collapse"]
     width: Length = Field(description="Width of the column, m.")
@@ -181,6 +202,10 @@ class ColumnCollapse(Granulate):
         still = granulate.simulate_grains(model, self.settling, motion.step, solver=motion.solver)
         return granulate.release(model, granulate.final_grains(model, still))
 
+    def measured(self, result: Dataset) -> Dataset:
+        """Add the distance of the farthest grain beyond the gate."""
+        return granulate.with_run_out(result, self.width)
+
     def quick(self, case: "Case") -> Self:
         """Return a column that settles no longer than the motion is followed."""
         return self.model_copy(update={"settling": min(self.settling, case.motion.duration)})
@@ -188,6 +213,8 @@ class ColumnCollapse(Granulate):
 
 class ShearCell(Granulate):
     """Spheres sheared between rough plates; see :func:`multiscale.macro.granulate.shear_layer`."""
+
+    question: ClassVar[str] = "Which shear stress does the layer of grains bear?"
 
     kind: Literal["shear_cell"]
     size: tuple[Length, Length] = Field(description="Periods along x and y, m.")
@@ -202,11 +229,16 @@ class ShearCell(Granulate):
         _refuse_long_steps(motion, resolving)
         return model
 
+    def measured(self, result: Dataset) -> Dataset:
+        """Add shear stress and pressure on the upper plate."""
+        return granulate.with_plate_stress(result, 1, self.size[0] * self.size[1], self.speed)
+
 
 class Biaxial(Granulate):
     """Grains in a periodic cell, compacted, then shortened along z under a lateral pressure."""
 
     strained: ClassVar[bool] = True
+    question: ClassVar[str] = "Which stress ratio do the grains bear, and do they dilate?"
 
     kind: Literal["biaxial"]
     pressure: Pressure = Field(description="Pressure of the compaction, and then on the sides, Pa.")

@@ -159,13 +159,15 @@ def structure_stage(
     prepare, kept
         As of :class:`Stage`, from the structure and its case.
     reads : set of str, tables on which the dataset depends, beside the title
-    question : str, stands at the head of the page
+    question : str
+        Stands at the head of the page, if the dataset has no attribute ``question``.
     takes : tuple of Stage
     schema : Schema
     solver : tuple of str, libraries that solve where they are installed
     more : callable, from the dataset to further sections of the page
     pictures : tuple of str, names of all figures that these may have
-    answer : callable, from the dataset to what the head of the page answers to the question
+    answer : callable
+        From the dataset to what the print and the head of the page answer to the question.
     answers, compared
         See :class:`multiscale.pipeline.stage.Stage`.
     """
@@ -180,6 +182,7 @@ def structure_stage(
 
     def lines(result: Dataset) -> Iterator[str]:
         yield from format_table(result.attrs["title"], *tabulate(result))
+        yield from answer(result)
         yield from _told(result)
         for section in more(result):
             if section.head:
@@ -196,7 +199,7 @@ def structure_stage(
         told = answer(result)
         if solved < steps or not told:
             told.append(f"{solved} of {steps} steps have an answer; see the table.")
-        return Summary(question, told)
+        return Summary(str(result.attrs.get("question", question)), told)
 
     return Stage(
         schema=schema,

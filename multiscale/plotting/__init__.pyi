@@ -12,6 +12,7 @@ from multiscale.plotting.grain_figures import draw_granulate as draw_granulate
 from multiscale.plotting.grain_figures import plot_biaxial_curve as plot_biaxial_curve
 from multiscale.plotting.grain_figures import plot_contact_error as plot_contact_error
 from multiscale.plotting.grain_figures import plot_force_network as plot_force_network
+from multiscale.plotting.grain_figures import plot_grain_answer as plot_grain_answer
 from multiscale.plotting.grain_figures import plot_grain_energies as plot_grain_energies
 from multiscale.plotting.joint_figures import draw_joint as draw_joint
 from multiscale.plotting.joint_figures import joint_pictures as joint_pictures

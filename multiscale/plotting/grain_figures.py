@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from multiscale.errors import CaseError
 from multiscale.plotting.figure import (
     Axes,
     add_colour_bar,
@@ -16,12 +17,29 @@ from multiscale.plotting.figure import (
 from multiscale.schema import Dataset
 
 __all__ = [
+    "GRAIN_PICTURES",
     "draw_granulate",
+    "grain_pictures",
     "plot_biaxial_curve",
     "plot_contact_error",
     "plot_force_network",
+    "plot_grain_answer",
     "plot_grain_energies",
 ]
+
+GRAIN_PICTURES = ("grain_answer", "biaxial_curve", "force_network", "energies", "contact_error")
+"""Names of all figures of grains."""
+
+WEIGHT, STRESS = "share of the weight (%)", "stress on the upper plate (kPa)"
+
+ANSWERS = {
+    "side_share": ("side walls", 100.0, WEIGHT),
+    "floor_share": ("floor", 100.0, WEIGHT),
+    "run_out": ("farthest grain", 1e3, "run-out beyond the gate (mm)"),
+    "plate_shear": ("shear stress", 1e-3, STRESS),
+    "plate_pressure": ("pressure", 1e-3, STRESS),
+}
+"""Labels, scales and axes of the quantities that a motion is asked for."""
 
 
 def plot_force_network(
@@ -115,21 +133,52 @@ def plot_biaxial_curve(result: Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_grain_answer(result: Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot the quantity that a motion is asked for over time: weight borne, run-out or stress.
+
+    Raises
+    ------
+    CaseError
+        If the result has none of them.
+    """
+    ax, shown = axes_or_current(ax), [name for name in ANSWERS if name in result]
+    if not shown:
+        raise CaseError("the result has no share of the weight, run-out or stress on a plate")
+    start = np.append(0.0, result["time"].values)
+    for name in shown:
+        label, scale, axis = ANSWERS[name]
+        at = start[1:]
+        if result[name].dims == ("frame",):
+            at = start[result["frame_step"].values + 1]
+        ax.plot(at, scale * result[name].values, linewidth=0.8, label=label)
+    ax.set(xlabel="time (s)", ylabel=axis)
+    if len(shown) > 1:
+        ax.legend()
+    return ax
+
+
+def grain_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
+    """Return what is drawn of grains, by name: forces, energies, the solver, and the answer."""
+    y = result["position"].values[-1, :, 1]
+    middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
+    slab = (float(middle - half), float(middle + half))
+    plots: dict[str, Callable[..., object]] = {}
+    if any(name in result for name in ANSWERS):
+        plots["grain_answer"] = partial(plot_grain_answer, result)
+    if "stress" in result:
+        plots["biaxial_curve"] = partial(plot_biaxial_curve, result)
+    return plots | {
+        "force_network": partial(plot_force_network, result, slab=slab),
+        "energies": partial(plot_grain_energies, result),
+        "contact_error": partial(plot_contact_error, result),
+    }
+
+
 def draw_granulate(result: Dataset, folder: Path) -> list[Path]:
-    """Draw the force network, the energies and the error of the solver into PNG files.
+    """Draw the figures of :func:`grain_pictures` into PNG files.
 
     Parameters
     ----------
     folder : Path, folder of the files, made if needed
     """
-    y = result["position"].values[-1, :, 1]
-    middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
-    slab = (float(middle - half), float(middle + half))
-    plots: dict[str, Callable[..., object]] = {
-        "force_network": partial(plot_force_network, result, slab=slab),
-        "energies": partial(plot_grain_energies, result),
-        "contact_error": partial(plot_contact_error, result),
-    }
-    if "stress" in result:
-        plots["biaxial_curve"] = partial(plot_biaxial_curve, result)
-    return save_figures(plots, folder, (6.0, 5.0))
+    return save_figures(grain_pictures(result), folder, (6.0, 5.0))

@@ -9,6 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.body_settings import doubt_density
+from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.plotting import draw_granulate
 from multiscale.schema import GRANULATE
 from tests.support import SCENES, write_scene
@@ -127,3 +128,36 @@ def test_grains_take_no_interface_law(tmp_path):
     scene = load_case(SCENES / "deposit.toml").quick()
     with pytest.raises(CaseError, match="has no joint that the law"):
         run_macro(scene, tmp_path / "result.nc", law=tmp_path / "law.nc")
+
+
+def test_the_floor_bears_the_weight_of_grains_that_touch_no_wall(tmp_path):
+    """Twenty spheres in one layer, far from the walls, at rest."""
+    path = write_scene(tmp_path, DEPOSIT, ("number = 1000", "number = 20"))
+    result = run_macro(load_case(path).quick(), tmp_path / "result.nc")
+    np.testing.assert_allclose(result["floor_share"][-5:], 1.0, atol=1e-3)
+    np.testing.assert_array_equal(result["side_share"][-5:], 0.0)
+    said = GRAINS.summary(result)
+    assert said.answer[0].endswith("of the grains (0 to 0 %), the floor 100 %.")
+    assert said.question == "Which walls bear the weight of the grains, and what costs a step?"
+
+
+def test_the_run_out_counts_from_the_gate_to_the_farthest_edge(tmp_path):
+    result = run_macro(load_case(SCENES / "column_collapse.toml").quick(), tmp_path / "result.nc")
+    edge = (result["position"][..., 0] + result["radius"]).max("grain") - 0.2
+    np.testing.assert_allclose(result["run_out"], edge)
+    answer = GRAINS.summary(result).answer
+    assert answer[0] == "After 0.04 s no grain has passed the gate."
+    assert "they run farther; take a longer duration" in answer[1]
+    ran = result.assign(run_out=result["run_out"] + 0.1)
+    told = f"the farthest grain is {1e3 * float(ran['run_out'][-1]):.4g} mm beyond the gate"
+    assert told in GRAINS.summary(ran).answer[0]
+
+
+def test_the_pressure_on_the_plate_is_the_pressure_of_the_scene(tmp_path):
+    result = run_macro(load_case(SCENES / "shear_cell.toml").quick(), tmp_path / "result.nc")
+    assert float(result["plate_pressure"].mean()) == pytest.approx(10e3, rel=0.05)
+    force = result["wall_force"].isel(wall=1)
+    np.testing.assert_allclose(result["plate_shear"], -force[:, 0] / 0.01)
+    np.testing.assert_allclose(result["plate_slip"], 0.1 * result["time"])
+    answer = GRAINS.summary(result).answer
+    assert "the stress of steady sliding is not known below 3" in answer[1]

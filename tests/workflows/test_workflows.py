@@ -9,6 +9,7 @@ import pytest
 
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.stages import stages_of
 from multiscale.schema import GRANULATE, MACRO_RESULT
 from tests.support import write_law
 
@@ -85,6 +86,12 @@ def test_every_scene_runs(scene, tmp_path):
     shown = result.sizes["frame" if "grain" in result.dims else "step"]
     assert len(files) == shown * (2 if settings.interface else 1)
     assert all(meshio.read(file).cells for file in files)
+    stage, *_ = stages_of(settings.tables)
+    answer = stage.summary(result).answer
+    assert not any("steps have an answer" in sentence for sentence in answer)
+    assert set(answer) <= set(stage.lines(result)), "the print answers the question, too"
+    (section,) = [one for one in stage.sections({stage.name: result}, tmp_path) if one.figures][:1]
+    assert set(section.figures) <= set(stage.pictures)
 
 
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):

@@ -20,3 +20,6 @@ from multiscale.macro.granulate.model import Solver as Solver
 from multiscale.macro.granulate.observables import coordination as coordination
 from multiscale.macro.granulate.observables import love_weber as love_weber
 from multiscale.macro.granulate.observables import network as network
+from multiscale.macro.granulate.observables import with_plate_stress as with_plate_stress
+from multiscale.macro.granulate.observables import with_run_out as with_run_out
+from multiscale.macro.granulate.observables import with_weight_shares as with_weight_shares

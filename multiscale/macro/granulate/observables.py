@@ -1,10 +1,18 @@
-"""Averages of a granulate: mean stress and coordination number."""
+"""Averages of a granulate: mean stress, coordination number, and what its walls bear."""
 
 import numpy as np
 
-from multiscale.schema import Dataset
+from multiscale.macro.granulate.model import Model
+from multiscale.schema import GRANULATE, Dataset
 
-__all__ = ["coordination", "love_weber", "network"]
+__all__ = [
+    "coordination",
+    "love_weber",
+    "network",
+    "with_plate_stress",
+    "with_run_out",
+    "with_weight_shares",
+]
 
 
 def network(result: Dataset, frame: int = -1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -92,3 +100,41 @@ def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) ->
         held &= ~loose
     number = int(held.sum())
     return (float(count[held].sum()) / number if number else 0.0), n_grains - number
+
+
+def with_weight_shares(result: Dataset, floor: int) -> Dataset:
+    """Return a result with the shares of the weight that the side walls and the floor bear.
+
+    Parameters
+    ----------
+    result : Dataset, follows ``GRANULATE``; grains under their weight
+    floor : int, number of the wall that is the floor; the others are sides
+    """
+    weight = -Model.gravity[2] * float(result["mass"].sum())
+    borne = -result["wall_force"].to_numpy()[..., 2] / weight
+    sides = np.delete(borne, floor, axis=1).sum(axis=1)
+    return GRANULATE.assign(result, {"side_share": sides, "floor_share": borne[:, floor]})
+
+
+def with_run_out(result: Dataset, gate: float) -> Dataset:
+    """Return a result with the distance of the farthest grain beyond a gate at x, m, by frame."""
+    edge = (result["position"].to_numpy()[..., 0] + result["radius"].to_numpy()).max(axis=1)
+    return GRANULATE.assign(result, {"run_out": edge - gate})
+
+
+def with_plate_stress(result: Dataset, plate: int, area: float, speed: float) -> Dataset:
+    """Return a result with shear stress and pressure on the upper plate, and its slip.
+
+    Parameters
+    ----------
+    result : Dataset, follows ``GRANULATE``
+    plate : int, number of the wall, which moves along x
+    area, speed : float, of the plate, m2 and m/s
+    """
+    force = result["wall_force"].to_numpy()[:, plate]
+    values = {
+        "plate_shear": -force[:, 0] / area,
+        "plate_pressure": force[:, 2] / area,
+        "plate_slip": speed * result["time"].to_numpy(),
+    }
+    return GRANULATE.assign(result, values)

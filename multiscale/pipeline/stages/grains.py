@@ -1,7 +1,10 @@
 """Stage: rigid grains in frictional contact."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from math import ceil
+
+import numpy as np
 
 from multiscale.io import write_grain_fields
 from multiscale.macro import granulate
@@ -11,13 +14,19 @@ from multiscale.pipeline.body_settings import doubt_density
 from multiscale.pipeline.grain_settings import Granulate
 from multiscale.pipeline.rows import tabulate_grains
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, StageAnswer
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.grain_figures import GRAIN_PICTURES, grain_pictures
 from multiscale.schema import GRANULATE, Dataset, with_cautions
 
 __all__ = ["GRAINS"]
 
 STEP_TIME, GRAIN_TIME = 1.5e-3, 1e-5  # s of a step, and of a grain in it, about
+LAST = 0.2  # share of a motion whose mean counts
+UNSETTLED = 0.05  # share of the weight that nothing bears, or is borne beyond it, in motion
+STEADY = 3.0  # diameters of a grain after which a layer may slide steadily
+MOVING = 0.01  # kinetic energy of grains that still run, over its largest value
 RIGID = 5.0  # times more sweeps of rigid contacts, about
 
 
@@ -35,6 +44,7 @@ def _solve(given: Granulate, case: Case, found: Datasets, job: Job) -> Dataset:
         n_frames=motion.frames,
         callback=lambda step, _: job.progress(step + 1, max(step + 1, steps), "time steps"),
     )
+    result = given.measured(result).assign_attrs(question=given.question)
     return with_cautions(result, *doubt_density("the material of the grains", grains.density))
 
 
@@ -53,6 +63,110 @@ def _needs(given: Granulate, case: Case) -> Needs:
     return replace(needs, seconds=(STEP_TIME + each * grains.number) * steps)
 
 
+def _answer(result: Dataset) -> Iterator[str]:
+    """Say what the walls bear, how far the grains run, or which stress they bear; and the cost."""
+    for name, say in SAID.items():
+        if name in result:
+            yield from say(result)
+    sweeps, seconds = (float(result[name].mean()) for name in ("iterations", "wall_time"))
+    yield (
+        f"A step of {result.sizes['grain']} grains takes {sweeps:.3g} sweeps and "
+        f"{1e3 * seconds:.3g} ms in the mean."
+    )
+
+
+def _late(result: Dataset, name: str, share: float) -> tuple[float, float, float]:
+    """Mean of a quantity over the last share of the motion, and its least and largest value."""
+    values = result[name].to_numpy()[-max(1, round(share * result.sizes["step"])) :]
+    return float(values.mean()), float(values.min()), float(values.max())
+
+
+def _say_weight(result: Dataset) -> Iterator[str]:
+    """Say the shares of the weight of side walls and floor in the last fifth of the motion."""
+    sides, least, most = _late(result, "side_share", LAST)
+    floor, *_ = _late(result, "floor_share", LAST)
+    yield (
+        f"In the last fifth of the motion the side walls bear {100.0 * sides:.3g} % of the weight "
+        f"of the grains ({100.0 * least:.3g} to {100.0 * most:.3g} %), the floor "
+        f"{100.0 * floor:.3g} %."
+    )
+    if abs(sides + floor - 1.0) > UNSETTLED:
+        yield (
+            f"Together they bear {100.0 * (sides + floor):.3g} %: the grains are not at rest; take "
+            f"a longer duration."
+        )
+    force = np.linalg.norm(granulate.network(result)[1], axis=1)
+    if force.size:
+        weight = -granulate.Model.gravity[2] * float(result["mass"].mean())
+        yield f"The largest contact force is {force.max() / weight:.3g} times a grain's weight."
+
+
+def _say_run_out(result: Dataset) -> Iterator[str]:
+    """Say how far the grains have run, and whether they still move."""
+    last, energy = float(result["run_out"][-1]), result["kinetic_energy"].to_numpy()
+    when = f"After {float(result['time'][-1]):.3g} s"
+    if last > 0.0:
+        edge = (result["position"][-1, :, 0] + result["radius"]).to_numpy()
+        most = 1e3 * (np.percentile(edge - edge.max(), 95.0) + last)
+        yield (
+            f"{when} the farthest grain is {1e3 * last:.4g} mm beyond the gate, and 95 % of the "
+            f"grains are within {most:.4g} mm of it."
+        )
+    else:
+        yield f"{when} no grain has passed the gate."
+    if energy[-1] > MOVING * energy.max():
+        yield (
+            f"The grains still move, with {100.0 * energy[-1] / energy.max():.2g} % of their "
+            f"largest kinetic energy: they run farther; take a longer duration."
+        )
+
+
+def _say_plate(result: Dataset) -> Iterator[str]:
+    """Say the shear stress of the second half of the motion, and its ratio to the pressure."""
+    shear, *ends = (1e-3 * value for value in _late(result, "plate_shear", 0.5))
+    pressure = 1e-3 * _late(result, "plate_pressure", 0.5)[0]
+    yield (
+        f"In the second half of the motion the layer bears a mean shear stress of {shear:.3g} kPa "
+        f"({ends[0]:.3g} to {ends[1]:.3g} kPa in single steps) under a pressure of "
+        f"{pressure:.3g} kPa, a friction coefficient of {shear / pressure:.2g}."
+    )
+    slip, grain = float(result["plate_slip"][-1]), 2.0 * float(result["radius"].mean())
+    if slip < STEADY * grain:
+        yield (
+            f"The plate has slid by {slip / grain:.2g} diameters of a grain, and the stress of "
+            f"steady sliding is not known below {STEADY:g}; take a longer duration."
+        )
+
+
+def _say_cell(result: Dataset) -> Iterator[str]:
+    """Say the largest and the last stress ratio of a strained cell, and its change of volume."""
+    curve = granulate.biaxial_curve(result)
+    ratio, strain = curve["stress_ratio"].to_numpy(), 100.0 * curve["axial_strain"].to_numpy()
+    peak, volume = int(np.nanargmax(ratio)), 100.0 * float(curve["volumetric_strain"][-1])
+    yield (
+        f"The stress ratio q/p is at most {ratio[peak]:.3g}, at an axial strain of "
+        f"{strain[peak]:.2g} %, and {ratio[-1]:.3g} at the end, at {strain[-1]:.2g} %."
+    )
+    changed = "compacted" if volume > 0.0 else "dilated"
+    yield f"By then the cell has {changed} by {abs(volume):.2g} %."
+
+
+SAID = {
+    "side_share": _say_weight,
+    "run_out": _say_run_out,
+    "plate_shear": _say_plate,
+    "stress": _say_cell,
+}
+"""Sentences of the quantities that a motion may have."""
+
+
+def _sections(result: Dataset) -> Iterator[Section]:
+    """Show the quantity asked for, the forces, the energies and the error of the contacts."""
+    told = ["Forces and grains are those of the last instant kept."]
+    figures = {name: on_axes(plot) for name, plot in grain_pictures(result).items()}
+    yield Section("Grains", told, figures=figures)
+
+
 def _compared(result: Dataset) -> Dataset:
     """Return the state of the grains, with the stress ratio of a cell that is strained."""
     return result.merge(granulate.biaxial_curve(result)) if "stress" in result else result
@@ -65,15 +179,20 @@ GRAINS = structure_stage(
     tabulate_grains,
     write_grain_fields,
     reads={"structure", "grains", "motion"},
-    question="How do the grains move, and what do their contacts carry?",
+    question=Granulate.question,
     schema=GRANULATE,
     solver=(),
     check=lambda result: None,
+    more=_sections,
+    pictures=GRAIN_PICTURES,
+    answer=lambda result: list(_answer(result)),
     answers=(
         StageAnswer("n_contacts", "contacts", "1"),
         StageAnswer("kinetic_energy", "kinetic energy", "J"),
         StageAnswer("penetration", "overlap over radius", "1"),
         StageAnswer("stress_ratio", "stress ratio q/p", "1"),
+        StageAnswer("side_share", "weight on the side walls", "%", 100.0),
+        StageAnswer("plate_shear", "shear stress", "kPa", 1e-3),
     ),
     compared=_compared,
 )

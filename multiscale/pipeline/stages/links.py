@@ -16,14 +16,34 @@ from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.rows import tabulate_links
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, StageAnswer
+from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+from multiscale.plotting.figure import in_space, on_axes
+from multiscale.plotting.link_figures import (
+    plot_deformed_links,
+    plot_energies,
+    plot_sorted_tensions,
+)
 from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["LINKS"]
 
 FURTHEST = 0.05
 """Displacement of the ends of a link against each other, over its length, that counts as small."""
+
+OF_MOTION = "How do the links swing, which tensions do they carry, and where does the energy go?"
+"""Question of a motion."""
+
+ENERGIES = {
+    "kinetic_energy": "kinetic",
+    "elastic_energy": "elastic",
+    "link_dissipation": "lost in the links",
+    "numerical_dissipation": "lost to the time scheme",
+}
+"""Parts of the energy of a motion."""
+
+LEAST_SHARE = 1e-3
+"""Share of the energy below which a part is left out."""
 
 STRAINED = 0.1
 """Strain of a link that carries above which its law, linear elastic, is beyond what cables do."""
@@ -34,7 +54,8 @@ def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> Datas
     system, statics = links.build(), case.statics
     if statics is None:
         assert case.dynamics is not None  # the case has been validated
-        return with_too_far(_move(links, case, case.dynamics, found, job))
+        moved = _measured(_move(links, case, case.dynamics, found, job))
+        return with_too_far(moved.assign_attrs(question=OF_MOTION))
     if case.substructures is not None:
         problem, factors = links.cut(case, found, job), np.array(statics.load_factors)
         solved = macro.solve_latin(
@@ -45,7 +66,7 @@ def _solve(links: LinkStructure, case: Case, found: Datasets, job: Job) -> Datas
         result = macro.solve_static(
             system, statics.load_factors, exact=statics.exact, stability=statics.stability
         )
-    return with_too_far(result, *_strained(result, statics))
+    return with_too_far(_measured(result), *_strained(result, statics))
 
 
 def _strained(result: Dataset, statics: Statics) -> Iterator[str]:
@@ -98,12 +119,88 @@ def _move(
     return _with_links(result, system)
 
 
-def _compared(result: Dataset) -> Dataset:
-    """Return how many links are slack, and the largest tension."""
-    tension, slack = result["tension"], (result["slack"] > 0.0).where(result["converged"] == 1)
-    counted = slack.sum("link", min_count=1).assign_attrs(units="1", long_name="slack links")
-    largest = tension.max("link").assign_attrs(tension.attrs, long_name="largest tension")
-    return result.assign(slack_links=counted, largest_tension=largest)
+def _measured(result: Dataset) -> Dataset:
+    """Return the result with the number of slack links and the largest tension and displacement."""
+    solved = result["converged"].to_numpy() == 1
+    slack = (result["slack"].to_numpy() > 0.0).sum(axis=1)
+    moved = np.linalg.norm(result["displacement"].to_numpy()[..., :3], axis=2).max(axis=1)
+    values = {
+        "slack_links": slack,
+        "largest_tension": result["tension"].to_numpy().max(axis=1),
+        "largest_displacement": moved,
+    }
+    known = {name: np.where(solved, value, np.nan) for name, value in values.items()}
+    return MACRO_RESULT.assign(result, known)
+
+
+def _answer(result: Dataset) -> Iterator[str]:
+    """Say the largest tension, how many links are slack, and how far the nodes move."""
+    known = np.flatnonzero(result["converged"].to_numpy() == 1)
+    if not known.size or "largest_tension" not in result:
+        return
+    yield from (_of_motion if "time" in result.coords else _of_loads)(result.isel(step=known))
+
+
+def _of_loads(result: Dataset) -> Iterator[str]:
+    """Say the answers at the last load factor, and where links begin to go slack."""
+    last, slack = result.isel(step=-1), result["slack_links"].to_numpy()
+    factor = result["load_factor"].to_numpy()
+    yield (
+        f"At the load factor {factor[-1]:.4g} the largest tension is {_say_tension(last)}; "
+        f"{_say_slack(slack[-1], result)}, and the nodes move by up to "
+        f"{1e3 * float(last['largest_displacement']):.4g} mm."
+    )
+    first = int(np.argmax(slack > 0.0))
+    if slack[first] > 0.0 and first > 0:
+        yield (
+            f"The first links go slack between the load factors {factor[first - 1]:.4g} and "
+            f"{factor[first]:.4g}."
+        )
+
+
+def _of_motion(result: Dataset) -> Iterator[str]:
+    """Say the largest answers of a motion, and where its energy is at the end."""
+    most = result.isel(step=int(np.argmax(result["largest_tension"].to_numpy())))
+    slack, swing = (result[name] for name in ("slack_links", "largest_displacement"))
+    yield (
+        f"The largest tension is {_say_tension(most)}, at {float(most['time']):.3g} s; at most "
+        f"{_say_slack(float(slack.max()), result)}. The nodes are between "
+        f"{1e3 * float(swing.min()):.4g} and {1e3 * float(swing.max()):.4g} mm from their places."
+    )
+    end = result.isel(step=-1)
+    parts = {said: float(end[name]) for name, said in ENERGIES.items() if name in end}
+    whole = sum(parts.values())
+    shares = [
+        f"{100.0 * part / whole:.3g} % is {said}"
+        for said, part in parts.items()
+        if part > LEAST_SHARE * whole
+    ]
+    if shares:
+        yield f"Of the energy of {whole:.4g} J at the end, {' and '.join(shares)}."
+
+
+def _say_tension(step: Dataset) -> str:
+    link = int(np.argmax(step["tension"].to_numpy()))
+    return f"{1e-3 * float(step['largest_tension']):.4g} kN, in link {link}"
+
+
+def _say_slack(count: float, result: Dataset) -> str:
+    return f"{count:.0f} of {result.sizes['link']} links are slack"
+
+
+def _sections(result: Dataset) -> Iterator[Section]:
+    """Show the tensions or the energies, and the structure at the last step."""
+    moving = "time" in result.coords
+    name, plot = (
+        ("energies", plot_energies) if moving else ("sorted_tensions", plot_sorted_tensions)
+    )
+    figures = {name: on_axes(plot, result)}
+    known = np.flatnonzero(result["converged"].to_numpy() == 1)
+    if known.size:
+        figures["deformed_links"] = in_space(
+            plot_deformed_links, result, step=int(known[-1]), size=(7.5, 5.5)
+        )
+    yield Section("Links", figures=figures)
 
 
 def _at_rest(begin: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -145,6 +242,9 @@ LINKS = structure_stage(
     answers=(
         StageAnswer("slack_links", "slack links", "1"),
         StageAnswer("largest_tension", "largest tension", "kN", 1e-3),
+        StageAnswer("largest_displacement", "largest displacement", "mm", 1e3),
     ),
-    compared=_compared,
+    more=_sections,
+    pictures=("sorted_tensions", "energies", "deformed_links"),
+    answer=lambda result: list(_answer(result)),
 )

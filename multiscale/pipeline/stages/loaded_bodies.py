@@ -87,7 +87,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
     tightening = result["factor"].to_numpy()[:, 0]
     bolts = list_bolts(result, tightening) if ready.parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
-    measured = [*_secants(result), *_real_pressures(result), *_energies(result)]
+    measured = [*_real_pressures(result), *_energies(result)]
     return ready.finish(result, [*counted, *ready.parts.facts, *measured, *bolts])
 
 
@@ -104,6 +104,8 @@ def _with_budget(
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
+    if not solved:
+        return result
     whole = bool(result["converged"].values.all())
     few = few_steps(case) if whole else 0
     short = replace(
@@ -126,6 +128,29 @@ def _follow(
 ) -> Dataset:
     """Follow a path, maybe near another one, whatever the data of the laws."""
     return substructures.follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)
+
+
+def _answer(result: Dataset) -> Iterator[str]:
+    """Say the displacements and the largest stress at the last step of the path with an answer."""
+    moved = 1e6 * result["load_displacement"].to_numpy()
+    ends = np.flatnonzero((result["path_step"].to_numpy() >= 0) & np.isfinite(moved).all(axis=1))
+    if not ends.size:
+        return
+    last, since = result.isel(step=ends[-1]), ""
+    if result.sizes.get("interface", 0):  # without load its gap is not known
+        moved, since = moved - moved[ends[0]], " since step 0"
+    names, factors = map(str, result["load"].values), last["factor"].to_numpy()
+    loads = [(name, x, u) for name, x, u in zip(names, factors, moved[ends[-1]], strict=True) if x]
+    said = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in loads)
+    stress = last["equivalent_stress"].to_numpy()
+    worst = int(np.nanargmax(stress))
+    where = ""
+    if len(np.unique(result["element_body"])) > 1:
+        where = f", in body {int(result['element_body'][worst])}, counted from 0"
+    yield (
+        f"At step {int(last['path_step'])} the loaded faces have moved{since} by {said}; the "
+        f"largest mean stress of an element is {1e-6 * stress[worst]:.4g} MPa (von Mises){where}."
+    )
 
 
 def _secants(result: Dataset) -> Iterator[str]:
@@ -270,6 +295,7 @@ LOADED_BODIES = structure_stage(
     kept=KEPT,
     more=_sections,
     pictures=PICTURES,
+    answer=lambda result: [*_answer(result), *_secants(result)],
     answers=ANSWERS,
     compared=_compared,
 )
