@@ -36,7 +36,8 @@ PAGES: dict[str, tuple[str, type[Settings], str]] = {
     "joints": (
         "blocks and lap joints",
         Case,
-        "Blocks StackedBlocks LapJoint LawSource RoughInterface RisingPreloads Preloads Cycles",
+        "Blocks StackedBlocks LapJoint LawSource RoughInterface RisingPreloads JointPreloads "
+        "Cycles",
     ),
     "bodies": (
         "bodies, their vibration and life",
