@@ -240,7 +240,11 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
         raise CaseError(
             f"{path}: a body needs elements of one kind out of {', '.join(FACETS)} or of their "
             f"second order, got {counts or listed(whole)}; "
-            + (f"give as volume one of {listed(choices)}" if choices else "mesh the body again")
+            + (
+                f"give as volume one of {listed(choices)}, or a face of the piece that is meant"
+                if choices
+                else "mesh the body again"
+            )
         )
     return next(iter(found.items()))
 
