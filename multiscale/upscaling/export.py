@@ -214,6 +214,11 @@ def write_pressure_overclosure(
                 f"{at:.3g} Pa; give one between them"
             )
         bed = sliders_from_dataset(dataset)
+        if not bed.friction:
+            raise CaseError(
+                f"the law has no friction, and no stick stiffness, to be written for "
+                f"{friction_for}; leave the friction out"
+            )
         stiffness = bed.stiffness_ratio * float(law.stiffness(law.gap_at(np.array(at))))
         slip = bed.friction * at / stiffness
         lines += [

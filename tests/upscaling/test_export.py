@@ -169,6 +169,9 @@ def test_friction_is_refused_without_a_branch_of_shear_and_outside_the_data(tmp_
         write_pressure_overclosure(
             known, tmp_path / "a.inp", friction_for="abaqus", stick_pressure=1.0
         )
+    smooth = assume_shear(law, friction=0.0, stiffness_ratio=0.8)
+    with pytest.raises(CaseError, match="no friction, and no stick stiffness, to be written"):
+        write_pressure_overclosure(smooth, tmp_path / "a.inp", friction_for="abaqus")
 
 
 @pytest.mark.parametrize(
