@@ -532,7 +532,7 @@ def list_cycles(result: Dataset) -> list[str]:
     if "slipping_load" in result and not np.isnan(end["slipping_load"]):
         told.append(
             f"At the amplitude, {_value(end, 'slipping_load', 100.0)} % of the contact force is at "
-            f"sliding{say_intervals(end, 'slipping_load', 100.0)}, on "
-            f"{100.0 * float(end['slip_fraction']):.3g} % of the nominal area"
+            f"sliding{say_intervals(end, 'slipping_load', 100.0)}, more than half of the local "
+            f"pressure on {100.0 * float(end['slip_fraction']):.3g} % of the nominal area"
         )
     return told

@@ -178,7 +178,7 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
     assert re.search(rf" mJ lost \(mean law( and one part)? {re.escape(low[:3])}", loss)
     assert f" ... {high[:3]}" in loss
     assert " one part " in loss
-    assert "% of the load slip (mean law" in slip
+    assert "% of the contact force is at sliding (mean law" in slip
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,7 @@ def _losses(result: Dataset) -> Iterator[str]:
         shear = 1e-6 * float(np.abs(result["shear"]).max())
         yield (
             f"A cycle of shear between {shear:.3g} and -{shear:.3g} MPa loses {loss}; at its ends, "
-            f"{slip} of the contact force is at sliding, on "
+            f"{slip} of the contact force is at sliding, more than half of the local pressure on "
             f"{100.0 * float(end['slip_fraction']):.3g} % of the nominal area."
         )
 
