@@ -20,7 +20,7 @@ class ConvexDecreasing(NormalLaw):
     knot : ndarray, shape (terms,), gaps :math:`s_1 < \dots < s_n` at which the terms vanish, m
     coefficient : ndarray, shape (terms,)
         :math:`c_k`, Pa m\ :sup:`-3`. Single coefficients may be negative, see (2).
-    gap, pressure_range
+    gap, pressure_range, pressure_limit
         As of :class:`NormalLaw`.
 
     Raises
@@ -67,6 +67,7 @@ class ConvexDecreasing(NormalLaw):
     coefficient: np.ndarray
     gap: float = 0.0
     pressure_range: tuple[float, float] = (0.0, np.inf)
+    pressure_limit: float = np.inf
 
     def __post_init__(self) -> None:
         s, c = np.asarray(self.knot, dtype=float), np.asarray(self.coefficient, dtype=float)

@@ -57,6 +57,11 @@ class Damaged(NormalLaw):
         low, high = self.law.pressure_range
         return (1.0 - self.damage) * low, (1.0 - self.damage) * high
 
+    @property
+    def pressure_limit(self) -> float:  # type: ignore[override]
+        """Pressure above which data contradict the sound law, times 1 - D, Pa."""
+        return (1.0 - self.damage) * self.law.pressure_limit
+
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""
         return np.asarray((1.0 - self.damage) * self.law.pressure(gap))

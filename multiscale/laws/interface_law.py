@@ -71,6 +71,8 @@ class InterfaceLaw(ABC):
     damage : float, share of the interface that carries no load, dimensionless
     pressure_range : tuple of float
         Lowest and highest pressure of the fitted data, Pa; (0, inf) for a law without data.
+    pressure_limit : float
+        Pressure above which data contradict the law, Pa; infinite if none do.
     compliant : bool, whether a jump determines the traction; rigid contact has a resolvent only
     """
 
@@ -79,6 +81,7 @@ class InterfaceLaw(ABC):
     gap: float = 0.0
     damage: float = 0.0
     pressure_range: tuple[float, float] = (0.0, np.inf)
+    pressure_limit: float = np.inf
 
     @abstractmethod
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:

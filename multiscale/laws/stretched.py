@@ -50,6 +50,11 @@ class StretchedLaw(NormalLaw):
         """Pressures of the data of the other law, Pa."""
         return self.law.pressure_range
 
+    @property
+    def pressure_limit(self) -> float:  # type: ignore[override]
+        """Pressure above which data contradict the other law, Pa."""
+        return self.law.pressure_limit
+
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Return the pressure, Pa, at a local gap, m."""
         return self.law.pressure(self._unstretched(gap))

@@ -83,6 +83,11 @@ class HystereticLaw(InterfaceLaw):
         """Pressures of the data of the loading law, Pa."""
         return self.loading.pressure_range
 
+    @property
+    def pressure_limit(self) -> float:  # type: ignore[override]
+        """Pressure above which data contradict the loading law, Pa."""
+        return self.loading.pressure_limit
+
     def elastic_curve(self, low: float, high: float) -> tuple[NormalLaw, float, float]:
         r"""Return :math:`\langle 1 - x\rangle_+^n` of (1), and its range between two pressures."""
         return PowerLaw(1.0, 1.0, self.exponent), low / high, 1.0

@@ -4,10 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import readable
 
-__all__ = ["FAR_FACTOR", "FAR_SHARE", "load_shares", "with_load_shares"]
+__all__ = ["FAR_FACTOR", "FAR_SHARE", "data_ends", "load_shares", "with_load_shares"]
 
 FAR_FACTOR = 2.0
 """Factor outside the data beyond which a law is no longer valid."""
@@ -42,8 +43,14 @@ INPUT_VARIABLES = frozenset(
 """Variables of a step that are input or cost, and are kept if the answers are unknown."""
 
 
+def data_ends(law: InterfaceLaw) -> tuple[float, float, float]:
+    """Lowest and highest pressure of the data of a law, Pa, and up to which it is valid."""
+    low, high = law.pressure_range
+    return low, high, min(FAR_FACTOR * high, law.pressure_limit)
+
+
 def load_shares(
-    pressure: np.ndarray, area: np.ndarray, data: tuple[float, float] | np.ndarray
+    pressure: np.ndarray, area: np.ndarray, data: tuple[float, ...] | np.ndarray
 ) -> np.ndarray:
     """Return the shares of the load of an interface below, above and far outside the data.
 
@@ -51,23 +58,22 @@ def load_shares(
     ----------
     pressure : ndarray, shape (steps, points), Pa; NaN if a step has failed
     area : ndarray, shape (points,), area of each point, m²
-    data : tuple of float or ndarray, shape (2,) or (steps, 2)
-        Lowest and highest pressure of the data, Pa.
+    data : tuple of float or ndarray, shape (3,) or (steps, 3), see :func:`data_ends`
 
     Returns
     -------
     ndarray, shape (3, steps)
-        Shares below the data, above them, and more than a factor of ``FAR_FACTOR`` outside either
-        end; dimensionless, NaN if a step has failed.
+        Shares below the data, above them, and where the law is not valid: below the data by more
+        than a factor of ``FAR_FACTOR``, or above its limit; dimensionless, NaN if a step has
+        failed.
     """
-    low, high = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
+    low, high, limit = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
     load = np.maximum(pressure, 0.0) * area
     total = np.sum(load, axis=1)
     where = (
         pressure < (1.0 - ROUND_OFF) * low,
         pressure > (1.0 + ROUND_OFF) * high,
-        (pressure < (1.0 - ROUND_OFF) * low / FAR_FACTOR)
-        | (pressure > (1.0 + ROUND_OFF) * FAR_FACTOR * high),
+        (pressure < (1.0 - ROUND_OFF) * low / FAR_FACTOR) | (pressure > (1.0 + ROUND_OFF) * limit),
     )
     return np.array(
         [np.sum(load * one, axis=1) / np.where(total > 0.0, total, 1.0) for one in where]
@@ -88,8 +94,7 @@ def with_load_shares(
     ----------
     result : Dataset, result of a structure; follows ``MACRO_RESULT``
     shares : ndarray, shape (3, steps, interfaces), shares from :func:`load_shares`
-    data : ndarray, shape (interfaces, 2)
-        Lowest and highest pressure of the data of every interface, Pa.
+    data : ndarray, shape (interfaces, 3), see :func:`data_ends`, of every interface
     extrapolate : bool, whether extrapolated answers are kept
     loads : sequence of str, what loads each step, in words; its preload if not given
 
@@ -124,20 +129,27 @@ def _cautions(
 ) -> Iterator[str]:
     """Yield a sentence for each interface with load outside the data of its law."""
     below, above, far = (result[f"load_{name}"].values for name in ("below", "above", "far"))
-    for number, (low, high) in enumerate(data):
+    for number, (low, high, limit) in enumerate(data):
         name = f" of interface {number}" if len(data) > 1 else ""
         ends = " to ".join(readable(f"{end:.4g} Pa") for end in (low, high))
         range_ = f"the pressures of the law{name}, {ends}"
         lost = np.flatnonzero(far[:, number] > FAR_SHARE)
         if lost.size:
             then = "only extrapolated, and its error is unknown" if extrapolate else "unknown"
-            yield (
-                f"up to {100.0 * far[lost, number].max():.3g} % of the load lies more than a "
-                f"factor of {FAR_FACTOR:g} outside {range_}, at {lost.size} of {len(far)} steps, "
-                f"first at step {lost[0]} with {loads[lost[0]]}: the answer there is {then}; press "
-                f"the cells at these pressures"
-                + ("" if extrapolate else ", or set extrapolate = true beside the law")
-            )
+            share = f"up to {100.0 * far[lost, number].max():.3g} % of the load lies"
+            steps = f"at {lost.size} of {len(far)} steps, first at step {lost[0]} with "
+            steps += f"{loads[lost[0]]}: the answer there is {then}"
+            further = "" if extrapolate else ", or set extrapolate = true beside the law"
+            if limit < FAR_FACTOR * high:
+                yield (
+                    f"{share} outside {range_}, which the cells contradict above, {steps}; press "
+                    f"the interface less{further}"
+                )
+            else:
+                yield (
+                    f"{share} more than a factor of {FAR_FACTOR:g} outside {range_}, {steps}; "
+                    f"press the cells at these pressures{further}"
+                )
         near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
         if near.size:
             step = near[np.argmax((below + above)[near, number])]

@@ -15,6 +15,7 @@ from multiscale.upscaling.budget import ERROR_TERMS
 __all__ = [
     "behaviour",
     "contact_dependence",
+    "negative_gap",
     "real_pressure",
     "with_contact",
     "with_interface_contact",
@@ -100,6 +101,17 @@ def _flow(case: Case) -> str:
 def behaviour(dataset: Dataset) -> list[str]:
     """Say what of a response or law flows, if it is told."""
     return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []
+
+
+def negative_gap(gap: np.ndarray) -> list[str]:
+    """Say what a negative mean gap, m, means; nothing if there is none."""
+    if not np.any(gap < 0.0):
+        return []
+    return [
+        "The mean gap is the mean of the obstacle less the deformed surface: it is negative where "
+        "points that a hardness cuts off overlap, by the depth to which they would flow, more than "
+        "the rest is open, or where a law is extrapolated."
+    ]
 
 
 def with_contact(result: Dataset, law: Dataset) -> Dataset:

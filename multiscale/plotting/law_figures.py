@@ -52,7 +52,7 @@ def plot_gap_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) -> 
     pressure = 1e-6 * response["nominal_pressure"].values
     for gap in 1e6 * response["mean_gap"].values:
         ax.plot(gap, pressure, ".", color="0.6", markersize=4)
-    along = np.geomspace(pressure.min(), pressure.max(), 200)
+    along = 1e-6 * np.geomspace(law.attrs["pressure_min"], law.attrs["pressure_max"], 200)
     laws = fitted_laws(law, [None, *range(law.sizes["sample"])])
     _draw_law(ax, along, [1e6 * one.gap_at(1e6 * along) for one in laws], sideways=True)
     ax.set(yscale="log", xlabel="mean gap (µm)", ylabel="mean pressure (MPa)")
@@ -90,11 +90,12 @@ def plot_unloading(response: Dataset, law: Dataset, *, ax: Axes | None = None) -
             color=colour,
             elinewidth=0.8,
         )
-    peak = float(up["nominal_pressure"].max())
-    along = np.linspace(1e-6 * float(up["nominal_pressure"].min()), 1e-6 * peak, 300)
+    pressed, eased = (one["nominal_pressure"].to_numpy() for one in (up, down))
+    peak = float(law["unloading_peak_pressure"].max())
+    along = np.linspace(1e-6 * pressed.min(), 1e-6 * peak, 300)
     ax.plot(1e6 * hysteretic.loading.gap_at(1e6 * along), along, color="C0", label="loading")
 
-    share = np.linspace(0.0, 1.0, 300)
+    share = np.linspace(eased[eased > 0.0].min() / peak, 1.0, 300)
     corner = float(hysteretic.loading.gap_at(np.array(peak)))
     if law.sizes.get("unloading_sample"):
         names = ("stiffness_ratio", "exponent")
@@ -141,7 +142,7 @@ def plot_area_law(response: Dataset, law: Dataset, *, ax: Axes | None = None) ->
     pressure = 1e-6 * response["nominal_pressure"].values
     for fraction in 100.0 * response["contact_fraction"].values:
         ax.plot(pressure, fraction, ".", color="0.6", markersize=4)
-    along = np.linspace(0.0, pressure.max(), 200)
+    along = np.linspace(0.0, 1e-6 * law.attrs["pressure_max"], 200)
     laws = areas_from_dataset(law, [None, *range(law.sizes["sample"])])
     _draw_law(ax, along, [100.0 * one.contact_fraction(1e6 * along) for one in laws])
     ax.set(xlabel="mean pressure (MPa)", ylabel="real over nominal contact area (%)")

@@ -10,7 +10,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, NormalLaw
-from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, load_shares
+from multiscale.macro.data_range import FAR_FACTOR, FAR_SHARE, data_ends, load_shares
 from multiscale.micro import FlatCell, Path, Surface, run_ensemble, self_affine
 from multiscale.schema import Dataset
 from multiscale.studies.concurrent import CellLaw
@@ -208,7 +208,7 @@ def checked(answer: Answer, law: NormalLaw) -> Answer:
     That is where more than 5 % of the load lies beyond a factor of 2 outside.
     """
     even = np.ones(answer.pressure.size)
-    far = float(load_shares(answer.pressure[None], even, law.pressure_range)[2, 0])
+    far = float(load_shares(answer.pressure[None], even, data_ends(law))[2, 0])
     if far > FAR_SHARE:
         low, high = law.pressure_range
         raise CaseError(

@@ -5,17 +5,31 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import HystereticLaw
+from multiscale.laws import HystereticLaw, NormalLaw
 from multiscale.schema import DAMAGE_SECTIONS, Dataset, with_cautions
 from multiscale.upscaling.family import unloading_family
 from multiscale.upscaling.fit import fit_law, say_control, with_branch
+from multiscale.upscaling.misfit import Misfit, list_pressures
+from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 from multiscale.upscaling.response_observations import loading_branch, unloading_observations
 from multiscale.upscaling.shear_branch import with_sliding
 from multiscale.upscaling.shear_fit import with_shear
 
-__all__ = ["fit_branches", "hysteretic_from_dataset", "with_damage", "with_unloading"]
+__all__ = [
+    "ALONG_LOADING",
+    "REFUSED",
+    "fit_branches",
+    "hysteretic_from_dataset",
+    "with_damage",
+    "with_unloading",
+]
 
+ALONG_LOADING, REFUSED = "along the loading curve", "refused"
+"""What a law says of an unloading that cells were pressed for and that has no branch."""
+
+LARGEST_EXPONENT = 100.0  # of unloading, from which its branch is as good as exponential
+LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
 PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degrees
 SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
@@ -78,16 +92,34 @@ def with_unloading(
     Dataset
         Follows ``INTERFACE_LAW``; :func:`hysteretic_from_dataset` makes the
         :class:`~multiscale.laws.HystereticLaw` of it. Samples are of the spring back alone: the
-        loading law has its own.
+        loading law has its own. The exponent is at most :data:`LARGEST_EXPONENT`. The branch is
+        left out, with a caution, where the cells are no stiffer at first than they were loaded.
 
     Raises
     ------
     CaseError
-        If no step unloads.
+        If no step unloads, or none from a pressure of the law.
     """
     loading = law_from_dataset(law)
     seen = unloading_observations(response, control)
-    fitted = fit_law(seen, family=unloading_family(loading), n_samples=n_samples)
+    within = seen.conditions[1] <= (1.0 + 1e-6) * loading.pressure_limit
+    if not np.any(within):
+        raise CaseError(
+            f"the cells unload from {list_pressures(seen.conditions[1])}, where the law of the "
+            f"loading has ended at {list_pressures(np.array([loading.pressure_limit]))}; unload "
+            f"from a lower pressure"
+        )
+    seen = seen.at(within)
+    family = unloading_family(loading)
+    fitted = fit_law(seen, family=family, n_samples=n_samples)
+    if float(fitted["exponent"]) > LARGEST_EXPONENT:
+        held = {"exponent": LARGEST_EXPONENT}
+        fitted = fit_law(seen, family=family, n_samples=n_samples, fixed=held)
+    if float(fitted["stiffness_ratio"]) < 1.0 + LEAST_STIFFENING:
+        return _without_unloading(law, loading, seen)
+    known = str(law.attrs["cautions"]).splitlines()
+    found = str(fitted.attrs["cautions"]).splitlines()
+    law = with_cautions(law, *(one for one in found if one not in known))
     names = ("stiffness_ratio", "exponent")
     values = {f"unloading_{name}": fitted[name].values for name in names}
     values |= {f"unloading_{name}_sample": fitted[f"{name}_sample"].values for name in names}
@@ -103,6 +135,23 @@ def with_unloading(
     return with_branch(law, "unloading", "measured", values).assign_attrs(
         unloading_admissible=fitted.attrs["admissible"],
         unloading_admissibility=fitted.attrs["admissibility"],
+    )
+
+
+def _without_unloading(law: Dataset, loading: NormalLaw, seen: Observations) -> Dataset:
+    """Say that a law has no unloading branch, since its ratio is at the lower end."""
+    pressure, peak = seen.conditions
+    along = (loading.gap_at(pressure) - loading.gap_at(peak) - seen.mean) / seen.scale
+    apart = f"{100.0 * float(np.max(np.abs(along))):.2g} % of its length"
+    if Misfit("", pressure, along, seen.scatter).missed.any():
+        how = REFUSED
+        told = f"no unloading branch describes how the cells spring back, up to {apart} from it"
+    else:
+        how, told = ALONG_LOADING, f"the cells spring back within {apart} of it"
+    return with_cautions(
+        with_branch(law, "unloading", how, {}),
+        f"the law has the loading curve for unloading too: {told}; press the cells to pressures "
+        f"under which more of them flows",
     )
 
 

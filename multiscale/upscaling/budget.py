@@ -21,7 +21,7 @@ from multiscale.upscaling.budget_terms import (
     slope_term,
 )
 from multiscale.upscaling.cell_size import size_term, surface_term
-from multiscale.upscaling.response_observations import normal_observations
+from multiscale.upscaling.response_observations import normal_observations, up_to_limit
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
 
@@ -138,6 +138,13 @@ def error_budget(
     95 %; without a bias it is that root itself.
     """
     INTERFACE_LAW.check(law)
+    response = up_to_limit(response, law)
+    control = None if control is None else up_to_limit(control, law)
+    resolutions, sizes = (
+        {ratio: up_to_limit(one, law) for ratio, one in (others or {}).items()}
+        for others in (resolutions, sizes)
+    )
+    known = {name: term.at(slice(law.sizes["step"])) for name, term in known.items()}
     gap = normal_observations(response, control)
     p = gap.pressure
     if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):

@@ -71,6 +71,15 @@ class Term:
     half_width: np.ndarray | None = None
     bias: np.ndarray | float = 0.0
 
+    def at(self, steps: slice) -> "Term":
+        """Return the term at some of its steps."""
+        half, bias = self.half_width, np.asarray(self.bias)
+        return replace(
+            self,
+            half_width=None if half is None else half[..., steps],
+            bias=bias[..., steps] if bias.ndim else self.bias,
+        )
+
     def smooth(self, pressure: np.ndarray) -> "Term":
         """Return the term with a parabola over the logarithm of the pressure (Pa) as bias.
 
@@ -174,14 +183,22 @@ def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
     error is taken as it is. A family with parameters has no decay. At the ends of the data, which
     have a neighbour on one side only, the error of the gap at the step beside counts whole. A
     stiffness counts the error of the step itself as well, and at the ends its distance from the
-    slopes of the gap continued, see :func:`_end_error`.
+    slopes of the gap continued, see :func:`_end_error`. The gaps that were observed lie within the
+    half-width, and so does the stiffness by the gaps on both sides where it falls, as it does in no
+    convex law. Where some gaps are negative, their errors are not compared over the gaps, which
+    pass through zero, but over the distance in which the pressure changes by its own size.
     """
     require_law(law, *FIT_ERRORS, *FIT_ERRORS.values())
     from scipy.special import stdtrit
 
     rows, errors = [], []
+    gap, one = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
+    size = np.abs(gap) if np.all(gap > 0.0) else np.abs(np.gradient(gap, np.log(p)))
+    to_gap = size / np.maximum(np.abs(gap), 1e-300)
     for name, share in FIT_ERRORS.items():
         error = law[name].to_numpy()
+        if name == "fit_error":
+            error = error / to_gap
         known = error[np.isfinite(error)]
         rms = np.sqrt(np.mean(known**2)) if known.size else np.nan
         factor = stdtrit(known.size, 0.975) if known.size >= FEWEST_UNSEEN else NORMAL
@@ -189,8 +206,12 @@ def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
         errors.append(NORMAL * np.abs(error))
     rows[0][[0, -1]] = np.fmax(rows[0][[0, -1]], errors[0][[1, -2]])
     rows[2] = np.fmax(rows[2], errors[2])
-    gap, one = law["fit_mean_gap"].to_numpy(), law_from_dataset(law)
-    own = np.log(p / one.stiffness(one.gap_at(p)))
+    rows[0] = to_gap * np.fmax(rows[0], np.abs(one.gap_at(p) - gap) / size)
+    stiffness = one.stiffness(one.gap_at(p))
+    observed, between = p / np.abs(np.gradient(gap, np.log(p))), np.diff(p) / np.abs(np.diff(gap))
+    falls = np.pad(between[1:] < between[:-1], 1)
+    rows[2] = np.fmax(rows[2], np.where(falls, np.abs(stiffness / observed - 1.0), 0.0))
+    own = np.log(p / stiffness)
     ends = [_end_error(gap[::k], np.log(p)[::k], own[::k]) for k in (-1, 1)]
     rows[2][[0, -1]] = np.fmax(rows[2][[0, -1]], NORMAL * np.array(ends))
     return np.array(rows)

@@ -6,6 +6,8 @@ import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import half_range
+from multiscale.upscaling.branches import ALONG_LOADING, REFUSED
+from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.reading import law_from_dataset, require_law
 from multiscale.upscaling.structure_errors import Dependence
 
@@ -67,12 +69,14 @@ def with_conductance(
     law = INTERFACE_LAW.assign(law, ratios).assign_attrs(
         conductance_branch="unloading" if unloads else "loading"
     )
-    if not flows or unloads:
+    branch = told_branches(law).get("unloading", "")
+    if not flows or unloads or branch == ALONG_LOADING:
         return law
+    advice = "the cells tell no such branch" if branch == REFUSED else "ask for unload in [micro]"
     return with_cautions(
         law,
-        "the conductance rests on the stiffness of loading, and metal that flows is stiffer at the "
-        "start of unloading: it is too small; ask for unload in [micro]",
+        f"the conductance rests on the stiffness of loading, and metal that flows is stiffer at "
+        f"the start of unloading: it is too small; {advice}",
     )
 
 

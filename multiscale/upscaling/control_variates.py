@@ -112,6 +112,11 @@ class Control:
         counted = int(np.isfinite(self.cheap).any(axis=1).sum())
         return f"{counted} control cells, whose correlation is {low:.5g} to {high:.5g}"
 
+    def at(self, points: slice | np.ndarray) -> Self:
+        """Return the mean of some of the points."""
+        each = (self.mean, self.weight, self.correlation, self.residuals, self.cheap)
+        return type(self)(*(one[..., points] for one in each))
+
     @property
     def parts(self) -> tuple[tuple[np.ndarray, int], ...]:
         """Values about the mean whose means add up independently, and the freedom of each part."""

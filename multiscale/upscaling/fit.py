@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import INTERFACE_LAW, Dataset, Variable
+from multiscale.laws import AreaLaw
+from multiscale.schema import INTERFACE_LAW, Dataset, Variable, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts
 from multiscale.upscaling.family import FAMILIES, Family
 from multiscale.upscaling.law_checks import admissibility
@@ -23,6 +24,7 @@ from multiscale.upscaling.spline_law import (
     fit_area,
     fit_convex_decreasing,
     fit_each,
+    representable,
     unseen_errors,
 )
 
@@ -98,10 +100,11 @@ def fit_law(
         ``..._sample`` along ``sample``. Attributes: ``family``, ``quantity``,
         ``n_realisations``, ``n_samples``, ``pressure_min``, ``pressure_max`` (Pa),
         ``pressures_per_decade``, ``branches`` (which are measured and which assumed) and for normal
-        laws ``gap_min``, ``gap_max`` (m) of the data, ``cautions`` (a line each, with the cautions
-        of the response), the errors of the fit below (1), ``admissible`` (1 or 0) and
-        ``admissibility`` (a sentence for each check), ``seed``, ``uncertainty`` (a sentence), and
-        the attributes of the surface.
+        laws ``gap_min``, ``gap_max`` (m) of the data, ``pressure_limit`` (Pa) if the law ends below
+        pressures that it cannot follow, ``cautions`` (a line each, with the cautions of the
+        response and the pressures that are left out, or missed), the errors of the fit below (1),
+        ``admissible`` (1 or 0) and ``admissibility`` (a sentence for each check), ``seed``,
+        ``uncertainty`` (a sentence), and the attributes of the surface.
 
         - ``maximum_fit_error``: largest relative error (of the pressure, for a normal law) at the
           data;
@@ -113,8 +116,8 @@ def fit_law(
     Raises
     ------
     CaseError
-        If there are too few points, the mean gap does not fall as the pressure rises, or the data
-        contradict themselves.
+        If there are too few points, the mean gap does not fall as the pressure rises, no convex
+        law follows three gaps of cells, or the data contradict themselves.
     ConvergenceError
         If the parameters do not settle.
     SchemaError
@@ -136,6 +139,10 @@ def fit_law(
 
     most of it Westergaard's at the highest pressures. Outside its range the law extrapolates. Where
     the stiffness tends to infinity, as at complete contact, its error grows.
+
+    What was observed is compared with the law by :class:`~.misfit.Misfit`. Cells whose surfaces
+    flow nearly everywhere become softer as the pressure rises, which no convex law does: the law
+    ends where that begins. Every other law has a caution where it misses what was observed.
 
     The bootstrap resamples whole realisations with replacement, since the steps of one are
     correlated; the samples are spread as by :func:`widening` so that 95 % intervals keep their
@@ -162,9 +169,17 @@ def fit_law(
             )
         share = given[observations.order]
     area = None if isinstance(data, Observations) else area_observations(data, control)
+    attributes: dict[str, Any] = {}
+    cautions: list[str] = []
+    if chosen == "convex_decreasing":
+        kept, cautions = representable(observations, share, n_terms=n_terms)
+        observations, share = observations.at(slice(kept)), share[:kept]
+        area = None if area is None else area.at(slice(kept))
+        if cautions:
+            attributes["pressure_limit"] = float(observations.pressure[-1])
     further = max(one.n_further for one in (observations, area) if one is not None)
     counts = draw_counts(observations.n_realisations, n_samples, seed, n_further=further)
-    attributes: dict[str, Any] = {"uncertainty": BY_REALISATION if len(counts) else NONE}
+    attributes["uncertainty"] = BY_REALISATION if len(counts) else NONE
     if isinstance(chosen, Family):
         found = fit_family(
             observations, chosen, counts, share, fixed or {}, n_samples=n_samples, seed=seed
@@ -178,12 +193,18 @@ def fit_law(
         found = fit_convex_decreasing(observations, counts, share, n_terms=n_terms)
     values = found.values
     if area is not None:
-        values = fit_area(area, counts) | values
+        fitted = fit_area(area, counts)
+        values = fitted | values
+        of_area = AreaLaw(fitted["area_pressure"], fitted["area_fraction"])
+        cautions += area.misses(of_area, "the area law misses the observed fraction").judge(
+            "use more realisations, or a finer grid"
+        )
         if control is not None:
             told = say_control("mean gap", observations), say_control("contact fraction", area)
             attributes |= {"control": "; ".join(told), "n_control": control.sizes["realisation"]}
         attributes["branches"] = _say_branches(BRANCHES)
-    return _build(observations, chosen, values, attributes | found.attributes | {"seed": seed})
+    attributes |= found.attributes | {"seed": seed}
+    return _build(observations, chosen, values, attributes, cautions, share > 0.0)
 
 
 def say_control(name: str, seen: Observations) -> str:
@@ -265,12 +286,17 @@ def _choose(family: str | Family | None, quantity: str) -> str | Family:
 
 
 def _build(
-    observations: Observations, family: str | Family, values: Values, attributes: dict[str, Any]
+    observations: Observations,
+    family: str | Family,
+    values: Values,
+    attributes: dict[str, Any],
+    cautions: list[str],
+    counted: np.ndarray,
 ) -> Dataset:
     """Assemble the dataset, with cautions where data are unlikely or coarse, and judge the law."""
     quantity, told = QUANTITIES[observations.quantity], {**observations.attributes, **attributes}
     mean, p = observations.mean, observations.pressure
-    cautions, steps = [str(told.get("cautions", ""))], np.unique(p).size - 1
+    steps = np.unique(p).size - 1
     if observations.quantity == "gap" and mean.max() > LARGEST_GAP:
         cautions.append(
             f"the largest mean gap of {mean.max():.3g} m is larger than roughness keeps open; give "
@@ -301,7 +327,7 @@ def _build(
             **{f"fit_{name}": condition for name, condition in conditions},
             quantity.variable: mean,
         },
-        **{**told, "cautions": "\n".join(filter(None, cautions))},
+        **told,
         family=family if isinstance(family, str) else family.name,
         quantity=observations.quantity,
         n_realisations=observations.n_realisations,
@@ -313,5 +339,11 @@ def _build(
         law: Any = area_from_dataset(dataset)
     else:
         law = fitted_law(dataset, family=family if isinstance(family, Family) else None)
+    name, free_form = dataset.attrs["family"], FREE_FORM.get(observations.quantity)
+    what = f"the law of the family {name!r} misses the observed {observations.quantity}"
+    other = f"such as {free_form!r}" if free_form not in (None, name) else "or fewer pressures"
+    misfit = observations.at(counted).misses(law, what.replace("_", " "))
+    cautions += misfit.judge(f"choose another family, {other}")
     report = admissibility(law, (float(p.min()), float(p.max())))
-    return dataset.assign_attrs(admissible=int(report.passed), admissibility=str(report))
+    dataset = dataset.assign_attrs(admissible=int(report.passed), admissibility=str(report))
+    return with_cautions(dataset, *cautions)

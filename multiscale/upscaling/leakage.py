@@ -4,6 +4,7 @@ import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
+from multiscale.upscaling.misfit import Misfit
 from multiscale.upscaling.reading import area_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.response_observations import loading_branch
@@ -125,6 +126,17 @@ def with_leakage(law: Dataset, response: Dataset, coarser: Dataset | None = None
             "percolating_cells": np.array(cells),
         },
     ).assign_attrs(leakage_intervals=SCATTER if coarser is None else SCATTER_AND_GRID)
+    both = np.asarray(mean)[-1]
+    low, high = np.array(band)[-1]
+    least = np.minimum.accumulate(both)
+    scale = np.where(both > 0.0, both, 1.0)
+    rises = Misfit(
+        "the aperture rises as the pressure rises",
+        law["fit_pressure"].to_numpy(),
+        (both - least) / scale,
+        0.25 * (high - low) / scale,
+    )
+    law = with_cautions(law, *rises.judge("use more realisations, or wider cells"))
     require_law(law, "cell_size", "longest_wave")
     waves = float(law.attrs["cell_size"]) / float(law.attrs["longest_wave"])
     if waves >= FEWEST_WAVES * (1.0 - 1e-9):

@@ -8,6 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.upscaling.bootstrap import widening
 from multiscale.upscaling.control_variates import Control
+from multiscale.upscaling.misfit import Misfit
 
 __all__ = ["QUANTITIES", "Observations", "Quantity", "error_scale", "observe"]
 
@@ -131,6 +132,41 @@ class Observations:
     def mean(self) -> np.ndarray:
         """Mean values, shape (points,), SI."""
         return np.nanmean(self.masked, axis=0) if self.control is None else self.control.mean
+
+    @property
+    def scatter(self) -> np.ndarray:
+        """Standard deviation of the mean over the scale, shape (points,); NaN if it is unknown."""
+        square = np.zeros(self.pressure.size)
+        for one, freedom in self.parts:
+            n = one.counted.sum(axis=0)
+            known = (n > 1) & (freedom > 0)
+            away = np.where(one.counted, one.values - one.values.mean(0, where=one.counted), 0.0)
+            variance = np.sum(away**2, axis=0) / np.maximum(n * (n - 1), 1)
+            square += np.where(known, variance, np.nan)
+        size = np.abs(self.scale)
+        return np.asarray(np.divide(np.sqrt(square), size, out=0.0 * size, where=size > 0.0))
+
+    def misses(self, law: object, what: str) -> Misfit:
+        """Return the distances of a law from the mean values; see :class:`~.misfit.Misfit`."""
+        predicted = QUANTITIES[self.quantity].predict(law, *self.conditions)
+        distance = np.divide(
+            predicted - self.mean, self.scale, out=0.0 * self.mean, where=self.scale != 0.0
+        )
+        return Misfit(what, self.pressure, distance, self.scatter)
+
+    def at(self, points: slice | np.ndarray) -> "Observations":
+        """Return the observations at some of the points."""
+        control = None if self.control is None else self.control.at(points)
+        conditions = tuple(one[points] for one in self.conditions)
+        some = replace(
+            self,
+            conditions=conditions,
+            values=self.values[:, points],
+            counted=self.counted[:, points],
+            order=self.order[points],
+            control=control,
+        )
+        return replace(some, scale=error_scale(self.quantity, conditions, some.mean))
 
     def means(self, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean values of samples, and their weights, (samples, points).

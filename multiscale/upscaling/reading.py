@@ -79,7 +79,11 @@ def fitted_laws(
         require_law(dataset, "knot", "coefficient")
         knot = dataset["knot"].to_numpy()
         coefficients = pick(dataset, "coefficient", samples)
-        return [ConvexDecreasing(knot, one, pressure_range=data) for one in coefficients]
+        limit = float(ends.get("pressure_limit", np.inf))
+        return [
+            ConvexDecreasing(knot, one, pressure_range=data, pressure_limit=limit)
+            for one in coefficients
+        ]
     if name == TABLE:
         require_law(dataset, "table_pressure", "table_gap")
         points = dataset["table_pressure"].to_numpy(), dataset["table_gap"].to_numpy()

@@ -18,6 +18,7 @@ __all__ = [
     "loading_branch",
     "normal_observations",
     "unloading_observations",
+    "up_to_limit",
     "usable_steps",
 ]
 
@@ -187,6 +188,14 @@ def usable_steps(response: Dataset) -> tuple[np.ndarray, np.ndarray]:
             f"traction"
         )
     return counted, pressure
+
+
+def up_to_limit(response: Dataset, law: Dataset) -> Dataset:
+    """Return the steps of a response up to the pressure at which a law ends."""
+    if "pressure_limit" not in law.attrs:
+        return response
+    limit = (1.0 + 1e-6) * float(law.attrs["pressure_limit"])
+    return response.isel(step=np.flatnonzero(usable_steps(response)[1] <= limit))
 
 
 def loading_branch(response: Dataset) -> Dataset:

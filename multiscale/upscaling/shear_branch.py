@@ -6,6 +6,7 @@ from multiscale.errors import CaseError
 from multiscale.laws import HystereticLaw, NormalLaw, Sliders
 from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE, Dataset, with_cautions
 from multiscale.upscaling.fit import told_branches, with_branch
+from multiscale.upscaling.misfit import list_pressures
 from multiscale.upscaling.reading import law_from_dataset, pick, require_law
 
 __all__ = [
@@ -18,6 +19,8 @@ __all__ = [
     "tangential_values",
     "with_sliding",
 ]
+
+SAME = 1e-6  # relative difference of pressures that are the same
 
 WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stiffness ratio"}
 """Names of the tangential values in sentences."""
@@ -156,8 +159,17 @@ def take_sliding_friction(law: Dataset, pressure: float) -> Dataset:
     how = f"measured by sliding at {1e-6 * pressure:.4g} MPa"
     said, known = _put_shear(law, how, friction, None)
     known = INTERFACE_LAW.assign(known, {"shear_friction_error": np.nan})
+    slid = law["sliding_pressure"].to_numpy()
+    nearest = slid[np.argmin(np.abs(np.log(slid / pressure)))]
+    outside = (
+        f"no cell slid at {list_pressures(np.array([pressure]))}, which lies outside "
+        f"{list_pressures(slid)}: the friction there is taken from "
+        f"{list_pressures(np.array([nearest]))}"
+    )
+    beyond = not slid.min() * (1.0 - SAME) <= pressure <= slid.max() * (1.0 + SAME)
     return with_cautions(
         known,
+        outside if beyond else "",
         f"{said} comes from the slide of one cell at {1e-6 * pressure:.4g} MPa, whose error is "
         f"not known; shear the cells to measure it with its scatter",
     )

@@ -15,8 +15,13 @@ from multiscale.laws import NormalLaw, Sliders
 from multiscale.schema import LOADING, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import draw_counts, widening
 from multiscale.upscaling.fit import laws_of_each, with_branch
+from multiscale.upscaling.misfit import Misfit
 from multiscale.upscaling.reading import require_law
-from multiscale.upscaling.response_observations import loading_branch, normal_observations
+from multiscale.upscaling.response_observations import (
+    loading_branch,
+    normal_observations,
+    up_to_limit,
+)
 from multiscale.upscaling.shear_cycles import closed_cycles, measure_loss
 
 __all__ = ["FEWEST_BELOW", "bed_traction", "with_shear"]
@@ -83,11 +88,11 @@ def with_shear(
     low, high = float(law.attrs["pressure_min"]), float(law.attrs["pressure_max"])
     shear, cautions = _whole_paths(shear)
     _check_pairs(response, shear)
-    pressed = loading_branch(shear)
+    pressed = up_to_limit(loading_branch(shear), law)
     if float(pressed["nominal_pressure"].min()) <= low * (1.0 + SAME):
         shear = shear.isel(step=np.flatnonzero(shear["branch"] != LOADING))
     else:
-        pressed = response.sel(realisation=shear["realisation"].to_numpy())
+        pressed = up_to_limit(response, law).sel(realisation=shear["realisation"].to_numpy())
     pressure = _pressures(shear, low, high)
     laws = _normal_laws(law, pressed)
     slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))
@@ -137,6 +142,16 @@ def with_shear(
         "shear_traction": traction.mean(axis=0)[sheared],
         "shear_bed_traction": np.mean(path, axis=0)[sheared],
     }
+    apart = np.linalg.norm(traction.mean(axis=0) - np.mean(path, axis=0), axis=-1)
+    scale = np.where(sheared, mu * pressure, np.inf)
+    spread = np.linalg.norm(traction.std(axis=0), axis=-1) / np.sqrt(max(n - 1, 1))
+    misfit = Misfit(
+        "the bed of sliders misses the sheared cells",
+        pressure[sheared],
+        (apart / scale)[sheared],
+        (spread / scale)[sheared],
+    )
+    cautions += misfit.judge("shear by smaller steps, or on a finer grid")
     if lost := measure_loss(shear, pressure, laws, kappa, float(mu)):
         own = lost.ratio.mean(axis=1)
         values |= {

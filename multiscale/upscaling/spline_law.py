@@ -8,6 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw, ConvexDecreasing
 from multiscale.upscaling.family import integrate_stiffness
+from multiscale.upscaling.misfit import ALLOWED, TWO_SIDED, list_pressures
 from multiscale.upscaling.observations import Observations
 from multiscale.upscaling.spline import N_TERMS, fit_spline, place_knots
 
@@ -18,6 +19,7 @@ __all__ = [
     "fit_convex_decreasing",
     "fit_each",
     "normal_errors",
+    "representable",
     "unseen_errors",
 ]
 
@@ -59,12 +61,11 @@ def fit_convex_decreasing(
     p, n = observations.pressure, observations.pressure.size
     mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
-    gap, sample_gap, largest = mean, sample_mean, float(np.nanmax(observations.masked))
+    gap, sample_gap = _gaps(observations, mean), sample_mean
+    largest = float(np.nanmax(observations.masked))
     if observations.quantity == "normal_stiffness":
-        gap = integrate_stiffness(p, mean)
-        sample_gap = integrate_stiffness(p, np.where(sample_weight > 0.0, sample_mean, mean))
+        sample_gap = _gaps(observations, np.where(sample_weight > 0.0, sample_mean, mean))
         largest = float(max(gap.max(), sample_gap.max(initial=0.0)))
-    _check_falls(p, gap[0])
     factor = observations.widening
     largest += (factor - 1.0) * (largest - float(gap.max()))
     knot, level = place_knots(p, gap[0], n_terms, largest)
@@ -84,6 +85,72 @@ def fit_convex_decreasing(
     errors = normal_errors(law, blind, judged, p, gap[0])
     ends = {"gap_min": float(gap[0, -1]), "gap_max": float(gap[0, 0])}
     return FitResult(values | errors.values, errors.attributes | ends)
+
+
+def representable(
+    observations: Observations, weights: np.ndarray, *, n_terms: int
+) -> tuple[int, list[str]]:
+    """How many pressures, from the lowest on, a convex law follows, and a caution if not all.
+
+    Gaps of cells say too how stiff the interface is. A convex law that ends at a pressure has at
+    least the mean stiffness of the interval below: it does not follow what is softer in the
+    interval above. Measured values, whose errors are independent, are all kept.
+
+    Raises
+    ------
+    CaseError
+        If there are fewer than three, or the gap does not fall as the pressure rises.
+    """
+    p = observations.pressure
+    _check_falls(p, _gaps(observations, observations.mean[None])[0])
+    if observations.independent:
+        return p.size, []
+    counted = weights > 0.0
+    observations, weights = observations.at(counted), weights[counted]
+    p, every, n, gap = observations.pressure, p, int(counted.sum()), observations.mean
+    falls = _softer_above(observations)
+    for k in range(2 + int(np.argmax(falls)) if falls.any() else n, 2, -1):
+        some = observations.at(slice(k))
+        knot, level = place_knots(some.pressure, gap[:k], n_terms, float(gap[0]))
+        root = np.sqrt(weights[None, :k])
+        law = ConvexDecreasing(knot, fit_spline(some.pressure, gap[None, :k], root, knot, level)[0])
+        if some.misses(law, "").missed.any():
+            continue
+        if k == n:
+            return every.size, []
+        stiffness = p[k - 1] / observations.scale[k - 1]  # from the gaps on both sides
+        if law.stiffness(gap[k - 1]) <= (1.0 + ALLOWED) * stiffness:
+            return int(np.sum(every <= p[k - 1])), [
+                f"the law ends at {list_pressures(p[k - 1 : k])}: {list_pressures(p[k:])} are left "
+                f"out of it, since the interface is softer there than any convex law through the "
+                f"gaps below"
+            ]
+    turn = 1 + int(np.argmax(falls))
+    raise CaseError(
+        f"no convex law follows the gaps at {list_pressures(p)}: from "
+        f"{list_pressures(p[turn : turn + 1])} on the stiffness of the interface falls as the "
+        f"pressure rises, and fewer than three pressures lie below that the law could rest on; "
+        f"press the cells at more pressures below"
+    )
+
+
+def _softer_above(observations: Observations) -> np.ndarray:
+    """Whether the interface is softer above an inner pressure than below it, and not by chance."""
+    steps, mean = -np.diff(observations.masked, axis=1), -np.diff(observations.mean)
+    known = np.isfinite(steps)
+    n = np.maximum(known.sum(axis=0), 1)
+    spread = np.where(known, steps - np.where(known, steps, 0.0).sum(axis=0) / n, 0.0)
+    chance = TWO_SIDED * np.sqrt(np.sum(spread**2, axis=0) / np.maximum(n * (n - 1), 1)) / mean
+    stiffness = np.diff(observations.pressure) / mean
+    allowed = 2.0 * ALLOWED + np.hypot(chance[1:], chance[:-1])
+    return np.asarray(stiffness[1:] < (1.0 - allowed) * stiffness[:-1])
+
+
+def _gaps(observations: Observations, mean: np.ndarray) -> np.ndarray:
+    """Gaps, m, of mean values (rows, points); those of stiffnesses from the largest pressure on."""
+    if observations.quantity == "normal_stiffness":
+        return integrate_stiffness(observations.pressure, mean)
+    return mean
 
 
 def fit_each(observations: Observations, gap: np.ndarray) -> list[ConvexDecreasing]:

@@ -23,7 +23,7 @@ def test_the_shares_of_a_linear_pressure_are_those_of_its_integral():
     """With p = P x the load below a pressure a is (a/P)^2 of it."""
     x = (np.arange(20_000) + 0.5) / 20_000
     pressure = np.array([8e6, 1e6])[:, None] * x
-    below, above, far = load_shares(pressure, np.ones(x.size), (2e6, 3e6))
+    below, above, far = load_shares(pressure, np.ones(x.size), (2e6, 3e6, 6e6))
     np.testing.assert_allclose(below, [1 / 16, 1.0], rtol=1e-3)
     np.testing.assert_allclose(above, [1 - 9 / 64, 0.0], rtol=1e-3)
     np.testing.assert_allclose(far, [1 / 64 + 1 - 36 / 64, 1.0], rtol=1e-3)
@@ -31,7 +31,7 @@ def test_the_shares_of_a_linear_pressure_are_those_of_its_integral():
 
 def test_points_count_by_their_area_and_a_failed_step_has_no_share():
     pressure = np.array([[1.0, 4.0], [0.0, 0.0], [np.nan, np.nan]])
-    below, above, far = load_shares(pressure, np.array([3.0, 1.0]), (2.0, 8.0))
+    below, above, far = load_shares(pressure, np.array([3.0, 1.0]), (2.0, 8.0, 16.0))
     np.testing.assert_allclose(below, [3 / 7, 0.0, np.nan])
     np.testing.assert_allclose(above, [0.0, 0.0, np.nan])
     np.testing.assert_allclose(far, [0.0, 0.0, np.nan])
@@ -117,5 +117,7 @@ def test_a_failed_step_is_not_known():
     values = {"converged": np.array([1, 0]), "residual": np.zeros(2), "wall_time": np.zeros(2)}
     shares = np.array([[0.0, np.nan]] * 3)[..., None]
     preload = {"preload": np.array([1e6, 2e6])}
-    result = with_load_shares(MACRO_RESULT.build(values | preload), shares, np.array([[1e6, 1e8]]))
+    result = with_load_shares(
+        MACRO_RESULT.build(values | preload), shares, np.array([[1e6, 1e8, 2e8]])
+    )
     np.testing.assert_array_equal(result["known"], [1, 0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.schema import MICRO_RESPONSE, branch_of
+from multiscale.schema import MICRO_RESPONSE, SLIDING_RESPONSE, branch_of
 
 DECAY, SCALE = 0.45e-6, 4e8
 PRESSURE = np.geomspace(5e6, 1e8, 8)
@@ -68,3 +68,14 @@ def sheared_exponentials(
     full = np.abs(np.concatenate(slip, axis=1)).sum(axis=2)
     full = full > 0.9 * full.max()
     return MICRO_RESPONSE.assign(response, {"slip_fraction": 1.0 * full + 0.5 * (sliding & ~full)})
+
+
+def slid(steady, pressures=(0.008, 0.004)):
+    """Two cells that slid under two pressures, of which only the steady friction is told."""
+    shapes = {"load": 2, "step": 1, "component": 3}
+    none = {
+        name: np.zeros([shapes[dim] for dim in variable.dims])
+        for name, variable in SLIDING_RESPONSE.variables.items()
+    }
+    told = {"steady_friction": steady, "nominal_pressure": list(pressures)}
+    return SLIDING_RESPONSE.build(none | told)

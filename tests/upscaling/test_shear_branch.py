@@ -11,7 +11,7 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, SecondBody, Surface, run_ensemble, shear_path, slide_cell
 from multiscale.plotting import plot_shear_law
-from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, SLIDING_RESPONSE, branch_of
+from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE, branch_of
 from multiscale.upscaling import (
     assume_shear,
     compare_scales,
@@ -30,7 +30,7 @@ from multiscale.upscaling import (
 from multiscale.upscaling.shear_cycles import bed_loss
 from multiscale.upscaling.shear_fit import bed_traction
 from tests.support import egg_box, rough_square
-from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials
+from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 
 KAPPA, MU, CELLS = 0.8, 0.25, 6
 WIDE = np.geomspace(1e5, 1e8, 13)
@@ -191,17 +191,6 @@ def test_sheared_cells_are_drawn_beside_the_bed(measured):
     cells, bed = (line.get_ydata() for line in ax.lines[:2])
     np.testing.assert_allclose(cells, bed, atol=0.03)
     assert 0.95 < cells[-1] < 1.05
-
-
-def slid(steady):
-    """Two cells slid under 8 and 4 mPa, of which only the steady friction is told."""
-    shapes = {"load": 2, "step": 1, "component": 3}
-    none = {
-        name: np.zeros([shapes[dim] for dim in variable.dims])
-        for name, variable in SLIDING_RESPONSE.variables.items()
-    }
-    told = {"steady_friction": steady, "nominal_pressure": [0.008, 0.004]}
-    return SLIDING_RESPONSE.build(none | told)
 
 
 def test_large_sliding_gives_friction_over_pressure(law):

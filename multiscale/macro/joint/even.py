@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 
 from multiscale.laws import HystereticLaw, NormalLaw
-from multiscale.macro.data_range import load_shares
+from multiscale.macro.data_range import data_ends, load_shares
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.joint_solver import check_preloads, joint_result, ratios, rough_joint
 from multiscale.schema import Dataset
@@ -76,7 +76,7 @@ def press_joint(
         "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
     }
     rows = [_stiffness(sample, p, soft) for sample in samples]
-    data = law.pressure_range
+    data = data_ends(law)
     shares = load_shares(p[:, None], np.ones(1), data)
     return joint_result(values, rows, 1.0 / soft, shares, data, extrapolate=extrapolate)
 

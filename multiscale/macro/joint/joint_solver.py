@@ -9,7 +9,7 @@ from multiscale.convergence import check_limits
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.laws import HystereticLaw
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.macro.joint.geometry import RoughJoint
 from multiscale.macro.joint.joint_assembly import CondensedJoint, condense_joint
 from multiscale.macro.monolithic import InterfaceSolution, solve_interface
@@ -136,11 +136,10 @@ def rough_joint(
             good = solution.converged
             steps.append(_stiffness(model, sample, solution.jump) if good else failed)
         rows.append({name: np.array([step[name] for step in steps]) for name in failed})
-    shares = load_shares(pressure, model.weight, law.pressure_range)
+    data = data_ends(law)
+    shares = load_shares(pressure, model.weight, data)
     result = {"preload": preloads, **values}
-    return joint_result(
-        result, rows, model.solid_stiffness, shares, law.pressure_range, extrapolate=extrapolate
-    )
+    return joint_result(result, rows, model.solid_stiffness, shares, data, extrapolate=extrapolate)
 
 
 def _respond(law: InterfaceLaw, jump: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +153,7 @@ def joint_result(
     rows: Sequence[Mapping[str, np.ndarray]],
     solid_stiffness: float,
     shares: np.ndarray,
-    data: tuple[float, float],
+    data: tuple[float, float, float],
     *,
     extrapolate: bool,
 ) -> Dataset:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
-from multiscale.macro.data_range import load_shares
+from multiscale.macro.data_range import data_ends, load_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import Dataset
 
@@ -123,11 +123,11 @@ def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.n
     Returns
     -------
     shares : ndarray, shape (3, steps, joints), see :func:`~multiscale.macro.data_range.load_shares`
-    data : ndarray, shape (joints, 2), Pa
+    data : ndarray, shape (joints, 3), see :func:`~multiscale.macro.data_range.data_ends`, Pa
     """
     pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
     area = result["point_area"].values
-    ranges = {face.joint: _normal(face.law).pressure_range for face in problem.joints}
+    ranges = {face.joint: data_ends(_normal(face.law)) for face in problem.joints}
     shares = [
         load_shares(pressure[:, number == joint], area[number == joint], one)
         for joint, one in ranges.items()

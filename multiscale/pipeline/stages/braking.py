@@ -10,7 +10,7 @@ import numpy as np
 from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
-from multiscale.macro.data_range import load_shares, with_load_shares
+from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import (
     Table,
@@ -77,7 +77,7 @@ def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     for k, (temperature, speed) in enumerate(steps):
         begin = perf_counter()
         normal = _normal_law(response, temperature, speed)
-        ranges.append(normal.pressure_range)
+        ranges.append(data_ends(normal))
         frictions = frictions_at(law, temperature, [None, *samples])
         mean, *drawn = (SteadySliding(normal, one, (speed, 0.0)) for one in frictions)
         found.append(macro.joint.slide_tread(tread, mean, pressure))
@@ -116,7 +116,7 @@ def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     )
     data = np.array(ranges)
     shares = load_shares(pressure_of, tread.weight, data)[..., None]
-    ends = np.array([[data[:, 0].max(), data[:, 1].min()]])
+    ends = np.array([[data[:, 0].max(), *data[:, 1:].min(axis=0)]])
     result = with_load_shares(result, shares, ends, extrapolate=case.law.extrapolate)
     ratio = float(np.prod(elements) / np.prod(fewer)) ** (1.0 / 3.0)
     coarse_force = {ratio: np.array(coarser)} if ratio > 1.0 else {}

@@ -10,7 +10,7 @@ import numpy as np
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.pipeline.case_budget import case_budget
-from multiscale.pipeline.real_contact import behaviour
+from multiscale.pipeline.real_contact import behaviour, negative_gap
 from multiscale.pipeline.rows import list_missing, say_beside, say_total
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
@@ -251,7 +251,8 @@ def _summary(law: Dataset) -> Summary:
         )
     planned = str(law.attrs.get("plan", "")).splitlines()
     tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
-    said = [answer, *list_missing(law), *planned, *behaviour(law), *tight]
+    below = negative_gap(law["fit_mean_gap"].to_numpy())
+    said = [answer, *list_missing(law), *planned, *behaviour(law), *below, *tight]
     return Summary(question, said)
 
 

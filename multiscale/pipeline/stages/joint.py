@@ -15,7 +15,12 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.joint_answers import STIFFNESSES
-from multiscale.pipeline.real_contact import behaviour, contact_dependence, real_pressure
+from multiscale.pipeline.real_contact import (
+    behaviour,
+    contact_dependence,
+    negative_gap,
+    real_pressure,
+)
 from multiscale.pipeline.rows import (
     joint_unit,
     list_facts,
@@ -140,7 +145,8 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
-    facts = [*behaviour(law), share, *_tangential_facts(law, ratio)]
+    below = negative_gap(result["mean_gap"].to_numpy())
+    facts = [*behaviour(law), share, *below, *_tangential_facts(law, ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(kept & (result["known"].values == 1))
     if not steps.size or not has_budget(law):
