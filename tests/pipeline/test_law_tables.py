@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.pipeline import load_case, run_macro
 from multiscale.upscaling import law_from_dataset, read_law
@@ -178,3 +178,9 @@ def test_a_stated_error_is_of_a_table_only(folder):
         solve(folder, BLOCKS, ("table.csv", "law.nc"))
     with pytest.raises(CaseError, match="law_error is of a table that law names"):
         solve(folder, BODIES, ('law = "table.csv"', "law_error = 0.1"))
+
+
+def test_a_structure_that_fails_at_once_says_why_and_not_that_its_path_is_empty(folder):
+    """A cover that is pulled off has no equilibrium, stated errors or not."""
+    with pytest.raises(ConvergenceError, match="no step converged"):
+        solve(folder, BODIES, LINEAR, ('"4 MPa"', '"-4 MPa"'))
