@@ -241,8 +241,8 @@ LINKS = structure_stage(
     question="Which tensions do the links carry, and which of them are slack?",
     answers=(
         StageAnswer("slack_links", "slack links", "1"),
-        StageAnswer("largest_tension", "largest tension", "kN", 1e-3),
         StageAnswer("largest_displacement", "largest displacement", "mm", 1e3),
+        StageAnswer("largest_tension", "largest tension", "kN", 1e-3),
     ),
     more=_sections,
     pictures=("sorted_tensions", "energies", "deformed_links"),
