@@ -22,6 +22,7 @@ from multiscale.upscaling.budget import (
 
 __all__ = [
     "LOWER_BOUND",
+    "ROUNDING",
     "Table",
     "joint_unit",
     "list_bolts",

@@ -73,9 +73,10 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
 
 
 def plot_load_paths(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot every load over its displacement since the first step, which cycles make a loop."""
+    """Plot every load over its displacement since the first known step; cycles make a loop."""
     ax = axes_or_current(ax)
-    moved = 1e6 * (result["load_displacement"] - result["load_displacement"][0]).values
+    moved = 1e6 * result["load_displacement"].values
+    moved = moved - moved[np.argmax(np.isfinite(moved).any(axis=1))]
     for k, name in enumerate(result["load"].values):
         ax.plot(moved[:, k], result["factor"].values[:, k], ".-", linewidth=1.0, label=str(name))
     ax.set(xlabel="displacement along the load since step 0 (µm)", ylabel="factor of the load")
@@ -94,9 +95,14 @@ def plot_bolt_forces(result: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def load_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
-    """Return what is drawn of bodies under loads, by name; interfaces at the last step known."""
-    draw: dict[str, Callable[..., object]] = {"loads": partial(plot_load_paths, result)}
-    if result.sizes.get("bolt", 0):
+    """Return what is drawn of bodies under loads, by name; interfaces at the last step known.
+
+    A path of which only one step has a value is no line, and is not drawn.
+    """
+    draw: dict[str, Callable[..., object]] = {}
+    if np.isfinite(result["load_displacement"].values).any(axis=1).sum() > 1:
+        draw["loads"] = partial(plot_load_paths, result)
+    if result.sizes.get("bolt", 0) and np.isfinite(result["bolt_force"][:, 0]).sum() > 1:
         draw["bolts"] = partial(plot_bolt_forces, result)
     for k in range(min(MOST_DRAWN, result.sizes.get("interface", 0))):
         known = np.flatnonzero(np.isfinite(result["interface_slip"].values[:, k]))

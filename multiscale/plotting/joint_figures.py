@@ -345,7 +345,7 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
         draw["joint_stiffness"] = partial(plot_joint_stiffness, result)
     if "cycle_loss" in result:
         for name in ("secant_stiffness", "cycle_loss"):
-            if np.isfinite(result[name].values).any():
+            if np.isfinite(result[name].values).sum(axis=1).max() > 1:  # one amplitude is no line
                 draw[name] = partial(plot_amplitudes, result, quantity=name)
     return draw
 

@@ -11,7 +11,7 @@ from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour, negative_gap
-from multiscale.pipeline.rows import list_missing, say_beside, say_total
+from multiscale.pipeline.rows import ROUNDING, list_missing, say_beside, say_total
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
@@ -217,7 +217,8 @@ def _say_ratio(law: Dataset, axis: int) -> str:
         drawn = law["shear_stiffness_ratio_sample"].to_numpy()[:, axis]
     if not drawn.size or np.isnan(value):
         return f"{value:.3g}"
-    return f"{value:.3g} ± {float(half_range(drawn)):.1g}"
+    half = float(half_range(drawn))
+    return f"{value:.3g} ± {half:.1g}" if half > ROUNDING * abs(value) else f"{value:.3g}"
 
 
 def _summary(law: Dataset) -> Summary:

@@ -13,7 +13,7 @@ from multiscale.micro.damage.apparent import measure_volume, represent
 from multiscale.micro.damage.sections import section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table
+from multiscale.pipeline.rows import ROUNDING, Table, round_by
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -253,7 +253,10 @@ def say_mean(values: np.ndarray) -> str:
     known = values[np.isfinite(values)]
     if not known.size:
         return "unknown"
-    return f"{known.mean():.4g}" + (f" ± {known.std(ddof=1):.2g}" if known.size > 1 else "")
+    mean, spread = known.mean(), known.std(ddof=1) if known.size > 1 else 0.0
+    if spread <= ROUNDING * abs(mean):
+        return f"{mean:.4g}"
+    return f"{round_by(mean, spread)} ± {spread:.2g}"
 
 
 def _causes(rve: Dataset) -> str:

@@ -1,0 +1,50 @@
+"""A path of which only one step has a value is no line."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+from multiscale.pipeline.stages.representative_volume import say_mean
+from multiscale.plotting import load_pictures, vibration_pictures
+
+NAN = np.nan
+
+
+@pytest.mark.parametrize(
+    ("moved", "drawn"), [([NAN, 2e-6, NAN], set()), ([NAN, 2e-6, 5e-6], {"loads", "bolts"})]
+)
+def test_loads_and_bolts_are_drawn_from_two_steps_on(moved, drawn):
+    path = xr.Dataset(
+        {
+            "load_displacement": (("step", "load"), np.transpose([moved])),
+            "factor": (("step", "load"), [[0.0], [1.0], [2.0]]),
+            "bolt_force": (("step", "bolt"), 1e9 * np.transpose([moved])),
+        },
+        coords={"load": ["push"]},
+    )
+    pictures = load_pictures(path)
+    assert set(pictures) == drawn
+    if drawn:
+        ax = Figure().add_subplot()
+        pictures["loads"](ax=ax)
+        np.testing.assert_allclose(ax.lines[0].get_xdata(), [NAN, 0.0, 3.0])  # from the first known
+
+
+@pytest.mark.parametrize(("second", "drawn"), [(NAN, False), (99.0, True)])
+def test_frequencies_are_drawn_from_two_amplitudes_on(second, drawn):
+    one = ("step", [100.0, second])
+    modes = xr.Dataset(
+        {
+            "step_mode": ("step", [1, 1]),
+            "frequency": one,
+            "damping": one,
+            "converged": ("step", [1, 0]),
+        }
+    )
+    assert ("frequency_0" in vibration_pictures(modes, 1)) == drawn
+
+
+def test_values_that_are_alike_have_no_scatter():
+    assert say_mean(np.full(3, 0.3431) + 1e-16 * np.arange(3)) == "0.3431"
+    assert say_mean(np.array([0.3431, 0.3412, 0.3450])) == "0.3431 ± 0.0019"
