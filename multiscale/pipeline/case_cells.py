@@ -330,7 +330,14 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
                     maps[key] = measured_map(one)
                 whole, said = maps[key]
                 made_of = measured_side(
-                    whole, one, case.cell, which[:made], needed, seed, side=side
+                    whole,
+                    one,
+                    case.cell,
+                    which[:made],
+                    needed,
+                    seed,
+                    side=side,
+                    beside_map=len(files) == 2 and not shared,
                 )
                 sides.append(made_of.with_cautions(said))
             else:  # the two sides are independent

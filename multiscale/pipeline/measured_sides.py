@@ -78,13 +78,14 @@ def measured_side(
     *,
     side: int = 0,
     of_map: Spectrum | None = None,
+    beside_map: bool = False,
 ) -> RoughSide:
     """Make the realisations of one body from its measured map or line scan.
 
     Parameters
     ----------
     whole : Surface, from :func:`measured_map`
-    settings, cell, which, needed, seed, of_map
+    settings, cell, which, needed, seed, of_map, beside_map
         See :func:`~multiscale.pipeline.windows.cut_windows`.
     side : {0, 1}, body, which has random numbers of its own
 
@@ -103,7 +104,9 @@ def measured_side(
         filled = None if whole.filled is None else np.repeat(whole.filled, n, axis=1)
         grooves = Surface(np.repeat(whole.heights, n, axis=1), (whole.size[0], n * step), filled)
         whole = rotate(grooves, settings.rotate)
-    surfaces, record = cut_windows(whole, settings, cell, which, needed, seed, of_map=of_map)
+    surfaces, record = cut_windows(
+        whole, settings, cell, which, needed, seed, of_map=of_map, beside_map=beside_map
+    )
     if side == 1:  # measured from outside: turned over as paper is
         surfaces = [Surface(piece.heights[::-1], piece.size) for piece in surfaces]
     return RoughSide(surfaces, record)

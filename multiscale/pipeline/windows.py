@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from math import floor
+from math import ceil, floor, sqrt
 
 import numpy as np
 
@@ -83,6 +83,7 @@ def cut_windows(
     seed: int,
     *,
     of_map: Spectrum | None = None,
+    beside_map: bool = False,
 ) -> tuple[list[Surface], Measured]:
     """Cut separate windows from a measured map and make them periodic and band-limited.
 
@@ -94,6 +95,9 @@ def cut_windows(
     which, needed : range, int, numbers of the windows to cut, and how many the map must hold
     seed : int, seed of the order of the windows, which are the same whatever their number
     of_map : Spectrum, optional, spectrum of the map, not periodic, where it is known already
+    beside_map : bool
+        Whether the other body has another map, for whose waves the cells may be larger than this
+        one allows: then windows repeat in the cell, if they hold :data:`HELD` of the rms height.
 
     Returns
     -------
@@ -120,38 +124,64 @@ def cut_windows(
             f"{settings.file.name} has one each {_length(max(whole.spacing))}; make the cell at "
             f"least {_length(FEWEST_PIXELS * max(whole.spacing) / share)} large"
         )
-    corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
+    corners, repeats = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed), 1
+    of_map = of_map or spectrum([whole], periodic=False)
     if len(corners) < needed:
-        raise CaseError(_too_few(whole, settings, size, len(corners), needed))
+        refusal = _too_few(whole, settings, size, len(corners), needed)
+        for repeats in _repeats(cell, of_map, share) if beside_map else ():
+            size = (share * cell.size[0] / repeats, share * cell.size[1] / repeats)
+            pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
+            corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
+            if min(pixels) < FEWEST_PIXELS or len(corners) >= needed:
+                break
+        if min(pixels) < FEWEST_PIXELS or len(corners) < needed:
+            raise CaseError(refusal)
     cropped = [crop(whole, corners[k], (pixels[0], pixels[1])) for k in which]
     pieces = [detrend(Surface(one.heights, size, one.filled)) for one in cropped]
     if any(np.ptp(piece.heights) == 0.0 for piece in pieces):
         raise CaseError(f"{settings.file.name} has a window of constant height; crop it")
     periodic = [(mirror if settings.periodic == "mirror" else window)(piece) for piece in pieces]
-    surfaces = [resample(low_pass(piece, cutoff), cell.points) for piece in periodic]
+    points = (cell.points[0] // repeats, cell.points[1] // repeats)
+    parts = [resample(low_pass(piece, cutoff), points) for piece in periodic]
+    tiled = [Surface(np.tile(one.heights, (repeats, repeats)), cell.size) for one in parts]
+    surfaces = tiled if repeats > 1 else parts
     if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
         raise CaseError(
             f"{settings.file.name} has a window without waves of {_length(cutoff)} and more; give "
             f"a finer grid with a shorter short_cutoff"
         )
-    of_map = of_map or spectrum([whole], periodic=False)
     of_pieces = spectrum(pieces, periodic=False)
     # the waves of a window are those of its mirror image
     same = settings.periodic == "mirror" and not any(piece.filled_share for piece in pieces)
     of_periodic = of_pieces if same else spectrum(periodic)
     stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
-    losses = _losses(stages, of_map, of_periodic, whole.size, cell, share, chosen)
+    losses = _losses(stages, of_map, of_periodic, whole.size, cell, share / repeats, chosen)
     return surfaces, Measured(
         stages,
         whole.filled_share,
         tuple(piece.filled_share for piece in pieces),
         f"{_length(cutoff)}, {chosen}",
         (
+            *(
+                [
+                    f"its map is too small for the cells: windows of {_lengths(size)}, which hold "
+                    f"most of its rms height, repeat {repeats} x {repeats} times in a cell"
+                ]
+                if repeats > 1
+                else []
+            ),
             *losses.values(),
             *_herringbone(settings, whole, cutoff),
         ),
         losses,
     )
+
+
+def _repeats(cell: CellSettings, of_map: Spectrum, window_share: float) -> list[int]:
+    """How often windows may repeat along each edge of a cell: on its grid, and as long as waves."""
+    least = of_map.length_holding(HELD) / window_share
+    most = int(min(cell.size) / least)
+    return [k for k in range(2, most + 1) if not any(n % k for n in cell.points)]
 
 
 def _cutoff(
@@ -241,6 +271,8 @@ def _too_few(
                 f"there are {enough} windows"
             )
             break
+    across = ceil(sqrt(count))  # windows, side by side
+    said += f", or measure {_lengths([across * edge for edge in size])}"
     return said + (", or allow more by filled in the surface table" if within else "")
 
 

@@ -18,12 +18,24 @@ PIXEL = 1e-6
 def cut():
     """Cut windows from a map made by hand: surfaces and what they hold of it."""
 
-    def of(heights, size, points, *, filled=None, count=4, needed=None, seed=0, **settings):
+    def of(
+        heights,
+        size,
+        points,
+        *,
+        filled=None,
+        count=4,
+        needed=None,
+        seed=0,
+        beside_map=False,
+        **settings,
+    ):
         edges = tuple(n * PIXEL for n in heights.shape)
         whole = Surface(heights - heights.mean(), edges, filled)
         given = InstrumentSurface.model_validate({"file": "map.txt", **settings})
         cell = CellSettings.model_validate({"size": [size, size], "points": [points, points]})
-        return cut_windows(whole, given, cell, range(count), needed or count, seed)
+        which = range(count)
+        return cut_windows(whole, given, cell, which, needed or count, seed, beside_map=beside_map)
 
     return of
 
@@ -191,3 +203,31 @@ def test_an_oblique_lay_that_is_mirrored_is_a_caution(cut, degrees, periodic, ca
     if cautioned:
         assert "the lay runs at 30 degrees to the x axis" in said[0]
         assert "herringbone of 30 and 150 degrees" in said[0]
+
+
+def fine(pixels=200, seed=1):
+    """A periodic map whose longest wave is 16 pixels."""
+    return rough_square(pixels, 16 * PIXEL, 8 * PIXEL, 0.05, seed=seed, size=pixels * PIXEL).heights
+
+
+def test_windows_of_a_small_map_repeat_in_a_cell_that_holds_the_waves_of_the_other(cut):
+    given = {"points": 400, "count": 4, "short_cutoff": "6.4 um"}
+    with pytest.raises(CaseError, match="or measure 800 µm x 800 µm"):
+        cut(fine(), "800 um", **given)
+    surfaces, held = cut(fine(), "800 um", **given, beside_map=True)
+    assert "windows of 100 µm x 100 µm" in held.cautions[0]
+    assert "repeat 4 x 4 times in a cell" in held.cautions[0]
+    parts, alone = cut(fine(), "200 um", 100, count=4, short_cutoff="6.4 um")
+    for surface, part in zip(surfaces, parts, strict=True):
+        assert surface.size == pytest.approx((800e-6, 800e-6))
+        np.testing.assert_array_equal(surface.heights, np.tile(part.heights, (4, 4)))
+    for stage, other in zip(held.stages, alone.stages, strict=True):
+        assert stage.rms_slope == pytest.approx(other.rms_slope, rel=1e-9)
+    assert held.stages[2].rms_height > 0.9 * held.stages[0].rms_height
+
+
+def test_windows_that_lack_the_long_waves_of_their_map_do_not_repeat(cut):
+    x = np.arange(200)
+    long = 1e-6 * np.cos(2.0 * np.pi * x / 200.0)[:, None] + fine()
+    with pytest.raises(CaseError, match="or measure 800 µm x 800 µm"):
+        cut(long, "800 um", 400, count=4, short_cutoff="6.4 um", beside_map=True)
