@@ -28,7 +28,7 @@ __all__ = [
 ALONG_LOADING, REFUSED = "along the loading curve", "refused"
 """What a law says of an unloading that cells were pressed for and that has no branch."""
 
-LARGEST_EXPONENT = 100.0  # of unloading, from which its branch is as good as exponential
+LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is as good as exponential
 LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
 PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degrees
 SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
@@ -147,7 +147,7 @@ def _without_unloading(law: Dataset, loading: NormalLaw, seen: Observations) -> 
         how = REFUSED
         told = f"no unloading branch describes how the cells spring back, up to {apart} from it"
     else:
-        how, told = ALONG_LOADING, f"the cells spring back within {apart} of it"
+        how, told = ALONG_LOADING, f"the cells spring back along it, to {apart}"
     return with_cautions(
         with_branch(law, "unloading", how, {}),
         f"the law has the loading curve for unloading too: {told}; press the cells to pressures "

@@ -117,7 +117,15 @@ def test_cells_that_spring_back_as_they_were_loaded_have_no_unloading_branch():
     law = branches_of(unloaded(np.geomspace(1e7, 4e8, 8), 1.0))
     assert "unloading_exponent" not in law
     assert "unloading: along the loading curve" in law.attrs["branches"]
-    assert "the cells spring back within" in law.attrs["cautions"]
+    assert "the cells spring back along it" in law.attrs["cautions"]
+
+
+def test_a_spring_back_as_exponential_as_the_loading_has_an_exponent_with_an_end():
+    """A share of an exponential curve is one of an infinite exponent, as stiff by its inverse."""
+    law = branches_of(unloaded(np.geomspace(1e7, 4e8, 8), 0.5))
+    assert float(law["unloading_exponent"]) == 1000.0
+    assert float(law["unloading_stiffness_ratio"]) == pytest.approx(2.0, rel=5e-3)
+    assert not law.attrs["cautions"]
 
 
 def test_a_spring_back_that_no_branch_describes_is_refused():
