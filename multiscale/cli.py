@@ -119,10 +119,11 @@ def run_command(
             typer.echo(f"{len(sweep.points)} points; the largest:")
         needs = max(map(requirements, sweep.points), key=lambda needs: needs.memory)
         typer.echo(needs.explain())
-        return
     one = None if sweep.parameters else sweep.points[0]
     if not (force or resume or dask):
         refuse_excess(sweep.points, [out] if one else sweep.folders(out), jobs=jobs)
+    if explain:
+        return
     make_folder(out)
     with (
         _resumable(out),
@@ -361,10 +362,12 @@ def macro_command(
         prepare(settings)
         if team.rank == 0:
             typer.echo(requirements(settings, processes=team.size).explain())
-        return
-    _check_dataset(out)
+    else:
+        _check_dataset(out)
     if not force:
         refuse_excess([settings], [out.parent], jobs=team.size)
+    if explain:
+        return
     result = run_macro(settings, out, team=team)
     if team.rank:  # the first process speaks for all
         return

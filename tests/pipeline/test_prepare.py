@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
+from multiscale.pipeline import case_needs
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.prepare import prepare
 from multiscale.pipeline.pressing import Face, highest_pressure
@@ -131,3 +132,17 @@ def test_what_a_run_refuses_its_explanation_refuses(tmp_path):
     ):
         with pytest.raises(CaseError, match=said):
             prepare(case_of(tmp_path, tyre, pair))
+
+
+@pytest.mark.parametrize("command", ["run", "macro"])
+def test_what_takes_too_much_memory_is_explained_and_refused(tmp_path, monkeypatch, command):
+    monkeypatch.setattr(case_needs, "usable_memory", lambda: 1)
+    write_law(tmp_path / "law.nc")
+    path = write_scene(tmp_path, TWO_BLOCKS, ("[interface]", '[interface]\nlaw = "law.nc"'))
+    arguments = [command, str(path), "-o", str(tmp_path / "out.nc"), "--explain"]
+    refused = CliRunner().invoke(app, arguments)
+    assert "unknowns per contact" in refused.output
+    with pytest.raises(CaseError, match="GB of memory, and this machine has"):
+        raise refused.exception
+    assert CliRunner().invoke(app, [*arguments, "--force"]).exit_code == 0
+    assert not (tmp_path / "out.nc").exists()
