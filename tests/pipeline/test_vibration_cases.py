@@ -85,7 +85,11 @@ REFUSED = {
     ),
     "no half-width": ("friction = 0.2", 'friction = "0.2 +- ?"', "' ?' is not a quantity"),
     "not joined": ("friction = 0.2", "friction = 0", "the structure as a whole may be free"),
-    "far": ('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]', "the preload is unknown: up to 100"),
+    "far": (
+        '["0.1 MPa", "100 MPa"]',
+        '["50 MPa", "100 MPa"]',
+        "by about 10 MPa, more than a factor of 2",
+    ),
 }
 
 
