@@ -413,7 +413,7 @@ def list_facts(result: Dataset) -> list[str]:
 def list_missing(dataset: Dataset) -> list[str]:
     """Name the terms that the errors of a law or a result lack; nothing without a budget."""
     missing = ", ".join(unknown_terms(dataset)) if has_budget(dataset) else ""
-    told = "Terms of the error that are not known and not counted"
+    told = f"Terms of the error that are not known and not counted ({LOWER_BOUND.strip()})"
     return [f"{told}: {missing}."] if missing else []
 
 
@@ -511,7 +511,8 @@ def tabulate_cycles(result: Dataset) -> Table:
             at = (f"{1e-6 * float(one[name]):.4g}" for name in ("cycle_preload", "cycle_shear"))
             row = []
             for name, scale in shown:
-                row += [_value(one, name, scale), " / ".join(_intervals(one, name, scale))]
+                both_intervals = dict.fromkeys(_intervals(one, name, scale))  # once if alike
+                row += [_value(one, name, scale), " / ".join(both_intervals)]
             known = np.isfinite(one["cycle_loss"])
             rows.append((*at, *(row if known else ["unknown", *[""] * (len(row) - 1)])))
     return head, rows
