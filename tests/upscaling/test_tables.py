@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
+from multiscale.io import read_table
 from multiscale.laws import Exponential
 from multiscale.upscaling import (
     best_family,
@@ -202,3 +203,11 @@ def test_the_column_beside_the_pressure_tells_the_quantity(write):
     assert quantity_of(write("gap (um), pressure (MPa)\n1,2\n")) == "gap"
     with pytest.raises(CaseError, match="one of stiffness, gap, contact fraction"):
         quantity_of(write("pressure (MPa), force (N)\n1,2\n"))
+
+
+@pytest.mark.parametrize("cell", ["inf", "nan", "-inf"])
+def test_every_table_refuses_numbers_that_are_not_finite_unless_it_asks_for_them(write, cell):
+    file = write(f"x,y\n1,2\n3,{cell}\n")
+    with pytest.raises(CaseError, match=f"line 3: y should be a finite number, got '{cell}'"):
+        read_table(file)
+    assert len(read_table(file, lambda name: float)["y"]) == 2
