@@ -184,9 +184,7 @@ def micro_command(
 def fit_command(
     response: Annotated[
         Path,
-        typer.Argument(
-            help="Response to fit; or a table .csv of measured stiffness, gap or contact fraction."
-        ),
+        typer.Argument(help="Response to fit; or a table .csv of measured stiffnesses or gaps."),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Law to write.")] = Path(
         "interface_law.nc"

@@ -104,3 +104,25 @@ def test_a_table_takes_no_responses(monkeypatch, tmp_path, capsys):
     with pytest.raises(SystemExit, match="1"):
         cli.main()
     assert "a table takes no --shear and no --sliding" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("pressures", "said"),
+    [
+        (1, "needs 3 pressures or more, got 1"),
+        (2, "needs 3 pressures or more, got 2"),
+        (3, "law: "),
+    ],
+)
+def test_few_measurements_are_fitted_or_refused_in_a_sentence(
+    pressures, said, monkeypatch, tmp_path, capsys
+):
+    rows = [f"{2.0**k},{3.0 * 1.5**k}" for k in range(pressures)]
+    file = tmp_path / "runs.csv"
+    file.write_text("\n".join(["pressure (MPa),stiffness (MPa/um)", *rows]))
+    monkeypatch.setattr(
+        sys, "argv", ["multiscale", "fit", str(file), "-o", str(tmp_path / "law.nc")]
+    )
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert said in "".join(capsys.readouterr())

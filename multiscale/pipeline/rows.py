@@ -353,8 +353,7 @@ def _part(step: Dataset, name: str, scale: float) -> str:
 
 def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) -> Table:
     """Head and rows of predictions of a law at pressures, Pa, with their intervals."""
-    units = {"gap": Unit("µm", 1e6), "contact_fraction": Unit("%", 100.0)}
-    unit = units.get(quantity) or stiffness_unit(found.value)
+    unit = Unit("µm", 1e6) if quantity == "gap" else stiffness_unit(found.value)
     rows = []
     for p, value, *ends in zip(
         pressure, found.value, found.mean_law.T, found.next_specimen.T, strict=True

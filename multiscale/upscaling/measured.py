@@ -7,6 +7,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.schema import Dataset
 from multiscale.upscaling.comparison import compare_laws
+from multiscale.upscaling.family import FAMILIES
+from multiscale.upscaling.fit import FREE_FORM
 from multiscale.upscaling.observations import QUANTITIES, Observations
 from multiscale.upscaling.reading import fitted_law, law_band, refuse_band
 
@@ -33,6 +35,8 @@ class Prediction:
 def best_family(observations: Observations) -> tuple[str, Dataset]:
     """Return the admissible family with the least error at unseen pressures, and the comparison.
 
+    Families with as many parameters as there are pressures are left out.
+
     Raises
     ------
     CaseError
@@ -40,7 +44,10 @@ def best_family(observations: Observations) -> tuple[str, Dataset]:
     MultiscaleError
         If the data are refused.
     """
-    families = compare_laws(observations)
+    n, quantity = observations.pressure.size, observations.quantity
+    fitting = [one for one in FAMILIES.values() if quantity in one.quantities]
+    names = [one.name for one in fitting if len(one.parameters) < n]
+    families = compare_laws(observations, [FREE_FORM[quantity], *names])
     admissible = families["family"].values[families["admissible"].values == 1]
     if not admissible.size:
         raise CaseError(

@@ -85,7 +85,7 @@ def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
 
 
 def quantity_of(path: str | PathLike[str]) -> str:
-    """Find which quantity over pressures alone a table has: stiffness, gap or contact fraction.
+    """Find which quantity over pressures alone a table has: stiffness or gap.
 
     Raises
     ------
@@ -93,11 +93,11 @@ def quantity_of(path: str | PathLike[str]) -> str:
         If the file is missing, or has not one of these columns.
     """
     names = [_named(head)[0] for head in read_table(Path(path), lambda head: str)]
-    read = {_COLUMN[one]: one for one in ("normal_stiffness", "gap", "contact_fraction")}
+    read = {_COLUMN[one]: one for one in ("normal_stiffness", "gap")}
     found = [quantity for column, quantity in read.items() if column in names]
     if len(found) != 1:
         raise CaseError(
-            f"{path}: the first line should name pressure and one of {', '.join(read)}, with "
+            f"{path}: the first line should name pressure and {' or '.join(read)}, with "
             f"units, found {', '.join(names)}"
         )
     return found[0]

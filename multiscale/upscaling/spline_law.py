@@ -28,6 +28,10 @@ SECOND_ORDER, FIRST_ORDER = 0.25, 0.5  # part of an error that is left where the
 Values = dict[str, np.ndarray]
 
 
+FEWEST_PRESSURES = 3
+"""Pressures of a normal law of free form, of which the inner ones tell its error."""
+
+
 @dataclass(frozen=True, eq=False)
 class FitResult:
     """Variables and attributes that a fit gives to the dataset of its law."""
@@ -59,6 +63,11 @@ def fit_convex_decreasing(
         If the gap does not fall as the pressure rises.
     """
     p, n = observations.pressure, observations.pressure.size
+    if n < FEWEST_PRESSURES:
+        raise CaseError(
+            f"a law of free form needs {FEWEST_PRESSURES} pressures or more, got {n}; measure at "
+            f"others, too"
+        )
     mean = observations.mean[None]
     sample_mean, sample_weight = observations.means(counts)
     gap, sample_gap = _gaps(observations, mean), sample_mean

@@ -201,7 +201,7 @@ def test_the_next_specimen_scatters_as_those_measured_by_students_interval():
 
 def test_the_column_beside_the_pressure_tells_the_quantity(write):
     assert quantity_of(write("gap (um), pressure (MPa)\n1,2\n")) == "gap"
-    with pytest.raises(CaseError, match="one of stiffness, gap, contact fraction"):
+    with pytest.raises(CaseError, match="pressure and stiffness or gap"):
         quantity_of(write("pressure (MPa), force (N)\n1,2\n"))
 
 
