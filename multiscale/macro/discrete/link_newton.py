@@ -46,6 +46,9 @@ slack links needs no new factors."""
 ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)
 """Limits for a zone; the tolerance is relative to the largest force out of balance of all zones."""
 
+LOOSEST = 0.999
+"""Largest tolerance of a zone relative to its own load."""
+
 MAX_PAIRS = 8
 """Number of last steps whose curvature corrects kept factors."""
 
@@ -205,7 +208,8 @@ def relax_zones(
     """Return the displacement that balances the zones farthest from equilibrium, each alone, m."""
     u = np.zeros(model.n)
     for unknowns, part, part_tangent, residual in unbalanced_zones(model, tangent, load, elastic):
-        tolerance = ZONE_LIMITS.tolerance * residual / force_scale(part, part.load)
+        relative = ZONE_LIMITS.tolerance * residual / force_scale(part, part.load)
+        tolerance = min(relative, LOOSEST)  # of a zone with hardly any load
         limits = replace(ZONE_LIMITS, tolerance=tolerance)
         state = solve_newton(part, part_tangent, 1.0, u[unknowns], limits)
         u[unknowns] = state.solution.value
