@@ -1,7 +1,5 @@
 """Interfaces of elements of second order: averages about the corners of side 2."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from skfem import ElementHexS2, MeshHex, MeshTet
@@ -19,9 +17,7 @@ from multiscale.macro import (
     NewtonSchur,
     solve_assembly,
 )
-from multiscale.macro.bodies import LapShape, lap_joint
 from multiscale.macro.bodies.assembly import GROUND
-from multiscale.macro.substructures import JointLoading, load_joint
 from tests.closed_forms import hertz
 from tests.contact_scenes import block, graded, moment_radius, near
 
@@ -103,22 +99,3 @@ def test_a_bump_on_a_block_is_pressed_as_hertz_has_it(kind):
     assert moment_radius(distance, pressure, area) == pytest.approx(contact, rel=0.03)
     middle = pressure[np.argmin(distance)]
     assert middle == pytest.approx(1.5 * force / (np.pi * contact**2), rel=0.08)
-
-
-@pytest.mark.slow
-def test_plates_with_holes_meshed_apart_are_joined_as_those_that_match():
-    shape = LapShape(0.06, 0.02, 0.004, 0.03, 0.006, 0.012, element=5e-3)
-    loading, found = JointLoading((40e6,)), []
-    alike = [lap_joint(one, (Elastic(210e9, 0.3),) * 2, LAW) for one in (shape,)]
-    other = lap_joint(replace(shape, element=4e-3), (Elastic(210e9, 0.3),) * 2, LAW)
-    lower, upper = alike[0].bodies[0], other.bodies[1]
-    share = alike[0].areas[0] / other.areas[0]  # of the washers, which must press alike
-    pressed = (0.0, 0.0, lambda position, time: -share * (1.0 - time) + 0.0 * position[0])
-    upper = replace(upper, tractions=dict(upper.tractions) | {"washer": pressed})
-    for assembly in (alike[0], replace(alike[0], bodies=(lower, upper))):
-        bodies = [replace(one, element=element_of_order(one.mesh, 2)) for one in assembly.bodies]
-        found.append(
-            load_joint(replace(assembly, bodies=bodies), loading, method=AssembledNewton())
-        )
-    for name, error in (("joint_stiffness", 2e-3), ("tangential_stiffness", 0.01)):
-        assert found[1][name].item() == pytest.approx(found[0][name].item(), rel=error)
