@@ -2,6 +2,7 @@
 
 import logging
 import sys
+import traceback
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from multiscale.units import to_lengths, to_si
 if TYPE_CHECKING:
     from multiscale.pipeline import Case
     from multiscale.pipeline.stage import ShowProgress
+    from multiscale.schema import Dataset
 
 __all__ = ["main"]
 
@@ -520,32 +522,51 @@ def bench_command(
     ] = False,
 ) -> None:
     """Measure error, run time and memory, beside other codes where they are installed."""
-    from multiscale.bench import bench
-    from multiscale.bench.summary import join_families, tabulate_cheapest, tabulate_runs
+    from multiscale.bench.summary import join_families, tabulate_cheapest
     from multiscale.io import try_to_write, write_dataset
-    from multiscale.plotting import draw_work_precision
     from multiscale.schema import WORK_PRECISION
 
     chosen = _choose(families, FAMILIES)
     try_to_write(out / "work_precision.nc")
-    measured = {}
+    measured, failed = {}, list[str]()
     for name in chosen:
-        file = out / f"{name}.nc"
-        keep = partial(write_dataset, path=file, schema=WORK_PRECISION)  # if the next one is killed
-        measured[name] = found = bench(
-            name, quick=quick, report=lambda line: typer.echo(line, err=True), keep=keep
-        )
-        keep(found)
-        draw_work_precision(found, file.with_suffix(".png"))
-        _warn(found.attrs["cautions"].splitlines())
-        _print_table(found.attrs["title"], *tabulate_runs(found))
-        typer.echo(f"dataset and figure: {file}, {file.with_suffix('.png')}")
+        try:
+            measured[name] = _bench_family(name, out / f"{name}.nc", quick)
+        except Exception as error:  # the other families are measured all the same
+            failed.append(name)
+            if not isinstance(error, MultiscaleError):
+                traceback.print_exc()
+            typer.echo(f"multiscale: the family {name} failed: {error}", err=True)
+            continue
         joined = join_families(measured)  # what is finished stays if the next family is killed
         write_dataset(joined, out / "work_precision.nc", WORK_PRECISION)
-    head, rows = tabulate_cheapest(joined)
-    if rows:
-        _print_table("cheapest way to an error of at most", head, rows)
-    typer.echo(f"all runs: {out / 'work_precision.nc'}")
+    if measured:
+        head, rows = tabulate_cheapest(joined)
+        if rows:
+            _print_table("cheapest way to an error of at most", head, rows)
+        typer.echo(f"all runs: {out / 'work_precision.nc'}")
+    if failed:
+        said = f"{len(failed)} of {len(chosen)} families failed: {', '.join(failed)}"
+        raise ConvergenceError(said)
+
+
+def _bench_family(name: str, file: Path, quick: bool) -> "Dataset":
+    """Measure a family, leave its dataset and figure, and print its runs."""
+    from multiscale.bench import bench
+    from multiscale.bench.summary import say_load, tabulate_runs
+    from multiscale.io import write_dataset
+    from multiscale.plotting import draw_work_precision
+    from multiscale.schema import WORK_PRECISION
+
+    keep = partial(write_dataset, path=file, schema=WORK_PRECISION)  # if it is killed
+    found = bench(name, quick=quick, report=lambda line: typer.echo(line, err=True), keep=keep)
+    keep(found)
+    figure = draw_work_precision(found, file.with_suffix(".png"))
+    _warn(found.attrs["cautions"].splitlines())
+    _print_table(found.attrs["title"], *tabulate_runs(found))
+    typer.echo(f"load of the machine: {say_load(found)}")
+    typer.echo(f"dataset and figure: {file}, {figure}")
+    return found
 
 
 @app.command("stability")

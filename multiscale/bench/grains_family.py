@@ -1,5 +1,6 @@
 """Grains in motion: the error of three closed forms and of a deposit against run time."""
 
+from collections.abc import Iterable
 from functools import partial
 from shutil import which
 from typing import TYPE_CHECKING
@@ -16,33 +17,32 @@ if TYPE_CHECKING:
 __all__ = ["EXACT", "answer", "plan_grains"]
 
 GRAVITY, RADIUS = 9.81, 0.01  # m/s2, m
-HEIGHT, RESTITUTION, DURATION = 1.0, 0.8, 1.2
-"""Height of the fall of a bouncing grain, m; its restitution; time of the answer, s."""
+HEIGHTS = 1.0 + 0.05 * (np.arange(16) * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0)
+"""Heights of the falls of bouncing grains, m: their impacts lie anywhere in a step, as the error of
+one grain depends on where."""
+RESTITUTION, DURATION = 0.8, 1.0
+"""Restitution of the bouncing grains; time of the answer, s, after their first impact."""
 FRICTION, SPEED, ROLLED = 0.3, 1.0, 0.3
 """Friction coefficient of the sliding grain; its speed at the start, m/s; time of the answer, s."""
-GRAINS, QUICK_GRAINS, SETTLING = 200, 20, 0.5
+GRAINS, QUICK_GRAINS, SETTLING = 200, 20, 1.0
 """Number of spheres of a deposit, and time of the answer, s."""
+DEPOSITS, TRUTH = range(4), range(4, 12)
+"""Seeds of the deposits of an answer, and of the others that are its reference."""
 
 BOUNCE, ROLL, DEPOSIT = (
-    "height of a bouncing grain",
+    "mean height of bouncing grains",
     "way of a sliding grain",
-    "height of a deposit",
+    "mean height of four deposits",
 )
 STEPS, QUICK_STEPS = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4), (4e-3, 2e-3)  # s
-FINEST = 8.0
-"""Length of the shortest step over the length of the steps of the reference of a deposit."""
 COMPLIANCES = {"rigid": 0.0, "compliant": 0.02}
 
 
 def _bounced() -> float:
-    """Height at the end, between the first impact and the second or after, m."""
-    first = np.sqrt(2.0 * HEIGHT / GRAVITY)
-    begin, speed = first, RESTITUTION * GRAVITY * first
-    while begin + 2.0 * speed / GRAVITY < DURATION:
-        begin += 2.0 * speed / GRAVITY
-        speed *= RESTITUTION
-    since = DURATION - begin
-    return float(speed * since - 0.5 * GRAVITY * since**2)
+    """Mean height at the end, between the first impacts and the second ones, m."""
+    first = np.sqrt(2.0 * HEIGHTS / GRAVITY)
+    since = DURATION - first
+    return float(np.mean(RESTITUTION * GRAVITY * first * since - 0.5 * GRAVITY * since**2))
 
 
 def _rolled() -> float:
@@ -56,35 +56,46 @@ EXACT = {BOUNCE: _bounced(), ROLL: _rolled()}  # m
 
 
 def answer(scene: str, compliance: float, step: float, grains: int = QUICK_GRAINS) -> float:
-    """Return the height or way of a scene after steps of a length, m."""
+    """Return the mean height or the way of a scene after steps of a length, m."""
     from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, simulate_grains
 
     size = np.array([RADIUS])
     floor = (PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),)
     if scene == BOUNCE:
-        grain = Grains(np.array([[0.0, 0.0, HEIGHT + RADIUS]]), size)
+        aside = 20.0 * RADIUS * np.arange(HEIGHTS.size)  # farther than they move in a step
+        place = np.column_stack([aside, 0.0 * aside, HEIGHTS + RADIUS])
+        grain = Grains(place, np.full(HEIGHTS.size, RADIUS))
         law = ContactLaw(restitution=RESTITUTION, compliance=compliance)
         motion = simulate_grains(Model(grain, floor, law), DURATION, step)
-        return float(motion["position"].values[-1, 0, 2]) - RADIUS
+        return float(motion["position"].values[-1, :, 2].mean()) - RADIUS
     if scene == ROLL:
         grain = Grains(np.array([[0.0, 0.0, RADIUS]]), size, velocity=np.array([[SPEED, 0.0, 0.0]]))
         law = ContactLaw(FRICTION, compliance=compliance)
         motion = simulate_grains(Model(grain, floor, law), ROLLED, step)
         return float(motion["position"].values[-1, 0, 0])
-    motion = simulate_grains(_heap(grains, compliance), SETTLING, step)
-    return 2.0 * float(motion["position"].values[-1, :, 2].mean())
+    return float(np.mean(_heights(grains, compliance, step, DEPOSITS)))
 
 
-def _heap(grains: int, compliance: float = 0.0) -> "Model":
+def _heights(grains: int, compliance: float, step: float, seeds: Iterable[int]) -> list[float]:
+    """Heights of deposits after steps of a length, m."""
+    from multiscale.macro.granulate import simulate_grains
+
+    motions = [simulate_grains(_heap(grains, one, compliance), SETTLING, step) for one in seeds]
+    return [2.0 * float(one["position"].values[-1, :, 2].mean()) for one in motions]
+
+
+def _heap(grains: int, seed: int, compliance: float = 0.0) -> "Model":
     """Spheres above the floor of a box of 10 cm."""
     from multiscale.macro.granulate import ContactLaw, deposit
 
-    return deposit(np.full(grains, RADIUS), (0.1, 0.1), ContactLaw(compliance=compliance))
+    law = ContactLaw(compliance=compliance)
+    return deposit(np.full(grains, RADIUS), (0.1, 0.1), law, seed=seed)
 
 
 def _yade(grains: int) -> float:
-    """Height of the deposit after YADE, m."""
-    return yade.settle(_heap(grains), SETTLING, threads=THREADS).height
+    """Mean height of the deposits after YADE, m."""
+    heaps = [_heap(grains, seed) for seed in DEPOSITS]
+    return float(np.mean([yade.settle(one, SETTLING, threads=THREADS).height for one in heaps]))
 
 
 def plan_grains(*, quick: bool) -> BenchFamily:
@@ -94,10 +105,11 @@ def plan_grains(*, quick: bool) -> BenchFamily:
 
     Notes
     -----
-    *Errors* are distances from a closed form; for the height of a deposit, twice the mean height of
-    its grains, the distance from rigid contact in much shorter steps. Piles of other histories
-    differ, so that the deposit is not known better than the distance of both references. YADE lets
-    the same grains fall where it is installed; its time has the two seconds in which it starts.
+    *Errors* are distances from a closed form; for the height of deposits, twice the mean height of
+    their grains, from other deposits of rigid grains in the shortest steps. Piles of other
+    histories differ by some per cent, whatever the step: two standard errors of the mean over those
+    other deposits are the uncertainty. YADE lets the same grains fall where it is installed; its
+    time has the two seconds in which it starts for each deposit.
     """
     grains = QUICK_GRAINS if quick else GRAINS
     lengths = QUICK_STEPS if quick else STEPS
@@ -119,20 +131,21 @@ def plan_grains(*, quick: bool) -> BenchFamily:
         "YADE",
         partial(_yade, grains),
         warm_up,
-        {"time_step": yade.time_step(_heap(1))},
+        {"time_step": yade.time_step(_heap(1, 0))},
         left_out="" if which(yade.PROGRAM) else "because it is not installed; apt install yade",
     )
     return BenchFamily(
         [*trials, by_yade],
-        judge_by(partial(_truth, min(lengths) / FINEST, grains)),
+        judge_by(partial(_truth, min(lengths), grains)),
         title="grains in motion: heights and ways",
         packages=("numba",),
     )
 
 
 def _truth(step: float, grains: int, scene: str, answers: list[float]) -> tuple[float, float]:
-    """Take the closed form, or the height in very short steps and its distance from compliance."""
+    """Take the closed form, or the mean over deposits and two standard errors of it."""
     if scene in EXACT:
         return EXACT[scene], np.nan
-    rigid, compliant = (answer(scene, a, step, grains) for a in COMPLIANCES.values())
-    return rigid, abs(compliant / rigid - 1.0)
+    heights = np.array(_heights(grains, 0.0, step, TRUTH))
+    mean = heights.mean()
+    return float(mean), float(2.0 * heights.std(ddof=1) / np.sqrt(heights.size) / mean)

@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.schema import WORK_PRECISION, Dataset
 
-__all__ = ["TARGETS", "join_families", "tabulate_cheapest", "tabulate_runs"]
+__all__ = ["TARGETS", "join_families", "say_load", "tabulate_cheapest", "tabulate_runs"]
 
 TARGETS = (0.1, 0.05, 0.02, 0.01)
 """Relative errors of the table of cheapest answers."""
@@ -52,10 +52,21 @@ def tabulate_runs(work_precision: Dataset) -> tuple[tuple[str, ...], list[tuple[
             name: "" if run[name].isnull() else f"{factor * run[name].item():{form}}"
             for name, (_, form, factor) in columns.items()
         }
+        if "error_uncertainty" in run and run["error"] < run["error_uncertainty"]:
+            cells["error"] = f"< {run['error_uncertainty'].item():.1e}"  # of its reference
         if not run["converged"]:
             cells["error"] = f"{cells['error']} not converged".lstrip()
         rows.append((str(run["scene"].item()), str(run["method"].item()), *cells.values()))
     return head, rows
+
+
+def say_load(work_precision: Dataset) -> str:
+    """Say how busy the machine was before and after the runs, on which their times depend."""
+    before, after = (work_precision.attrs[f"load_{when}"] for when in ("before", "after"))
+    return (
+        f"{before:.3g} processes before and {after:.3g} after, on {work_precision.attrs['cores']} "
+        f"cores (that run or wait, mean of a minute)"
+    )
 
 
 def join_families(families: Mapping[str, Dataset]) -> Dataset:
@@ -81,6 +92,7 @@ def join_families(families: Mapping[str, Dataset]) -> Dataset:
         versions="; ".join(
             f"{family}: {found.attrs['versions']}" for family, found in families.items()
         ),
+        load="; ".join(f"{family}: {say_load(found)}" for family, found in families.items()),
     )
 
 
