@@ -222,8 +222,11 @@ def test_bolted_bodies_that_slide_away_say_so(method):
     steps = np.array([[1.0, 0.0], [1.0, 1e6], [1.0, 4.5e6], [1.0, 0.0]])
     found = solve_assembly(sheared(), steps, method=method)
     np.testing.assert_array_equal(found.converged, [1, 1, 0, 0])
-    assert "the steps end before step 2: no equilibrium found: the bodies slide on interface 0 "
-    assert "under a load of 1800 N, of which friction carries about 1" in found.attrs["failure"]
+    said = r"the steps end before step 2: no equilibrium found: the bodies slide on interface 0 "
+    said += r"under a load of (\S+) N, of which friction carries about (\S+) N"
+    load, carried = map(float, re.search(said, found.attrs["failure"]).groups())
+    assert carried == pytest.approx(0.3 * PRELOAD, rel=0.01)  # they may turn a little
+    assert carried < load <= 4.5e6 * AREA
     assert np.isnan(found.bolt_force[2:]).all()
 
 

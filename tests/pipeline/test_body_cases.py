@@ -321,8 +321,10 @@ def test_bodies_that_are_turned_answer_the_same(meshes):
 def test_a_load_beyond_friction_ends_the_path_with_its_capacity(meshes):
     found = solve(meshes, ("{ pull = 1 }", "{ pull = 4 }, { pull = 6 }"))
     np.testing.assert_array_equal(found.converged, [1, 1, 0])
-    said = r"slide on interface 0 under a load of 5995 N, of which friction carries about 4796 N"
-    assert re.search(said, found.attrs["failure"])
+    said = r"slide on interface 0 under a load of (\S+) N, of which friction carries about (\S+) N"
+    load, carried = map(float, re.search(said, found.attrs["failure"]).groups())
+    assert carried == pytest.approx(0.2 * 10e6 * LONG * WIDE, rel=0.01)  # they may turn a little
+    assert carried < load <= 6e3
 
 
 def test_a_bolt_that_the_load_opens_ends_the_path(meshes):
