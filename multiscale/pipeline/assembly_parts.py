@@ -374,8 +374,8 @@ class BodyInterface(Settings):
         names = ("law", "law_error", "friction", "stiffness_ratio")
         own = {name: getattr(self, name) for name in names}
         given = {name: value for name, value in own.items() if value is not None}
-        if self.law is not None:
-            given["law_error"] = self.law_error  # of this law, whatever [interface] states
+        if self.law is not None:  # of this law, whatever [interface] states
+            given |= {"law_error": self.law_error, "quick": self.quick}
         return (shared or JointLaw()).model_copy(update=given)
 
 

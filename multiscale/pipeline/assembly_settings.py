@@ -21,7 +21,7 @@ from multiscale.pipeline.assembly_parts import (
     NamedLoad,
 )
 from multiscale.pipeline.body_settings import COARSER
-from multiscale.pipeline.joint_settings import SLABS, JointLaw, SolverChoice, alike_bodies
+from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice, alike_bodies
 from multiscale.pipeline.porous_body import PorousBody, Uncertainty
 from multiscale.pipeline.pressing import Face, highest_pressure
 from multiscale.pipeline.structure_kind import Pressed, StructureKind
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets
 
-__all__ = ["Bodies", "LoadCycles", "LoadSteps", "OpenLaw", "StructureParts", "check_bodies"]
+__all__ = ["Bodies", "LoadCycles", "LoadSteps", "StructureParts", "check_bodies"]
 
 PRELOAD = "preload"
 """Name of the tightening of the bolts among the loads."""
@@ -51,9 +51,6 @@ QUICK_ELEMENT = 1.5
 
 STATED_HOW = "half-widths stated with +-"
 """How errors of stated values are known."""
-
-OpenLaw = Callable[[Path, bool], "Dataset"]
-"""From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
 
 
 class LoadSteps(SolverChoice):
@@ -218,6 +215,15 @@ class Bodies(StructureKind):
                 ):
                     raise ValueError(missing)
 
+    def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
+        """Return laws that interfaces name, and whether one that is a case is quick."""
+        sources = [one.over(case.interface) for one in self.interfaces if not one.is_stated]
+        return {(one.law, one.quick) for one in sources if one.law is not None}
+
+    def taken_volumes(self) -> set[tuple[Path, bool]]:
+        """Return volumes that bodies name, and whether one that is a case is quick."""
+        return {(one.rve, one.quick) for one in self.bodies if one.rve is not None}
+
     def joint_size(self, case: "Case") -> "substructures.JointSize":
         """Count unknowns, points of interfaces and load steps."""
         meshes = [body.load() for body in self.bodies]
@@ -250,7 +256,7 @@ class Bodies(StructureKind):
             path, cycled=to.load, amplitude=to.amplitude, cycles=to.cycles, cycle_steps=to.steps
         )
 
-    def with_volumes(self, case: "Case", found: "Datasets", open_rve: "OpenLaw") -> Self:
+    def with_volumes(self, case: "Case", found: "Datasets", open_rve: OpenLaw) -> Self:
         """Return the same bodies with their representative volumes, and damaged interfaces.
 
         Raises
@@ -320,9 +326,7 @@ class Bodies(StructureKind):
                 listed.append((error, self.model_copy(update={"interfaces": interfaces})))
         return listed
 
-    def read_laws(
-        self, case: "Case", found: "Datasets", open_law: "OpenLaw"
-    ) -> list[Dataset | None]:
+    def read_laws(self, case: "Case", found: "Datasets", open_law: OpenLaw) -> list[Dataset | None]:
         """Read the law of every interface, with its tangential branch; None of a stated one.
 
         Interfaces of one law and one friction share a dataset.
@@ -340,16 +344,16 @@ class Bodies(StructureKind):
                 one.asperities
                 or one.exponential
                 or one.linear
-                or (source.law, source.law_error, source.friction, source.stiffness_ratio)
+                or (source.law, source.quick, source.law_error, *source.given.items())
             )
             if key not in read:
                 ratio = self.poissons_ratio(one)
                 read[key] = None
                 if not one.is_stated:
                     law = (
-                        case.interface_law(found)
+                        case.interface_law(found, open_law)
                         if source.law is None
-                        else source.with_error(open_law(source.law, one.quick))
+                        else source.read(open_law)
                     )
                     middle = float(np.sqrt(law.attrs["pressure_min"] * law.attrs["pressure_max"]))
                     where = f"interface {number}"

@@ -20,6 +20,9 @@ __all__ = [
     "load_case",
     "read_case",
     "shipped_cases",
+    "taken_cases",
+    "taken_law",
+    "taken_volume",
     "validate_case",
 ]
 
@@ -178,6 +181,59 @@ def _find_file(file: Path, left: Schema | None) -> Path:
     if left is not None and not file.exists():
         return shipped_cases().get(file.name, file)
     return file
+
+
+def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
+    """Return the part of a case that makes its law, and its place in the run folder of another one.
+
+    Raises
+    ------
+    CaseError
+        If the case is refused, or has no cells.
+    """
+    other = load_case(file)
+    if not (isinstance(other, Case) and other.has_cells):
+        raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
+    return _placed("laws", file, other.without_structure(), quick)
+
+
+def taken_volume(file: Path, quick: bool) -> tuple[Path, Case]:
+    """Return the part of a case that makes its representative volume, and its place.
+
+    Raises
+    ------
+    CaseError
+        If the case is refused, or has no representative volume.
+    """
+    other = load_case(file)
+    if not isinstance(other, Case):
+        raise CaseError(f"{file}: the case has no [rve], and so no representative volume")
+    return _placed("volumes", file, other.only_rve(), quick)
+
+
+def _placed(kind: str, file: Path, case: Case, quick: bool) -> tuple[Path, Case]:
+    """Return a case, or the quick one, and its place in the run folder of another one."""
+    case = case.quick() if quick else case
+    return Path(kind) / f"{file.stem}-{case.checksum()[:8]}", case
+
+
+def taken_cases(case: AnyCase) -> dict[Path, Case]:
+    """Return the cases of which a case takes laws and volumes, by their places in its run folder.
+
+    Raises
+    ------
+    CaseError
+        If one of them is refused.
+    """
+    if not isinstance(case, Case) or case.structure is None:
+        return {}
+    laws, volumes = case.structure.taken_laws(case), case.structure.taken_volumes()
+    return dict(
+        take(file, quick)
+        for take, named in ((taken_law, laws), (taken_volume, volumes))
+        for file, quick in sorted(named)
+        if file.suffix == ".toml"
+    )
 
 
 def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
 from multiscale.needs import Cost, Needs, join_needs, say_time
-from multiscale.pipeline.case import AnyCase
+from multiscale.pipeline.case import AnyCase, taken_cases
 from multiscale.pipeline.planner import pilot_cases
 from multiscale.pipeline.run_folder import is_up_to_date
 from multiscale.pipeline.settings import Case
@@ -35,7 +35,12 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
     >>> needs.unknowns_per_contact, needs.omitted["tilt"]
     (1, "Poisson's ratio below 0.4, or no elements")
     """
-    parts = {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
+    parts = {
+        f"{stage.name} of {place.name.rpartition('-')[0]}": stage.needs(other)
+        for place, other in taken_cases(case).items()
+        for stage in stages_of(other.tables)
+    }
+    parts |= {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
     costs = [Cost(name, one.memory, one.seconds) for name, one in parts.items()]
     if isinstance(case, Case) and case.accuracy is not None:
         pilots = [CELLS.needs(one) for one in pilot_cases(case)]
@@ -64,10 +69,14 @@ def refuse_excess(cases: Iterable[AnyCase], folders: Iterable[Path], *, jobs: in
     """
     limit, workers, seconds = usable_memory(), jobs or cores(), 0.0
     for case, folder in zip(cases, folders, strict=True):
-        for stage in stages_of(case.tables):
-            if is_up_to_date(stage, case, folder):
+        taken = [(other, folder / place) for place, other in taken_cases(case).items()]
+        everything = [
+            (*one, stage) for one in (*taken, (case, folder)) for stage in stages_of(one[0].tables)
+        ]
+        for part, place, stage in everything:
+            if is_up_to_date(stage, part, place):
                 continue
-            cost = stage.needs(case)
+            cost = stage.needs(part)
             if cost.memory > limit:
                 raise CaseError(
                     f"{case.title}: {stage.name} takes {1e-9 * cost.memory:.6g} GB of memory, and "

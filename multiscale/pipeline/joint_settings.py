@@ -1,6 +1,6 @@
 """What a case may say of interfaces: their law, their loading, cut and solver of the bodies."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -23,7 +23,6 @@ from multiscale.pipeline.toml_model import (
 from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling import (
     assume_shear,
-    read_law,
     state_shear,
     take_sliding_friction,
     tangential_values,
@@ -42,6 +41,7 @@ __all__ = [
     "JointPreloads",
     "LawError",
     "LawSource",
+    "OpenLaw",
     "Preloads",
     "RisingPreloads",
     "RoughInterface",
@@ -59,6 +59,9 @@ LEAST, MOST = 0.1, 3.0
 SLABS, FEW_SLABS = 48, 8
 """Slabs of the law of a joint under cycles, whose loss is a small difference, and of a joint that
 is only pressed: the shear errs by up to .5 and 8 % of the friction limit; see :class:`Sliders`."""
+
+OpenLaw = Callable[[Path, bool], Dataset]
+"""From a dataset, or a case and whether it is quick, to an interface law, or to a volume."""
 
 Damage = Annotated[Number, Field(ge=0.0, lt=1.0)]
 
@@ -121,34 +124,41 @@ class LawSource(Settings):
 
     law: Path | None = Field(
         None,
-        description="Dataset of a law from a run or fit, or a table of `pressure` and "
-        "`overclosure` in a `.csv` file; needless with cells, or if the command names one.",
+        description="Law: a dataset of a run or fit, the folder of a run, a case, by its file or the "
+        "name of a shipped one, which is run in a folder of its own, or a table of `pressure` and "
+        "`overclosure` in a `.csv` file; needless with cells, or if the command names a file.",
     )
     law_error: LawError | None = Field(
         None,
         description="Half-width of the 95 % interval of overclosure and stiffness of a table, over "
         'them, such as `"10 %"`; its error is unknown if not given.',
     )
+    quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
     extrapolate: bool = Field(
         False,
         description="Whether answers stand where more than 5 % of the load of an interface lies "
         "beyond a factor of 2 outside the pressures of the law; they are unknown otherwise.",
     )
 
-    def open(self) -> Dataset:
-        """Open the normal law.
+    @property
+    def source(self) -> Path:
+        """File or case of the law.
 
         Raises
         ------
-        MultiscaleError
-            If there is none, or it is refused.
+        CaseError
+            If there is none.
         """
         if self.law is None:
             raise CaseError(
-                "the structure has joints but no law: name a file by [interface] law or by --law, "
-                "such as the interface_law.nc of a run"
+                "the structure has joints but no law: name a case or a file by [interface] law, or "
+                "a file by --law, such as the interface_law.nc of a run"
             )
-        return self.with_error(read_law(self.law))
+        return self.law
+
+    def read(self, open_law: OpenLaw) -> Dataset:
+        """Read the normal law, which is refused if it is missing or damaged."""
+        return self.with_error(open_law(self.source, self.quick))
 
     def with_error(self, law: Dataset) -> Dataset:
         """Return the law with the error that the case states; a table without one is cautioned."""

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from math import ceil, pi, sqrt
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -16,7 +17,7 @@ from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import BodyInterface, MeshedBody
-from multiscale.pipeline.assembly_settings import Bodies, OpenLaw, StructureParts, check_bodies
+from multiscale.pipeline.assembly_settings import Bodies, StructureParts, check_bodies
 from multiscale.pipeline.body_settings import COARSER, Edges, Elements, Material, fewer
 from multiscale.pipeline.joint_settings import (
     FEW_SLABS,
@@ -24,6 +25,7 @@ from multiscale.pipeline.joint_settings import (
     Cycles,
     Damage,
     JointPreloads,
+    OpenLaw,
     RoughInterface,
 )
 from multiscale.pipeline.porous_body import PorousBody
@@ -126,6 +128,10 @@ class RoughBodies(StructureKind, Material):
             kind="bodies", bodies=self.bodies, interfaces=interfaces, source=self
         )
 
+    def taken_volumes(self) -> set[tuple[Path, bool]]:
+        """Return the representative volume that it names, and whether a case is run quick."""
+        return set() if self.rve is None else {(self.rve, self.quick_rve)}
+
     def with_volumes(self, case: "Case", found: "Datasets", open_rve: OpenLaw) -> Bodies:
         """Return bodies and interfaces of a case with their representative volumes."""
         return self.as_bodies(case).with_volumes(case, found, open_rve)
@@ -218,7 +224,7 @@ class JointedBodies(Bodies):
         """Read the law of all joints, with friction, and with the damage near the surface."""
         interface: RoughInterface = case.interface
         ratio, pressure = self.poissons_ratio(self.interfaces[0]), case.statics.preloads[-1]
-        law = interface.complete(case.interface_law(found), ratio, pressure, case.strict)
+        law = interface.complete(case.interface_law(found, open_law), ratio, pressure, case.strict)
         if interface.damage_file is not None:
             law = with_damage(law, open_dataset(interface.damage_file, DAMAGE_SECTIONS))
         return [law] * len(self.interfaces)

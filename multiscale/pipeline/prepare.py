@@ -1,7 +1,8 @@
 """What is refused of a case before any of its stages is run."""
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.case import AnyCase, taken_law
+from multiscale.pipeline.joint_settings import LawSource
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.structure_kind import OF_CELLS, Pressed, Range, tell_far
@@ -33,15 +34,8 @@ def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:
     if pressed.law is None and case.has_cells:
         return (case.micro.pressures[0], case.micro.pressures[-1]), *OF_CELLS
     remedy = "take a law of such pressures, or set extrapolate = true in [interface]"
-    if pressed.law is None:
-        law = case.interface_law({})
-        return law_from_dataset(law).pressure_range, case.interface.law.name, remedy
-    if pressed.law.suffix != ".toml":
-        law = read_law(pressed.law)
-        return law_from_dataset(law).pressure_range, pressed.law.name, remedy
-    other = load_case(pressed.law)
-    if not (isinstance(other, Case) and other.has_cells):
-        raise CaseError(
-            f"{pressed.law}: the case has no cells, so that there is no law to take of it"
-        )
-    return (other.micro.pressures[0], other.micro.pressures[-1]), pressed.law.name, remedy
+    file = pressed.law or (case.interface or LawSource()).source
+    if file.suffix == ".toml":
+        _, other = taken_law(file, quick=False)
+        return (other.micro.pressures[0], other.micro.pressures[-1]), file.name, remedy
+    return law_from_dataset(read_law(file)).pressure_range, file.name, remedy

@@ -8,10 +8,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from multiscale.errors import CaseError
+from multiscale.errors import MultiscaleError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.checkpoint import WORTH
-from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.case import AnyCase, taken_law, taken_volume
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.prepare import prepare
 from multiscale.pipeline.run_folder import claim_folder
@@ -109,7 +109,7 @@ def run(
         If an input is refused, a file cannot be written, or nothing converged.
     """
     folder = Path(out)
-    job = replace(_job(folder, executor), progress=progress, sparing=sparing)
+    job = replace(_job(folder, executor, progress), sparing=sparing)
     if not sparing or folder.exists():
         claim_folder(make_folder(folder), case, force=force)
     prepare(case)
@@ -169,7 +169,7 @@ def run_macro(
     """
     file, case = Path(file), case.from_structure(None if law is None else Path(law))
     prepare(case)
-    job = replace(_job(file.parent, None), team=team)
+    job = _job(file.parent, team=team)
     first, *rest = stages_of(case.tables)
     found = {first.name: _compute(first, case, {}, job, file)}
     for stage in rest if _writes(job) else ():
@@ -177,32 +177,38 @@ def run_macro(
     return found[first.name]
 
 
-def _job(out: Path, executor: Executor | None) -> Job:
+def _job(
+    out: Path,
+    executor: Executor | None = None,
+    progress: ShowProgress = unseen,
+    team: "ProcessGroup | None" = None,
+) -> Job:
     """Work in a folder, where the other cases that a case names are run in folders of their own."""
 
+    def run_alone(place: Path, case: Case) -> Path:
+        """Run a case, or find it finished, in the first process of a team."""
+        failed = list[MultiscaleError]()
+        if team is None or team.rank == 0:
+            try:
+                run(case, out / place, executor=executor, progress=progress)
+            except MultiscaleError as error:
+                failed.append(error)
+        failed = failed if team is None else team.collect(failed)  # here the others wait
+        if failed:
+            raise failed[0]
+        return out / place
+
     def law_of(file: Path, quick: bool) -> Dataset:
-        if file.suffix != ".toml":
-            return read_law(file)
-        other = load_case(file)
-        if not (isinstance(other, Case) and other.has_cells):
-            raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
-        return run_alone(other.without_structure(), quick, "laws", file).interface_law
+        if file.suffix == ".toml":
+            file = run_alone(*taken_law(file, quick)) / f"{INTERFACE_LAW.name}.nc"
+        return read_law(file)
 
-    def read_rve(file: Path, quick: bool) -> Dataset:
-        if file.suffix != ".toml":
-            return open_dataset(file, RVE)
-        other = load_case(file)
-        if not isinstance(other, Case):
-            raise CaseError(f"{file}: the case has no [rve], and so no representative volume")
-        return run_alone(other.only_rve(), quick, "volumes", file)[RVE.name]
+    def volume_of(file: Path, quick: bool) -> Dataset:
+        if file.suffix == ".toml":
+            file = run_alone(*taken_volume(file, quick)) / f"{RVE.name}.nc"
+        return open_dataset(file, RVE)
 
-    def run_alone(case: Case, quick: bool, kind: str, file: Path) -> Results:
-        """Run a case, or find it finished."""
-        case = case.quick() if quick else case
-        folder = out / kind / f"{file.stem}-{case.checksum()[:8]}"
-        return run(case, folder, executor=executor)
-
-    return Job(out, executor, read_law=law_of, read_rve=read_rve)
+    return Job(out, executor, progress, team, read_law=law_of, read_rve=volume_of)
 
 
 def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> Dataset:

@@ -37,6 +37,7 @@ from multiscale.pipeline.joint_settings import (
     JointLaw,
     JointPreloads,
     LawSource,
+    OpenLaw,
     RisingPreloads,
     RoughInterface,
     Substructures,
@@ -569,17 +570,17 @@ class Case(Settings):
         """How the structure is cut; in one part if it is not."""
         return self.substructures or Substructures()
 
-    def interface_law(self, found: "Datasets") -> Dataset:
-        """Law of the interfaces of the structure: of the cells of the case, or of a file.
+    def interface_law(self, found: "Datasets", open_law: OpenLaw) -> Dataset:
+        """Law of the interfaces of the structure: of the cells of the case, or of another one.
 
         Raises
         ------
         MultiscaleError
             If there is no law, or it is refused.
         """
-        return (
-            found[INTERFACE_LAW.name] if self.has_cells else (self.interface or LawSource()).open()
-        )
+        if self.has_cells:
+            return found[INTERFACE_LAW.name]
+        return (self.interface or LawSource()).read(open_law)
 
     def from_structure(self, law: Path | None) -> Self:
         """Return the part of the case that begins at the structure, with the law of a file.
@@ -668,6 +669,9 @@ class Case(Settings):
         small = self.model_copy(
             update={"title": f"{self.title} ({told})", "accuracy": None} | changes
         )
+        if self.interface is not None:
+            quick = {"quick": self.interface.law is not None}
+            small = small.model_copy(update={"interface": self.interface.model_copy(update=quick)})
         structure = self.structure and self.structure.quick(small)
         return small.model_copy(update={"structure": structure})
 

@@ -114,6 +114,15 @@ class StructureKind(Settings):
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""
         return []
 
+    def taken_laws(self, case: "Case") -> set[tuple[Path, bool]]:
+        """Return laws that it takes from elsewhere, and whether one that is a case is quick."""
+        source = None if case.has_cells else case.interface
+        return set() if source is None or source.law is None else {(source.law, source.quick)}
+
+    def taken_volumes(self) -> set[tuple[Path, bool]]:
+        """Return volumes that it takes from elsewhere, and whether one that is a case is quick."""
+        return set()
+
     def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the structure into its substructures, if it may be cut."""
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import open_dataset, open_law
 from multiscale.pipeline import load_case, load_sweep, requirements, run, run_macro
 from multiscale.pipeline.case import shipped_cases
@@ -16,6 +16,7 @@ STEEL = small_steel(3)
 CELLS, BLOCKS = STEEL[: STEEL.index("[structure]")], STEEL[STEEL.index("[structure]") :]
 ROUGH = TWO_BLOCKS[TWO_BLOCKS.index("[structure]") :]
 CYCLES = '[cycles]\nshear = "1 MPa"\ncycles = 1\nsteps = 2\n'
+LAW_OF_CELLS = ("[interface]\n", '[interface]\nlaw = "cells.toml"\n')
 CHAIN = CELLS + "[law]\nsamples = 10\n" + ROUGH + CYCLES
 
 
@@ -45,6 +46,40 @@ def test_the_law_of_the_cells_is_the_law_of_the_interfaces(chain, tmp_path):
     alone = run_macro(case, tmp_path / "out.nc", law=out / "interface_law.nc")
     for name in ("joint_stiffness", "tangential_stiffness", "cycle_energy", "error_total"):
         np.testing.assert_array_equal(alone[name], results.macro_result[name])
+
+
+def test_joints_take_the_law_of_another_case_which_is_run_before_them(chain, tmp_path):
+    _, _, results = chain
+    write_scene(tmp_path, CELLS + "[law]\nsamples = 10\n").rename(tmp_path / "cells.toml")
+    case = case_of(tmp_path, 'title = "Blocks"\n' + ROUGH + CYCLES, LAW_OF_CELLS)
+    needs = requirements(case)
+    stages = [cost.stage for cost in needs.costs]
+    assert stages == ["micro_response of cells", "interface_law of cells", "macro_result"]
+    found = run_macro(case, tmp_path / "found.nc")
+    for name in ("joint_stiffness", "cycle_energy", "error_total"):
+        np.testing.assert_array_equal(found[name], results.macro_result[name])
+    (folder,) = (tmp_path / "laws").iterdir()
+    assert folder.name.startswith("cells-")
+    assert case.quick().interface.quick
+    assert requirements(case.quick()).costs != needs.costs
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        ("tyre_on_road", "tyre_on_road.toml: the case has no cells, so that there is no law"),
+        ("ground_stel", "ground_stel"),
+    ],
+)
+def test_a_case_without_a_law_is_refused_before_anything_is_solved(tmp_path, law, said):
+    case = case_of(
+        tmp_path,
+        'title = "Blocks"\n' + ROUGH,
+        (LAW_OF_CELLS[0], f'{LAW_OF_CELLS[0]}law = "{law}"\n'),
+    )
+    with pytest.raises(MultiscaleError, match=said):
+        run_macro(case, tmp_path / "found.nc")
+    assert not (tmp_path / "laws").exists()
 
 
 def test_another_load_computes_no_cell_again_and_another_law_none_either(chain):
@@ -96,7 +131,7 @@ def test_blocks_take_a_law_from_a_file(run_folder, tmp_path, command):
     assert "A cell of 0.8 mm is 0.08 of the edge" in found.attrs["facts"]
     status, _, said = command("macro", path, "-o", "none.nc")
     assert status == 1
-    assert "has joints but no law: name a file by [interface] law or by --law" in said
+    assert "has joints but no law: name a case or a file by [interface] law, or a file" in said
     named = case_of(tmp_path, f'{text}[interface]\nlaw = "{law}"\n')
     np.testing.assert_array_equal(
         run(named, tmp_path / "run").macro_result["joint_stiffness"], found["joint_stiffness"]
@@ -159,7 +194,7 @@ def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
         ),
         pytest.param(
             CELLS + BLOCKS + "[interface]\nfriction = 0.2",
-            r"\[interface\] has no key 'friction'; known keys: law, extrapolate",
+            r"\[interface\] has no key 'friction'; known keys: law, quick, extrapolate",
             id="friction of even pressure",
         ),
         pytest.param(

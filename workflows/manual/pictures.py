@@ -9,7 +9,7 @@ and slip, and the forces in a pile of grains. The other pictures are those of th
 
 from the root of a checkout writes ``workflows/figures/*.png`` and, in ``results``, the datasets of
 the named cases, scenes and scripts (of all, without a name), and prints the processor time of each.
-Names of joints need ``ground_steel`` before them. ``--quick`` is coarser.
+``--quick`` is coarser.
 """
 
 import argparse
@@ -132,9 +132,8 @@ def solve(name: str, results: Path, *, quick: bool) -> "xr.Dataset | Mapping[str
         return xr.load_dataset(out / LEFT[name])
     if scene.is_file():
         settings = load_case(scene)
-        law = results / "ground_steel" / "interface_law.nc" if settings.interface else None
         settings = settings.quick() if quick else settings
-        return run_macro(settings, out / "macro_result.nc", law=law)
+        return run_macro(settings, out / "macro_result.nc")
     case = load_case(name)
     run(case.quick() if quick else case, out)
     found = {key: node.to_dataset() for key, node in open_run(out).items()}
