@@ -9,14 +9,17 @@ from shutil import copytree
 
 import numpy as np
 import pytest
+import tifffile
 
 from multiscale.cli import app
-from multiscale.io import open_dataset
-from multiscale.pipeline import load_case, load_sweep
+from multiscale.io import open_dataset, save_law
+from multiscale.micro import self_affine
+from multiscale.pipeline import load_case, load_sweep, run
 from multiscale.pipeline.case import validate_case
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT
+from tests.support import case_of, small_steel
 
 ROOT = Path(__file__).parents[1]
 TOPICS = sorted((ROOT / "microcases" / "manual").glob("*.md"))
@@ -33,9 +36,10 @@ PAGES = {
 README, CASES = PAGES["README.md"], PAGES["microcases/README.md"]
 KEYS = runpy.run_path(str(ROOT / "workflows" / "manual" / "keys.py"))
 """What writes the pages of keys."""
-SLOW = ("bench", "run my_joint.toml -o", "micro my_joint")
-ELSEWHERE = ("run ground_steel", "run tyre_on_road", "lap_joint.toml", "rough_blocks.toml")
-"""Commands and scenes that other tests run: ``test_run``, ``test_tyre`` and ``test_workflows``."""
+SLOW = ("run my_joint.toml -o", "micro my_joint", "rough_blocks.toml", "damage scan.tif")
+ELSEWHERE = ("run ground_steel", "run tyre_on_road", "lap_joint.toml", "bench micro", "stability")
+"""Commands and scenes that other tests run: ``test_run``, ``test_tyre``, ``test_workflows``,
+``test_ladders`` and ``test_stability``."""
 
 
 def blocks(language):
@@ -50,15 +54,42 @@ def blocks(language):
 
 
 def commands():
-    """Lines of the command line, those that take long even if quick marked as slow."""
-    for line in "".join(blocks("bash").values()).splitlines():
-        if "bin/multiscale" not in line:
-            continue  # installs
-        command = line.split(" && ")[-1].split("#")[0].strip()
+    """Command lines, each once, those that take long even if quick marked as slow."""
+    lines = "".join(blocks("bash").values()).splitlines()
+    found = [line.split(" && ")[-1].split("#")[0].strip() for line in lines]
+    found = [line for line in found if "bin/multiscale" in line]  # others install
+    # in sentences those that are whole, with their files
+    within = re.findall(r"`(multiscale [^`]+)`", "".join(PAGES.values()))
+    found += [line for line in within if re.search(r"\.\w|--help|cases", line)]
+    for command in dict.fromkeys(found):
         if any(name in command for name in ELSEWHERE):
             continue
         slow = [pytest.mark.slow] if any(name in command for name in SLOW) else []
         yield pytest.param(command, marks=slow, id=command.removeprefix(".venv/bin/"))
+
+
+def scan(file):
+    """Heights of a rough surface of 0.8 mm."""
+    surface = self_affine((64, 64), (8e-4, 8e-4), 1, short_cutoff=5e-5, rms_height=4e-7, **ROUGH)
+    header = "Channel: Main\nWidth: 800 um\nHeight: 800 um\nValue units: m"
+    np.savetxt(file, surface.heights, header=header)
+
+
+def volume(file):
+    """Image of a pore in a solid."""
+    inside = np.square(np.indices((16,) * 3) - 7.5).sum(axis=0) < 25.0
+    tifffile.imwrite(file, np.where(inside, 0, 255).astype(np.uint8))
+
+
+def leaking_law(file):
+    """Law of cells of which the manual asks for the apertures."""
+    case = case_of(file.parent, small_steel(3).replace("[micro]", "[micro]\nleakage = true"))
+    save_law(run(case.without_structure(), file.parent / "leaking").interface_law, file)
+
+
+MADE = {"scan.al3d": scan, "scan.tif": volume, "interface_law.nc gap.csv": leaking_law}
+"""Files of the user that commands in sentences take, and what makes such."""
+ROUGH = {"hurst_exponent": 0.8, "long_cutoff": 2e-4}
 
 
 @pytest.fixture
@@ -85,9 +116,12 @@ def test_the_block_of_python_runs(capsys):
 
 @pytest.mark.parametrize("command", list(commands()))
 def test_a_command_runs_quickly(command, folder, monkeypatch):
-    slow = any(name in command for name in (" run ", " micro ", " macro ", " bench"))
+    slow = any(name in command for name in (" run ", " micro ", " macro ", " damage "))
     quick = " --quick" if slow and "--quick" not in command else ""
-    for option in ("fit", "export"):  # what the commands before it have made
+    for name, make in MADE.items():
+        if name in command:
+            make(folder / name.split()[0])
+    for option in ("fit", "export", "--law"):  # what the commands before it have made
         command = command.replace(f"{option} parts/", f"{option} results/")
     arguments = shlex.split(command + quick)
     app(arguments[1:], standalone_mode=False)

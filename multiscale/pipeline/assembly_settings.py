@@ -344,7 +344,10 @@ class Bodies(StructureKind):
                 one.asperities
                 or one.exponential
                 or one.linear
-                or (source.law, source.quick, source.law_error, *source.given.items())
+                or (
+                    *(source.law, source.quick, source.law_error),
+                    *(source.friction, source.stiffness_ratio),
+                )
             )
             if key not in read:
                 ratio = self.poissons_ratio(one)

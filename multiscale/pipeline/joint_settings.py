@@ -124,8 +124,8 @@ class LawSource(Settings):
 
     law: Path | None = Field(
         None,
-        description="Law: a dataset of a run or fit, the folder of a run, a case, by its file or the "
-        "name of a shipped one, which is run in a folder of its own, or a table of `pressure` and "
+        description="Law: dataset of a run or fit, folder of a run, case, by its file or the "
+        "name of a shipped one, which is run in a folder of its own, or table of `pressure` and "
         "`overclosure` in a `.csv` file; needless with cells, or if the command names a file.",
     )
     law_error: LawError | None = Field(

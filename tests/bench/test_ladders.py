@@ -11,7 +11,7 @@ from multiscale.bench.limit_family import LIMIT_SCENES
 from multiscale.bench.peers import CODES
 from multiscale.bench.structures_family import GRID_METHODS
 from multiscale.bench.substructures_family import CUT_METHODS, RIGHT
-from multiscale.bench.summary import join_families, tabulate_cheapest
+from multiscale.bench.summary import join_families, tabulate_cheapest, tabulate_runs
 from multiscale.bench.trials import BenchFamily, Trial, judge_by, measure_family
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
@@ -181,6 +181,7 @@ def test_an_error_below_the_uncertainty_of_the_reference_is_unknown():
     family["error_uncertainty"] = ("run", [0.03, 0.03])
     _, rows = tabulate_cheapest(family)
     assert rows[0] == ("wave", "m0, 1 s", "m0, 1 s", "unknown", "unknown")
+    assert [row[-1] for row in tabulate_runs(family)[1]] == ["< 3.0e-02"] * 2
 
 
 def test_every_family_is_a_module_with_a_plan():

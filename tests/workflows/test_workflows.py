@@ -9,9 +9,9 @@ import pytest
 
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages import stages_of
 from multiscale.schema import GRANULATE, MACRO_RESULT
-from tests.support import write_law
 
 FOLDER = Path(__file__).parents[2] / "workflows"
 SCRIPTS = (
@@ -23,6 +23,11 @@ SCRIPTS = (
     "three_ways.py",
 )
 SLOW = (*SCRIPTS, "bolted_cover.toml", "lap_joint.toml", "rough_blocks.toml")
+
+
+ELSEWHERE = ("bolted_lap", "brake_reuss", "ground_steel", "tyre_on_road")
+"""Cases that other tests run: ``test_sheared_cells``, ``test_brake_reuss``, ``test_run`` and
+``test_tyre``."""
 
 
 def files(pattern):
@@ -71,13 +76,21 @@ def test_the_pictures_of_the_manual_are_made_anew(tmp_path):
     assert sum(path.stat().st_size for path in shipped) < 400e3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in shipped_cases() if name not in ELSEWHERE])
+def test_every_shipped_case_runs(name, command, tmp_path):
+    status, said, _ = command("run", name, "-o", "out", "--quick", "--jobs", "1")
+    assert status == 0
+    assert "report, figures and datasets: out" in said
+    assert (tmp_path / "out" / "report.html").stat().st_size > 10_000
+
+
 @pytest.mark.parametrize("scene", files("scenes/*.toml"))
 def test_every_scene_runs(scene, tmp_path):
     settings = load_case(scene).quick()
     if settings.structure.kind == "lap_joint":
         pytest.importorskip("gmsh", exc_type=Exception)
-    law = write_law(tmp_path / "interface_law.nc") if settings.interface else None
-    result = run_macro(settings, tmp_path / "macro_result.nc", law=law)
+    result = run_macro(settings, tmp_path / "macro_result.nc")
     assert result["converged"].values.all()
     schema = GRANULATE if "grain" in result.dims else MACRO_RESULT
     open_dataset(tmp_path / "macro_result.nc", schema)
