@@ -129,6 +129,7 @@ def test_a_family_that_does_not_exist_is_refused(command, tmp_path):
     assert "there is no family 'macro'; choose from chain, damage" in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [BOUNCE, ROLL])
 @pytest.mark.parametrize("compliance", COMPLIANCES.values())
 def test_grains_follow_their_closed_forms_to_first_order_of_the_step(scene, compliance):

@@ -117,7 +117,7 @@ def test_the_law_of_the_command_comes_before_that_of_the_scene(blocks, tmp_path)
     out = tmp_path / "blocks.nc"
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out)])
     assert done.exit_code == 1
-    assert "no law: name a file" in str(done.exception)
+    assert "no law: name a case or a file" in str(done.exception)
     law = str(tmp_path / "law.nc")
     done = CliRunner().invoke(app, ["macro", str(scene), "-o", str(out), "--law", law])
     assert done.exit_code == 0, done.output
