@@ -136,14 +136,14 @@ def scans(tmp_path):
     return [tmp_path / "matrix.txt", tmp_path / "points.xyz"]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_mutants_of_cases_and_scenes_are_read_or_refused_in_a_sentence(tmp_path, seed):
     count = 200 if seed == 1 else 3000
     assert read_all(load_sweep, CASES, mutate_lines, count, tmp_path, seed) == []
     assert read_all(load_case, SCENES, mutate_lines, count, tmp_path, seed) == []
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_mutants_of_datasets_are_read_or_refused_in_a_sentence(dataset, tmp_path, seed):
     def read(file):
         close(open_dataset(file, WORK_PRECISION))
