@@ -1,12 +1,15 @@
 """Shares of a load outside the data of its laws, and answers that are then unknown."""
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.units import readable
+
+if TYPE_CHECKING:
+    from multiscale.laws.interface_law import InterfaceLaw
 
 __all__ = ["FAR_FACTOR", "FAR_SHARE", "data_ends", "load_shares", "with_load_shares"]
 
@@ -43,7 +46,7 @@ INPUT_VARIABLES = frozenset(
 """Variables of a step that are input or cost, and are kept if the answers are unknown."""
 
 
-def data_ends(law: InterfaceLaw) -> tuple[float, float, float]:
+def data_ends(law: "InterfaceLaw") -> tuple[float, float, float]:
     """Lowest and highest pressure of the data of a law, Pa, and up to which it is valid."""
     low, high = law.pressure_range
     return low, high, min(FAR_FACTOR * high, law.pressure_limit)
