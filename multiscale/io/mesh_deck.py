@@ -120,8 +120,11 @@ def read_deck(path: Path) -> NamedMesh:
     )
 
 
-def _blocks(path: Path) -> Iterator[Block]:
-    """Split a deck, and the files that it includes, at its keywords."""
+def _blocks(path: Path, above: tuple[Path, ...] = ()) -> Iterator[Block]:
+    """Split a deck, and the files that it includes, at its keywords; ``above`` include it."""
+    if path.resolve() in above:
+        raise CaseError(f"{path} includes itself by *INCLUDE; leave that line out")
+    above = (*above, path.resolve())
     content = read_bytes(path)
     try:
         text = content.decode()
@@ -145,7 +148,7 @@ def _blocks(path: Path) -> Iterator[Block]:
         given = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
         block = Block(keyword.strip().upper(), given, [])
         if block.keyword == "INCLUDE":
-            yield from _blocks(path.parent / given.get("INPUT", ""))
+            yield from _blocks(path.parent / given.get("INPUT", ""), above)
     yield block
 
 
@@ -243,8 +246,9 @@ def _sets(blocks: list[Block], key: str) -> dict[str, list[int]]:
     sets: dict[str, list[int]] = {}
     for keyword, options, rows in blocks:
         members: list[int] = []
-        if keyword == "SURFACE" and key == "NSET" and options.get("TYPE", "").upper() == "NODE":
-            name = options.get("NAME", "")
+        of_nodes = options.get("TYPE", "").upper() == "NODE"
+        if keyword == "SURFACE" and key == "NSET" and of_nodes and options.get("NAME"):
+            name = options["NAME"]
             for line, entries in rows:
                 members += _members(entries[0], sets, line)
         elif key not in options or keyword not in (key, "NODE", "ELEMENT"):
@@ -281,7 +285,8 @@ def _faces(
 ) -> Iterator[tuple[str, list[int]]]:
     """Names of surfaces of elements with the nodes at the corners of each of their faces."""
     for keyword, options, rows in blocks:
-        if keyword != "SURFACE" or options.get("TYPE", "ELEMENT").upper() != "ELEMENT":
+        of_elements = options.get("TYPE", "ELEMENT").upper() == "ELEMENT"
+        if keyword != "SURFACE" or not of_elements or not options.get("NAME"):
             continue
         for line, (entry, *label) in rows:
             side = label[0].upper() if label else ""
@@ -299,6 +304,6 @@ def _faces(
                     )
                 if side in faces:  # wedges and pyramids have no faces here
                     yield (
-                        options.get("NAME", "").upper(),
+                        options["NAME"].upper(),
                         [cells[kind][row][k] for k in faces[side]],
                     )

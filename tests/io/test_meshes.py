@@ -136,6 +136,21 @@ def test_a_faulty_deck_is_refused_with_the_line_or_the_element(tmp_path, change,
     assert str(refusal.value).startswith(f"{tmp_path / 'faulty.inp'}: ")
 
 
+def test_surfaces_of_a_deck_without_a_name_are_no_faces(tmp_path):
+    nameless = "*SURFACE, TYPE=NODE\n1\n*SURFACE\n1, S1\n"
+    (tmp_path / "block.inp").write_text(deck() + nameless)
+    (tmp_path / "named.inp").write_text(deck())
+    both = (load_mesh(tmp_path / f"{name}.inp", volume="Cube") for name in ("block", "named"))
+    assert len({tuple(sorted(cube.boundaries)) for cube in both}) == 1
+
+
+def test_a_deck_that_includes_itself_is_refused(tmp_path):
+    (tmp_path / "block.inp").write_text(deck() + "*INCLUDE, INPUT=part.inp\n")
+    (tmp_path / "part.inp").write_text("*INCLUDE, INPUT=block.inp\n")
+    with pytest.raises(CaseError, match=r"block\.inp includes itself by \*INCLUDE"):
+        load_mesh(tmp_path / "block.inp", volume="Cube")
+
+
 def test_a_deck_includes_other_files_and_may_have_any_ending(tmp_path):
     nodes, marker, rest = deck().partition("*Element, type=C3D8R")
     (tmp_path / "nodes.txt").write_text(nodes)
