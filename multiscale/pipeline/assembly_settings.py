@@ -540,20 +540,30 @@ class Bodies(StructureKind):
             traction, area = load.traction_on(meshes[place[0]], place[1])
             acting.append([(area * traction, Face.at(meshes, place))])
         factors = self.path(case, ()).factors()
+        faces_of = [
+            [
+                (place[0], Face.at(meshes, place))
+                for side in one.sides
+                if side != GROUNDED
+                for place in [self.place(meshes, one.name, side)]
+            ]
+            for one in self.interfaces
+        ]
         shared = np.zeros(len(factors))  # what bolts press for sure, unless supports hold it apart
-        if self.bolts and sum(bool(body.supports) for body in self.bodies) < 2:
-            places_of = [self.place(meshes, one.name, one.sides[1]) for one in self.interfaces]
-            area = sum(Face.at(meshes, place).area for place in places_of)
+        laws = [(one.law, one.exponential, one.is_stated, one.gap) for one in self.interfaces]
+        alike = all(law == laws[0] for law in laws)  # else the interface that they press is unknown
+        if self.bolts and alike and sum(bool(body.supports) for body in self.bodies) < 2:
+            area = sum(faces[-1][1].area for faces in faces_of)
             shared = factors[:, 0] * sum(bolt.preload for bolt in self.bolts) / area
         found = []
         for number, one in enumerate(self.interfaces):
             if one.asperities is not None or one.linear is not None or one.gap is not None:
                 continue  # heights or a gap press it, too, and a constant stiffness has no limits
-            sides = [self.place(meshes, one.name, side) for side in one.sides if side != GROUNDED]
-            faces = [Face.at(meshes, side) for side in sides]
-            most = np.abs(factors) @ [highest_pressure(faces[-1], forces) for forces in acting]
+            faces = faces_of[number]
+            smallest = min((face for _, face in faces), key=lambda face: face.area)
+            most = np.abs(factors) @ [highest_pressure(smallest, forces) for forces in acting]
             least = shared
-            for (body, _), face in zip(sides, faces, strict=True):
+            for body, face in faces:
                 if self._hangs_on(body, number):  # and so balances its loads
                     on_it = [
                         sum(force @ face.normal for force, _ in forces) if place[0] == body else 0.0

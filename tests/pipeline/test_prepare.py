@@ -13,7 +13,7 @@ from multiscale.pipeline.prepare import prepare
 from multiscale.pipeline.pressing import Face, highest_pressure
 from tests.pipeline.test_body_cases import BOLT, TEXT, WASHERS, meshes  # noqa: F401
 from tests.pipeline.test_jointed_bodies import LAP
-from tests.support import TWO_BLOCKS, case_of, small_steel, write_law, write_scene
+from tests.support import TWO_BLOCKS, case_of, small_steel, write_body, write_law, write_scene
 
 LAW = '[interface]\nlaw = "law.nc"\nfriction = 0.2\nstiffness_ratio = 0.8\n'
 BLOCKS = """
@@ -76,6 +76,30 @@ def test_loads_of_bodies_far_from_a_stated_law_are_refused(meshes, pairs, more, 
     with pytest.raises(CaseError, match=r"cover.bottom on housing.top, by about .* state a law"):
         prepare(case_of(meshes, TEXT + more, *pairs, *pull, far))
     prepare(case_of(meshes, TEXT + more, *pairs, *pull))
+
+
+def test_a_small_body_beside_the_middle_of_a_large_one_is_pressed_on_its_own_face(meshes):  # noqa: F811
+    """10 MPa on a block of 10 x 10 mm at the corner of a plate, whose face takes side 2 or 1."""
+    block = box_mesh((0.01, 0.01, 0.01), (1, 1, 1), origin=(0.05, 0.03, 0.01))
+    write_body(meshes / "block.msh", block)
+    small = ('mesh = "cover.msh"', 'mesh = "block.msh"')
+    alone, narrow = ("{ press = 1 }, { pull = 1 }", "{ press = 1 }"), (STATED, '["8 MPa", "12 MPa"]')
+    sides = '"housing.top", "cover.bottom"'
+    prepare(case_of(meshes, TEXT, small, alone, narrow))
+    prepare(case_of(meshes, TEXT, small, alone, narrow, (sides, '"cover.bottom", "housing.top"')))
+
+
+def test_a_bolt_is_not_counted_on_an_interface_that_it_may_not_press(meshes):  # noqa: F811
+    """A cover on a bolted plate, of a law of small pressures: 20 kN are 4 MPa on both interfaces."""
+    top = box_mesh((0.06, 0.04, 0.01), (2, 3, 1), origin=(0.0, 0.0, 0.02))
+    write_body(meshes / "top.msh", top)
+    body = TEXT[TEXT.index("[[structure.bodies]]\nname = \"cover\"") : TEXT.index("[[structure.int")]
+    third = body.replace('"cover', '"top')
+    joint = TEXT[TEXT.index("[[structure.interfaces]]") : TEXT.index("[[structure.loads]]")]
+    soft = joint.replace('"housing.top", "cover.bottom"', '"cover.top", "top.bottom"')
+    soft = soft.replace(STATED, '["0.1 kPa", "1 kPa"]')
+    text = TEXT.replace(joint, third + joint + soft) + BOLT
+    prepare(case_of(meshes, text, *WASHERS, CLAMPED))
 
 
 def test_pressures_of_a_load_above_an_interface_are_those_of_a_beam():
