@@ -156,9 +156,12 @@ def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
         axis.set_major_locator(
             MaxNLocator(ticks) if ticks else FixedLocator([float(f"{middle:.1g}")])
         )
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     # a flat structure stays visible, and labels inside the figure
-    ax.set_box_aspect(np.maximum(lengths, FLATTEST * lengths.max()), zoom=SPACE_ZOOM)
+    edges = np.maximum(lengths, FLATTEST * lengths.max())
+    wider = 0.5 * (edges - lengths)
+    (x, y, z) = np.stack([low - wider, high + wider], axis=1)
+    ax.set(xlim=x, ylim=y, zlim=z)
+    ax.set_box_aspect(edges, zoom=SPACE_ZOOM)
 
 
 def _label_logarithms(axis: "Axis") -> None:

@@ -729,3 +729,18 @@ def test_the_time_of_all_load_steps_follows_from_the_first(meshes):
     assert [one for one in told if one[2] == "load steps"] == [
         (k, 2, "load steps") for k in range(3)
     ]
+
+
+def test_the_figure_and_the_answer_are_those_of_the_last_step_that_is_known(meshes, tmp_path):
+    """The last step is far below the pressures of the law; in a linear law it has no load."""
+    low = "{ press = 1 }, { pull = 1 }", "{ press = 1 }, { press = 0.001 }"
+    found = solve(meshes, low)
+    assert np.isnan(found["equivalent_stress"][-1]).all()
+    sections = LOADED_BODIES.sections({LOADED_BODIES.name: found}, tmp_path)
+    figures = {name: draw for one in sections for name, draw in one.figures.items()}
+    figures["body_stress"](tmp_path / "stress.png")
+    at_rest = low[0], "{ press = 1 }, { press = 0 }"
+    law = TEXT[TEXT.index("[structure.interfaces.exp") : TEXT.index("[[structure.loads]]")]
+    linear = '[structure.interfaces.linear]\nstiffness = "1e13 Pa/m"\n'
+    lines = "\n".join(LOADED_BODIES.lines(solve(meshes, at_rest, (law, linear))))
+    assert re.search(r"At step 1 the loaded faces have moved since step 0 by [\d.-]+ µm", lines)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from multiscale.macro import simulate, solve_static, tensegrity_grid
+from multiscale.laws.link import Cable
+from multiscale.macro import simulate, solve_static, system_from_table, tensegrity_grid
 from multiscale.plotting import plot_deformed_links, plot_energies, plot_sorted_tensions
 
 
@@ -45,6 +46,18 @@ def test_the_deformed_structure_has_its_links_in_colour_and_the_slack_ones_dashe
     assert slack.get_linestyle()[0][1] is not None
     assert taut.get_clim()[0] == -taut.get_clim()[1]
     assert "α = 40" in ax.get_title()
+
+
+def test_a_plane_structure_is_drawn_in_true_proportions_without_a_warning():
+    """The lamp of two ropes in the plane y = 0."""
+    nodes = {"x": [-1.0, 0.0, 1.0], "y": [0.0] * 3, "z": [0.0, -0.5, 0.0]}
+    nodes |= {f"fix_{axis}": [1.0, 0.0, 1.0] for axis in "xz"} | {"fix_y": [1.0] * 3}
+    nodes |= {"load_z": [0.0, -100.0, 0.0]}
+    links = {"first": [0, 1], "second": [1, 2], "law": ["rope", "rope"]}
+    lamp = system_from_table(nodes, links, {"rope": Cable(2e5)})
+    ax = plot_deformed_links(solve_static(lamp, [1.0]), ax=Figure().add_subplot(projection="3d"))
+    edges = np.ptp([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()], axis=1)
+    np.testing.assert_allclose(edges / edges[0], ax._box_aspect / ax._box_aspect[0])
 
 
 def test_energies_are_those_of_the_motion_and_their_sum_is_kept():

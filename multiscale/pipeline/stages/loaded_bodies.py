@@ -140,8 +140,9 @@ def _answer(result: Dataset) -> Iterator[str]:
     if result.sizes.get("interface", 0):  # without load its gap is not known
         moved, since = moved - moved[ends[0]], " since step 0"
     names, factors = map(str, result["load"].values), last["factor"].to_numpy()
-    loads = [(name, x, u) for name, x, u in zip(names, factors, moved[ends[-1]], strict=True) if x]
-    said = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in loads)
+    loads = list(zip(names, factors, moved[ends[-1]], strict=True))
+    acting = [load for load in loads if load[1]] or loads  # all of them where none acts any more
+    said = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in acting)
     stress = last["equivalent_stress"].to_numpy()
     worst = int(np.nanargmax(stress))
     where = ""
@@ -215,8 +216,8 @@ def _sections(result: Dataset) -> Iterator[Section]:
         "Zones, pressure and outlines of the parts are seen along the normal of each interface, at "
         "the last step that has an answer."
     ]
-    solved = np.flatnonzero(result["converged"].to_numpy() == 1)
-    figures = {"body_stress": in_space(plot_body_stress, result, step=int(solved[-1]))}
+    known = np.flatnonzero(np.isfinite(result["equivalent_stress"].to_numpy()).all(axis=1))
+    figures = {"body_stress": in_space(plot_body_stress, result, step=int(known[-1]))}
     figures |= {name: on_axes(plot) for name, plot in load_pictures(result).items()}
     yield Section("Loads and interfaces", told, figures=figures)
     yield from budget_sections(result)
