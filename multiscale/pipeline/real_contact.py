@@ -11,6 +11,7 @@ from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, Dataset, with_cautio
 from multiscale.units import readable
 from multiscale.upscaling import Dependence, area_from_dataset, cell_share
 from multiscale.upscaling.budget import ERROR_TERMS
+from multiscale.upscaling.reading import TABLE
 
 __all__ = [
     "behaviour",
@@ -103,10 +104,12 @@ def behaviour(dataset: Dataset) -> list[str]:
     return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []
 
 
-def negative_gap(gap: np.ndarray) -> list[str]:
-    """Say what a negative mean gap, m, means; nothing if there is none."""
+def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
+    """Say what a negative mean gap, m, of a law means; nothing if there is none."""
     if not np.any(gap < 0.0):
         return []
+    if law.attrs.get("family") == TABLE:
+        return ["The mean gap counts from first contact: it is the overclosure, negative."]
     return [
         "The mean gap is the mean of the obstacle less the deformed surface: it is negative where "
         "points that a hardness cuts off overlap, by the depth to which they would flow, more than "

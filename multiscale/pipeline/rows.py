@@ -92,15 +92,17 @@ def tabulate(result: Dataset) -> Table:
         if name in result
     }
 
+    touches = bool(result["contact_fraction"].notnull().any())  # which tables do not tell
+
     def rest(step: Dataset) -> tuple[str, ...]:
+        real = f"{100.0 * float(step['contact_fraction']):.3g}", _part(step, "real_pressure", 1e-6)
         return (
             f"{1e6 * float(step['mean_gap']):.4g}",
-            f"{100.0 * float(step['contact_fraction']):.3g}",
-            _part(step, "real_pressure", 1e-6),
+            *(real if touches else ()),
             *(_part(step, name, unit.scale) for name, (_, unit) in further.items()),
         )
 
-    beside = ("mean gap (µm)", "contact (%)", "real pressure (MPa)")
+    beside = ("mean gap (µm)", *(("contact (%)", "real pressure (MPa)") if touches else ()))
     more = (f"{label} ({unit.name})" for label, unit in further.values())
     head = (*_head(stiffness), *beside, *more)
     return head, _rows_of_preloads(result, head, rest)

@@ -7,7 +7,6 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law
-from multiscale.laws.tabulated import CONCAVE
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.budget import (
     ALWAYS,
@@ -24,6 +23,9 @@ __all__ = ["read_law", "with_stated_error"]
 LOWEST = 1e-3
 """Lowest pressure of the data of a table over its first one above zero: its first chord is data."""
 
+ROUNDED = 0.01
+"""Distance of a row from the convex law of the others that counts as rounding, over its pressure."""
+
 COLUMNS = {"pressure": "Pa", "overclosure": "m"}
 """Columns of a table and their units."""
 
@@ -37,7 +39,8 @@ def read_law(path: str | PathLike[str]) -> Dataset:
         A dataset as of :func:`multiscale.io.open_law`; or a table with the columns ``pressure``
         and ``overclosure``, such as ``pressure (MPa), overclosure (um)``, in Pa and m where the
         head has no units. Its first row is the pressure zero; both rise from row to row, and the
-        law is linear between them.
+        law is linear between them. Rows at which it would soften are left out, if they are within
+        1 % of the pressure of the others, as in rounded tables.
 
     Returns
     -------
@@ -57,6 +60,7 @@ def read_law(path: str | PathLike[str]) -> Dataset:
     columns, _, bare = read_columns(path, COLUMNS, signed=COLUMNS, bare=True)
     p, closed = columns.values()
     _refuse_rows(path, p, closed)
+    p, closed = _convex(path, p, closed)
     caution = f"{path.name} has no unit of its {' and '.join(bare)} and is read in SI" * bool(bare)
     data = np.append(LOWEST * p[1], p[1:])
     return INTERFACE_LAW.build(
@@ -80,7 +84,7 @@ def read_law(path: str | PathLike[str]) -> Dataset:
 
 
 def _refuse_rows(path: Path, pressure: np.ndarray, overclosure: np.ndarray) -> None:
-    """Refuse rows that do not begin at zero, do not rise, or soften; rows count from 1."""
+    """Refuse rows that do not begin at zero, or do not rise; rows count from 1."""
     if pressure.size < 2:
         raise CaseError(f"{path}: a law needs two rows or more, got {pressure.size}")
     if pressure[0] != 0.0:
@@ -97,13 +101,22 @@ def _refuse_rows(path: Path, pressure: np.ndarray, overclosure: np.ndarray) -> N
             f"{path}, row {k + 2}: the {column} of {values[k + 1]:g} {unit} does not rise above "
             f"the {values[k]:g} {unit} of the row before; both columns must rise"
         )
-    stiffness = rise / closing
-    for k in np.flatnonzero(np.diff(stiffness) < -CONCAVE * stiffness[:-1]):
+
+
+def _convex(path: Path, p: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows between which no chord is softer than the chord before it."""
+    some_p, some = p, closed
+    while (falls := np.diff(np.diff(some_p) / np.diff(some)) < 0.0).any():
+        kept = np.arange(some.size) != 1 + int(np.argmax(falls))
+        some_p, some = some_p[kept], some[kept]
+    for k in np.flatnonzero(np.abs(np.interp(closed, some, some_p) - p) > ROUNDED * p):
+        below, above = (np.diff(p) / np.diff(closed))[k - 1 : k + 1]
         raise CaseError(
-            f"{path}, row {k + 3}: the stiffness falls from {stiffness[k]:.4g} to "
-            f"{stiffness[k + 1]:.4g} Pa/m, and no rough interface softens under pressure; smooth "
-            f"the table, or fit a law to its points by multiscale fit"
+            f"{path}, row {k + 2}: the stiffness falls from {below:.4g} to {above:.4g} Pa/m, and "
+            f"no rough interface softens under pressure; smooth the table, or fit a law to its "
+            f"points by multiscale fit"
         )
+    return some_p, some
 
 
 def with_stated_error(law: Dataset, error: float) -> Dataset:

@@ -6,6 +6,7 @@ import pytest
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.stages.joint import JOINT
 from multiscale.upscaling import law_from_dataset, read_law
 from tests.support import write_body, write_law, write_scene
 
@@ -87,6 +88,35 @@ def test_the_law_of_a_table_is_linear_between_its_rows(folder):
     assert law.pressure_range == (1e3, 100e6)
     # the last chord goes on
     np.testing.assert_allclose(law.pressure(np.array([-1.9e-6])), 190e6)
+
+
+@pytest.mark.parametrize("digits", [3, 4])
+def test_a_rounded_table_of_a_constant_stiffness_has_that_stiffness(tmp_path, digits):
+    """Chords of 3 MPa/um between thirds: rounded, every third one is softer than the one before."""
+    closed = [f"{k / 3.0:.{digits}f}" for k in range(10)]
+    rows = "\n".join(f"{k}, {one}" for k, one in enumerate(closed))
+    (tmp_path / "rounded.csv").write_text(f"pressure (MPa), overclosure (um)\n{rows}\n")
+    law = law_from_dataset(read_law(tmp_path / "rounded.csv"))
+    p = np.linspace(0.1e6, 9e6, 50)
+    np.testing.assert_allclose(law.stiffness(law.gap_at(p)), 3e12, rtol=2e-3)
+    np.testing.assert_allclose(law.gap_at(p), -p / 3e12, rtol=2e-3)
+
+
+def test_a_table_that_softens_little_by_little_is_refused(tmp_path):
+    """The pressure is the square root of the overclosure, in rows of less than 1 % each."""
+    p = np.append(0.0, np.geomspace(1.0, 2.0, 200))
+    rows = "\n".join(f"{one:.9g}, {one**2:.9g}" for one in p)
+    (tmp_path / "soft.csv").write_text(f"pressure (MPa), overclosure (um)\n{rows}\n")
+    with pytest.raises(CaseError, match=r"row \d+: the stiffness falls from"):
+        read_law(tmp_path / "soft.csv")
+
+
+def test_what_a_table_does_not_tell_has_no_column_and_its_gap_is_the_overclosure(folder):
+    found = solve(folder, BLOCKS)
+    lines = "\n".join(JOINT.lines(found))
+    assert "nan" not in lines
+    assert "contact" not in lines.splitlines()[1]
+    assert "it is the overclosure, negative" in lines
 
 
 def test_a_table_without_units_is_read_in_si_and_cautioned(tmp_path):

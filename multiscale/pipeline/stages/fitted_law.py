@@ -252,7 +252,7 @@ def _summary(law: Dataset) -> Summary:
         )
     planned = str(law.attrs.get("plan", "")).splitlines()
     tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
-    below = negative_gap(law["fit_mean_gap"].to_numpy())
+    below = negative_gap(law["fit_mean_gap"].to_numpy(), law)
     said = [answer, *list_missing(law), *planned, *behaviour(law), *below, *tight]
     return Summary(question, said)
 

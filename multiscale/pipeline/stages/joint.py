@@ -145,7 +145,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
-    below = negative_gap(result["mean_gap"].to_numpy())
+    below = negative_gap(result["mean_gap"].to_numpy(), law)
     facts = [*behaviour(law), share, *below, *_tangential_facts(law, ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(kept & (result["known"].values == 1))
