@@ -24,7 +24,7 @@ LOWEST = 1e-3
 """Lowest pressure of the data of a table over its first one above zero: its first chord is data."""
 
 ROUNDED = 0.01
-"""Distance of a row from the convex law of the others that counts as rounding, over its pressure."""
+"""Distance of a row from the convex law of the others, over its pressure, that is rounding."""
 
 COLUMNS = {"pressure": "Pa", "overclosure": "m"}
 """Columns of a table and their units."""

@@ -83,17 +83,20 @@ def test_a_small_body_beside_the_middle_of_a_large_one_is_pressed_on_its_own_fac
     block = box_mesh((0.01, 0.01, 0.01), (1, 1, 1), origin=(0.05, 0.03, 0.01))
     write_body(meshes / "block.msh", block)
     small = ('mesh = "cover.msh"', 'mesh = "block.msh"')
-    alone, narrow = ("{ press = 1 }, { pull = 1 }", "{ press = 1 }"), (STATED, '["8 MPa", "12 MPa"]')
+    alone, narrow = (
+        ("{ press = 1 }, { pull = 1 }", "{ press = 1 }"),
+        (STATED, '["8 MPa", "12 MPa"]'),
+    )
     sides = '"housing.top", "cover.bottom"'
     prepare(case_of(meshes, TEXT, small, alone, narrow))
     prepare(case_of(meshes, TEXT, small, alone, narrow, (sides, '"cover.bottom", "housing.top"')))
 
 
 def test_a_bolt_is_not_counted_on_an_interface_that_it_may_not_press(meshes):  # noqa: F811
-    """A cover on a bolted plate, of a law of small pressures: 20 kN are 4 MPa on both interfaces."""
+    """A cover on a bolted plate, with a law of small pressures: 20 kN are 4 MPa on two faces."""
     top = box_mesh((0.06, 0.04, 0.01), (2, 3, 1), origin=(0.0, 0.0, 0.02))
     write_body(meshes / "top.msh", top)
-    body = TEXT[TEXT.index("[[structure.bodies]]\nname = \"cover\"") : TEXT.index("[[structure.int")]
+    body = TEXT[TEXT.index('[[structure.bodies]]\nname = "cover"') : TEXT.index("[[structure.int")]
     third = body.replace('"cover', '"top')
     joint = TEXT[TEXT.index("[[structure.interfaces]]") : TEXT.index("[[structure.loads]]")]
     soft = joint.replace('"housing.top", "cover.bottom"', '"cover.top", "top.bottom"')
