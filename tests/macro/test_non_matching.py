@@ -1,4 +1,4 @@
-"""Interfaces between faces whose meshes do not match: averages over the nodes of side 2."""
+"""Interfaces between faces whose meshes do not match: averages over the nodes of one side."""
 
 from dataclasses import replace
 
@@ -40,7 +40,9 @@ def blocks(below, above, *, top, sides=0.0, nu=0.3, size=EDGE, law=LAW):
     return Assembly((lower, upper), (Interface((0, 1), ("top", "bottom"), law),))
 
 
-@pytest.mark.parametrize("elements", [((2, 2, 1), (3, 3, 2)), ((5, 3, 1), (2, 4, 1))])
+@pytest.mark.parametrize(
+    "elements", [((2, 2, 1), (3, 3, 2)), ((5, 3, 1), (2, 4, 1)), ((7, 5, 1), (2, 2, 1))]
+)
 def test_even_pressure_and_even_shear_pass_the_patch_test(elements):
     pressure, shear = 20e6, 3e6
     found = solve_assembly(
@@ -57,6 +59,22 @@ def test_even_pressure_and_even_shear_pass_the_patch_test(elements):
     rest = found.displacement.values[1] - np.outer(found.position.values[:, 2], strain)
     for body in np.split(rest, [np.prod(np.add(elements[0], 1))]):
         np.testing.assert_allclose(body, np.tile(body[0], (len(body), 1)), atol=1e-14)
+
+
+@pytest.mark.parametrize("sides", [(0, 1), (1, 0)])
+def test_a_small_block_on_one_large_facet_rests_on_its_own_corners(sides):
+    """The points have the area and the second moments of the block, whatever the order of sides."""
+    ground = Body(box_mesh((EDGE, EDGE, EDGE), (2, 2, 1)), Elastic(210e9, 0.3), supports=HELD)
+    edge, n, corner = 0.2 * EDGE, 4, 0.25 * EDGE
+    small = box_mesh((edge,) * 3, (n,) * 3, origin=(corner, corner, EDGE))
+    block = Body(small, Elastic(210e9, 0.3), tractions={"top": (0.0, 0.0, -1e6)})
+    faces = np.array(["top", "bottom"])[list(sides)]
+    joint = Interface(sides, tuple(faces.tolist()), LAW)
+    found = solve_assembly(Assembly((ground, block), (joint,)))
+    area, x = found.point_area.values, found.point_position.values[:, 0] - corner - 0.5 * edge
+    np.testing.assert_allclose([area.sum(), area @ x], [edge**2, 0.0], atol=1e-9 * edge**2)
+    # the areas of corners stand for the trapezoidal rule, at their centroids
+    assert area @ x**2 == pytest.approx(edge**4 / 12.0, rel=1.0 / n)
 
 
 def tilted(position, time):

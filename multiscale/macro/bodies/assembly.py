@@ -21,9 +21,10 @@ class Interface:
     """A law between boundaries of two bodies, or of one and the ground.
 
     Where the nodes of the boundaries do not match, or elements are of second order, the law acts on
-    averages of the jump about the corners of the facets of side 2, so that a patch under even
-    stress is exact. Of boundaries that do not match, at least half of the smaller one must lie on
-    the other: of plates that lap, the parts that meet are boundaries of their own.
+    averages of the jump about the corners of the facets of side 2 (of side 1 where the facets of
+    side 2 are more than four times as large), so that a patch under even stress is exact. Of
+    boundaries that do not match, at least half of the smaller one must lie on the other: of plates
+    that lap, the parts that meet are boundaries of their own.
 
     Attributes
     ----------

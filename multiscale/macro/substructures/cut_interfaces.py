@@ -2,7 +2,8 @@ r"""Points where a law joins bodies: nodes, Gauss points, or averages.
 
 Points are the nodes of matching elements of first order. Where meshes do not match, or elements are
 of second order, they are averages: with the shape functions :math:`N` of the nodes of both sides,
-and :math:`\psi` of the corners of the facets of side 2,
+and :math:`\psi` of the corners of the facets of side 2, or of side 1 where the facets of side 2 are
+far larger (with both sides exchanged),
 
 .. math:: D_{ab} = \int \psi_a N^2_b \,\mathrm{d}\Gamma, \qquad
     M_{ab} = \int \psi_a N^1_b \,\mathrm{d}\Gamma, \qquad
@@ -45,6 +46,9 @@ REACH = 1e-3
 
 MEET = 0.5
 """Least share of the smaller face that must lie on the other where their meshes do not match."""
+
+COARSE = 4.0
+"""Ratio of the mean areas of facets above which the law acts on the side of the smaller facets."""
 
 SLIVER = 1e-9
 """Points of a smaller share of the area of the largest are left out."""
@@ -203,22 +207,27 @@ def _averages(
     x = [body.mesh.p.T[face.nodes] for body, face in zip(bodies, faces, strict=True)]
     trial = [_nodes_of_facets(*one) for one in zip(bodies, faces, nodes, strict=True)]
     size = min(float(np.ptp(at, axis=0).max()) for at in x)
-    found = []
-    for first, second in product(*map(np.unique, owner)):
-        one, two = owner[0] == first, owner[1] == second
-        facets, columns = (
-            (each[1][two], each[0][one]) for each in ([face.facets for face in faces], trial)
-        )
-        D, M = couple(facets, (x[1], x[0]), REACH * size, columns)
-        mean, weight = _means(M, D)
-        if weight.size:
-            below, above = (_of_nodes(*one) for one in zip(mean, nodes, bodies, strict=True))
-            found.append(_Piece((int(first), int(second)), (below, above), weight))
-    covered = sum(float(piece.weight.sum()) for piece in found)
-    areas = [
-        float(np.linalg.norm(facet_normals(at[face.facets]), axis=1).sum())
+    facet_areas = [
+        np.linalg.norm(facet_normals(at[face.facets]), axis=1)
         for at, face in zip(x, faces, strict=True)
     ]
+    areas = [float(one.sum()) for one in facet_areas]
+    # corners of far larger facets would be too few points
+    own = 0 if facet_areas[1].mean() > COARSE * facet_areas[0].mean() else 1
+    found = []
+    for first, second in product(*map(np.unique, owner)):
+        chosen = owner[0] == first, owner[1] == second
+        facets, columns = (
+            (each[own][chosen[own]], each[1 - own][chosen[1 - own]])
+            for each in ([face.facets for face in faces], trial)
+        )
+        D, M = couple(facets, (x[own], x[1 - own]), REACH * size, columns)
+        mean, weight = _means(M, D)
+        if weight.size:
+            in_order = mean if own else mean[::-1]
+            below, above = (_of_nodes(*one) for one in zip(in_order, nodes, bodies, strict=True))
+            found.append(_Piece((int(first), int(second)), (below, above), weight))
+    covered = sum(float(piece.weight.sum()) for piece in found)
     if not found:
         extent = [float(np.ptp(body.mesh.p, axis=1).max()) for body in bodies]
         unlike = max(extent) > UNLIKE * min(extent)
