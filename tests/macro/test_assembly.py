@@ -201,7 +201,7 @@ def test_unknowns_and_displacements_of_nodes_tell_the_same():
     [
         (
             {"platens": (Platen(1, "bottom", 1.0), Platen(1, "bottom", 1.0))},
-            r"platen 1 moves 15 nodes of body 1 along axis 2 that a support or another platen",
+            r"of body 1 moves 15 nodes along z that a support, a platen or another washer",
         ),
         ({"platens": (Platen(2, "top", 1.0),)}, "platen 0 names body 2; there are 2"),
         ({"platens": (Platen(1, "lid", 1.0),)}, "the mesh has no boundary 'lid'"),

@@ -143,14 +143,15 @@ def _answer(result: Dataset) -> Iterator[str]:
     loads = list(zip(names, factors, moved[ends[-1]], strict=True))
     acting = [load for load in loads if load[1]] or loads  # all of them where none acts any more
     said = " and ".join(f"{u:.4g} µm along {name} (factor {x:.4g})" for name, x, u in acting)
+    way = f"the loaded faces have moved{since} by {said}; " if not since or ends.size > 1 else ""
     stress = last["equivalent_stress"].to_numpy()
     worst = int(np.nanargmax(stress))
     where = ""
     if len(np.unique(result["element_body"])) > 1:
         where = f", in body {int(result['element_body'][worst])}, counted from 0"
     yield (
-        f"At step {int(last['path_step'])} the loaded faces have moved{since} by {said}; the "
-        f"largest mean stress of an element is {1e-6 * stress[worst]:.4g} MPa (von Mises){where}."
+        f"At step {int(last['path_step'])} {way}the largest mean stress of an element is "
+        f"{1e-6 * stress[worst]:.4g} MPa (von Mises){where}."
     )
 
 
