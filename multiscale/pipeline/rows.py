@@ -15,6 +15,7 @@ from multiscale.upscaling import Prediction
 from multiscale.upscaling.budget import (
     has_budget,
     how_attribute,
+    is_absent,
     known_error,
     total_error,
     unknown_terms,
@@ -453,7 +454,7 @@ def tabulate_budget(result: Dataset, quantity: str | None = None) -> Table:
     nothing: list[str] = []
     for term, values in zip(map(str, one["error_term"].values), half, strict=True):
         how = str(result.attrs[how_attribute(term)])
-        if term not in missing and (how.startswith("not in a law") or np.all(values <= ROUNDING)):
+        if term not in missing and (is_absent(how) or np.all(values <= ROUNDING)):
             nothing.append(term)
         else:
             rows.append((term, *map(say_error, values), how))

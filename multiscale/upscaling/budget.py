@@ -34,6 +34,7 @@ __all__ = [
     "error_budget",
     "has_budget",
     "how_attribute",
+    "is_absent",
     "known_error",
     "mean_law_error",
     "total_error",
@@ -248,7 +249,7 @@ def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
     asked = [names.index(name) for name in quantities] if quantities else range(len(names))
     of_law = ~np.isin(terms, [STATED, ERROR_TERMS[-1]])
     said = [str(budget.attrs.get(how_attribute(term), "")) for term in terms]
-    told = np.array([not how.startswith("not in a law") for how in said])
+    told = np.array([not is_absent(how) for how in said])
     told |= np.isfinite(half).any(axis=(0, 2))  # of another answer
     missing = np.zeros(len(terms), dtype=bool)
     always = np.isin(terms, ALWAYS)
@@ -257,6 +258,11 @@ def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
         counts = told & ~(of_law & (passed.size > 0 and not np.nan_to_num(passed).any()))
         missing |= counts & np.isnan(one).any(axis=1)
     return [term for term, is_missing in zip(terms, missing, strict=True) if is_missing]
+
+
+def is_absent(how: str) -> bool:
+    """Whether a law has no such term, by what a budget tells of it."""
+    return how.startswith("not in a law")
 
 
 def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:
@@ -317,7 +323,7 @@ def assemble_budget(
     unknown = [
         term
         for k, term in enumerate(ERROR_TERMS)
-        if np.all(np.isnan(half[:, k])) and not terms[term].how.startswith("not in a law")
+        if np.all(np.isnan(half[:, k])) and not is_absent(terms[term].how)
     ]
     given = np.array([terms[term].half_width is not None for term in ERROR_TERMS])
     total = add_terms(half, bias, given)

@@ -16,6 +16,7 @@ from multiscale.upscaling.budget import (
     assemble_budget,
     has_budget,
     how_attribute,
+    is_absent,
     known_error,
     mean_law_error,
 )
@@ -304,8 +305,9 @@ def add_budgets(budgets: Sequence[Dataset], names: Sequence[str]) -> Dataset:
         bias = sum(one["error_bias"].to_numpy()[:, k] for one in counted)
         said = [str(one.attrs[how_attribute(term)]) for one in counted]
         told = said[0]
-        if len(set(said)) > 1:
-            told = "; ".join(f"{x}: {how}" for x, how in zip(names, said, strict=True))
+        if len(set(said)) > 1:  # laws without the term say nothing beside those with it
+            pairs = [pair for pair in zip(names, said, strict=True) if not is_absent(pair[1])]
+            told = "; ".join(f"{x}: {how}" for x, how in pairs) or told
         terms[term] = Term(told, half, np.asarray(bias))
     quantities = tuple(map(str, first["quantity"].values))
     return assemble_budget(terms, quantities, None, steps=first.sizes["step"])

@@ -276,7 +276,7 @@ def _tabulate(result: Dataset) -> Table:
             one = step.isel(interface=at)
             shares = (100.0 * float(one[f"interface_{what}"]) for what in SHARES)
             told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
-            row.append(", ".join([*told, *(f"{share:.3g} %" for share in shares)]))
+            row.append(", ".join([*told, *(f"{round(share, 6):.3g} %" for share in shares)]))
         if bolts:
             row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
         rows.append(tuple(row))
