@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.bench.trials import BenchFamily, Trial, judge_by
 
-__all__ = ["interface_stiffness", "plan_chain"]
+__all__ = ["measure_interface", "plan_chain"]
 
 CASE, PRELOAD = "ground_steel", 2
 """The shipped case, and which of its preloads is looked at."""
@@ -24,7 +24,7 @@ any of them takes, with the flat cells beside."""
 SCENE = "stiffness of an interface of ground steel"
 
 
-def interface_stiffness(points: int, realisations: int, sample: int = 0) -> tuple[float, float]:
+def measure_interface(points: int, realisations: int, sample: int = 0) -> tuple[float, float]:
     """Run a sample of the case: stiffness of the interface and half of its 95 % interval, Pa/m."""
     from multiscale.pipeline import Case, load_case, run
 
@@ -62,7 +62,7 @@ def plan_chain(*, quick: bool) -> BenchFamily:
                 SCENE,
                 f"{points} x {points} points",
                 partial(_samples, points, count),
-                partial(interface_stiffness, QUICK_POINTS[0], 3),
+                partial(measure_interface, QUICK_POINTS[0], 3),
                 {"realisations": count},
             )
             for points in grids
@@ -76,10 +76,10 @@ def plan_chain(*, quick: bool) -> BenchFamily:
 
 def _samples(points: int, realisations: int) -> np.ndarray:
     """Stiffness of several runs, Pa/m."""
-    return np.array([interface_stiffness(points, realisations, k)[0] for k in range(SAMPLES)])
+    return np.array([measure_interface(points, realisations, k)[0] for k in range(SAMPLES)])
 
 
 def _truth(points: int, count: int, scene: str, answers: list[float]) -> tuple[float, float]:
     """Stiffness from many other realisations, and half of its interval over it."""
-    exact, half = interface_stiffness(points, count, SAMPLES)
+    exact, half = measure_interface(points, count, SAMPLES)
     return exact, half / exact

@@ -8,8 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError, listed
 from multiscale.io.gmsh_model import write_whole_mesh
@@ -251,6 +249,9 @@ def _select(mesh: NamedMesh, path: Path, volume: str) -> tuple[str, np.ndarray]:
 
 def _piece_with(mesh: NamedMesh, bodies: list[str], face: str) -> dict[str, np.ndarray]:
     """Elements by kind of the piece of a mesh that hangs together and has a named face."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     members = [mesh.cells[kind][rows].ravel() for kind, rows in mesh.groups.get(face, {}).items()]
     nodes = np.concatenate([mesh.node_sets.get(face, np.zeros(0, dtype=int)), *members])
     pairs = [
