@@ -87,7 +87,18 @@ def leaking_law(file):
     save_law(run(case.without_structure(), file.parent / "leaking").interface_law, file)
 
 
-MADE = {"scan.al3d": scan, "scan.tif": volume, "interface_law.nc gap.csv": leaking_law}
+def measured(file):
+    """Table of the stiffness of three specimens, a power of the pressure with a factor of each."""
+    rows = [f"{p}, {k * p**0.8:.4f}, {k}" for k in (0.9, 1.0, 1.1) for p in (1, 2, 4, 8)]
+    file.write_text("\n".join(["pressure (MPa), stiffness (MPa/um), specimen", *rows]))
+
+
+MADE = {
+    "scan.al3d": scan,
+    "scan.tif": volume,
+    "interface_law.nc gap.csv": leaking_law,
+    "stiffness.csv": measured,
+}
 """Files of the user that commands in sentences take, and what makes such."""
 ROUGH = {"hurst_exponent": 0.8, "long_cutoff": 2e-4}
 

@@ -116,7 +116,7 @@ def _say_run_out(result: Dataset) -> Iterator[str]:
         yield f"{when} no grain has passed the gate."
     if energy[-1] > MOVING * energy.max():
         yield (
-            f"The grains still move, with {100.0 * energy[-1] / energy.max():.2g} % of their "
+            f"The grains still move, with {100.0 * energy[-1] / energy.max():.3g} % of their "
             f"largest kinetic energy: they run farther; take a longer duration."
         )
 
