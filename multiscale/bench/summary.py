@@ -61,7 +61,7 @@ def tabulate_runs(work_precision: Dataset) -> tuple[tuple[str, ...], list[tuple[
 
 
 def say_load(work_precision: Dataset) -> str:
-    """Say how busy the machine was before and after the runs, on which their times depend."""
+    """Report how busy the machine was before and after the runs, on which their times depend."""
     before, after = (work_precision.attrs[f"load_{when}"] for when in ("before", "after"))
     return (
         f"{before:.3g} processes before and {after:.3g} after, on {work_precision.attrs['cores']} "

@@ -92,7 +92,7 @@ class Topography:
         return replace(self, heights=np.where(spikes, np.nan, self.heights), spikes=number)
 
     def say_spikes(self) -> list[str]:
-        """Say how many spikes were removed, if any."""
+        """Report how many spikes were removed, if any."""
         if not self.spikes:
             return []
         share = f"{100.0 * self.spikes / self.heights.size:.2g} %"

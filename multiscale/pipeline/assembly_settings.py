@@ -606,7 +606,7 @@ class Bodies(StructureKind):
         return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
 
     def quick_title(self) -> str:
-        """Say whether elements have a lower order than the whole case takes."""
+        """Report whether elements have a lower order than the whole case takes."""
         lower = any(one.element is None and one.order_on(one.load()) > 1 for one in self.bodies)
         return "quick, elements of first order" if lower else "quick"
 

@@ -105,7 +105,7 @@ def behaviour(dataset: Dataset) -> list[str]:
 
 
 def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
-    """Say what a negative mean gap, m, of a law means; nothing if there is none."""
+    """Report what a negative mean gap, m, of a law means; nothing if there is none."""
     if not np.any(gap < 0.0):
         return []
     if law.attrs.get("family") == TABLE:

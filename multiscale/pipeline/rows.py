@@ -283,7 +283,7 @@ def _missing(step: Dataset, name: str) -> str:
 
 
 def say_answer(step: Dataset, name: str, scale: float, unit: str = "") -> str:
-    """Say an answer with its unit and, in brackets, its intervals, and what they lack."""
+    """Report an answer with its unit and, in brackets, its intervals, and what they lack."""
     return f"{_value(step, name, scale)}{unit}{say_intervals(step, name, scale)}"
 
 
@@ -294,7 +294,7 @@ def say_cell(step: Dataset, name: str, scale: float) -> str:
 
 
 def say_intervals(step: Dataset, name: str, scale: float) -> str:
-    """Say both intervals of an answer, in brackets; nothing if there are none."""
+    """Report both intervals of an answer, in brackets; nothing if there are none."""
     intervals, missing = _intervals(step, name, scale), _missing(step, name)
     said = _join_intervals(intervals)
     if said and missing and set(intervals) == {"unknown"}:

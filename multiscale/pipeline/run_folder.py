@@ -51,7 +51,7 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
 
 
 def _difference(file: Path, case: AnyCase) -> str:
-    """Say by what the case of a folder differs; empty if its results belong to this case, too."""
+    """Report by what the case of a folder differs; empty if its results are of this case, too."""
     try:
         other = load_case(file)
         if type(other) is type(case) and other.identity() == case.identity():

@@ -338,7 +338,7 @@ class RveSettings(Settings):
         return {name: count for name, count in listed.items() if count}
 
     def limits(self, porosity: float) -> Iterator[str]:
-        """Say what keeps volumes of some mean porosity from representing their material."""
+        """Report what keeps volumes of some mean porosity from representing their material."""
         if self.size is None:
             return
         of = self.recipe

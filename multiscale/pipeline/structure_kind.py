@@ -44,7 +44,7 @@ class Pressed(NamedTuple):
 
 
 def tell_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
-    """Say that loads press an interface far outside the data of its law at every step, if so."""
+    """Report that loads press an interface far outside the data of its law at every step, if so."""
     least, most = data[0] / FAR_FACTOR, data[1] * FAR_FACTOR
     if any(high >= least and low <= most for low, high in pressed.steps):
         return ""
@@ -128,7 +128,7 @@ class StructureKind(Settings):
         raise CaseError(f"substructures do not cut a structure of stage {self.stage}")
 
     def quick_title(self) -> str:
-        """Say after the title of a quick case what is quick in it."""
+        """Report after the title of a quick case what is quick in it."""
         return "quick"
 
     def quick(self, case: "Case") -> Self:

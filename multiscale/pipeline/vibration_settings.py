@@ -124,7 +124,7 @@ class VibrationSettings(Settings):
         return small
 
     def left_out(self) -> str:
-        """Say which modes and amplitudes a quick run leaves out; nothing if it has all."""
+        """Report which modes and amplitudes a quick run leaves out; nothing if it has all."""
         if self._whole is None:
             return ""
         modes = [str(mode) for mode in self._whole.modes if mode not in self.modes]

@@ -139,7 +139,7 @@ def with_unloading(
 
 
 def _without_unloading(law: Dataset, loading: NormalLaw, seen: Observations) -> Dataset:
-    """Say that a law has no unloading branch, since its ratio is at the lower end."""
+    """Report that a law has no unloading branch, since its ratio is at the lower end."""
     pressure, peak = seen.conditions
     along = (loading.gap_at(pressure) - loading.gap_at(peak) - seen.mean) / seen.scale
     apart = f"{100.0 * float(np.max(np.abs(along))):.2g} % of its length"

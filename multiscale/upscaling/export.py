@@ -250,7 +250,7 @@ def write_pressure_overclosure(
 
 
 def _say_reader(added: int, face_to_face: bool) -> list[str]:
-    """Say which lines of a table are no data, and for which contact of CalculiX 2.20 it is."""
+    """Report which lines of a table are no data, and for which contact of CalculiX 2.20 it is."""
     if face_to_face:
         return [
             f"** the last {added} lines are no data: they prolong the chord before them, and the "

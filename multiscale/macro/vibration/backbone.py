@@ -250,7 +250,7 @@ class _Mode:
         return np.asarray(-self.rest.law.respond(point.jump, point.state).traction[0])
 
     def sliding(self, point: _Point) -> str:
-        """Say which interface with friction slides away; nothing if none does."""
+        """Report which interface with friction slides away; nothing if none does."""
         if point.failure:
             return f"no equilibrium was found ({point.failure})"
         rubs = self.rest.law.friction_limit(np.ones(point.slipping.size)) > 0.0

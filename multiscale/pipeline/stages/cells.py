@@ -225,7 +225,7 @@ def with_slope_errors(
 
 
 def _say_losses(measured: Mapping[str, Measured]) -> list[str]:
-    """Say what cells lack of measured bodies; of two maps, where it counts for both together."""
+    """Report what cells lack of measured bodies; of two maps, where it counts for both together."""
     if len(measured) != 2:
         return [f"{name}: {one}" for name, own in measured.items() for one in own.cautions]
     pairs = zip(measured.items(), list(measured.values())[::-1], strict=True)

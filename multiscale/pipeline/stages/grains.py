@@ -64,7 +64,7 @@ def _needs(given: Granulate, case: Case) -> Needs:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Say what the walls bear, how far the grains run, or which stress they bear; and the cost."""
+    """Report the load of walls, the run-out or the stress of the grains, and the cost of a step."""
     for name, say in SAID.items():
         if name in result:
             yield from say(result)
@@ -82,7 +82,7 @@ def _late(result: Dataset, name: str, share: float) -> tuple[float, float, float
 
 
 def _say_weight(result: Dataset) -> Iterator[str]:
-    """Say the shares of the weight of side walls and floor in the last fifth of the motion."""
+    """Report the shares of the weight of side walls and floor in the last fifth of the motion."""
     sides, least, most = _late(result, "side_share", LAST)
     floor, *_ = _late(result, "floor_share", LAST)
     yield (
@@ -102,7 +102,7 @@ def _say_weight(result: Dataset) -> Iterator[str]:
 
 
 def _say_run_out(result: Dataset) -> Iterator[str]:
-    """Say how far the grains have run, and whether they still move."""
+    """Report how far the grains have run, and whether they still move."""
     last, energy = float(result["run_out"][-1]), result["kinetic_energy"].to_numpy()
     when = f"After {float(result['time'][-1]):.3g} s"
     if last > 0.0:
@@ -122,7 +122,7 @@ def _say_run_out(result: Dataset) -> Iterator[str]:
 
 
 def _say_plate(result: Dataset) -> Iterator[str]:
-    """Say the shear stress of the second half of the motion, and its ratio to the pressure."""
+    """Report the shear stress of the second half of the motion, and its ratio to the pressure."""
     shear, *ends = (1e-3 * value for value in _late(result, "plate_shear", 0.5))
     pressure = 1e-3 * _late(result, "plate_pressure", 0.5)[0]
     yield (
@@ -139,7 +139,7 @@ def _say_plate(result: Dataset) -> Iterator[str]:
 
 
 def _say_cell(result: Dataset) -> Iterator[str]:
-    """Say the largest and the last stress ratio of a strained cell, and its change of volume."""
+    """Report the largest and the last stress ratio of a strained cell, and its change of volume."""
     curve = granulate.biaxial_curve(result)
     ratio, strain = curve["stress_ratio"].to_numpy(), 100.0 * curve["axial_strain"].to_numpy()
     peak, volume = int(np.nanargmax(ratio)), 100.0 * float(curve["volumetric_strain"][-1])

@@ -134,7 +134,7 @@ def _measured(result: Dataset) -> Dataset:
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Say the largest tension, how many links are slack, and how far the nodes move."""
+    """Report the largest tension, how many links are slack, and how far the nodes move."""
     known = np.flatnonzero(result["converged"].to_numpy() == 1)
     if not known.size or "largest_tension" not in result:
         return
@@ -142,7 +142,7 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 
 def _of_loads(result: Dataset) -> Iterator[str]:
-    """Say the answers at the last load factor, and where links begin to go slack."""
+    """Report the answers at the last load factor, and where links begin to go slack."""
     last, slack = result.isel(step=-1), result["slack_links"].to_numpy()
     factor = result["load_factor"].to_numpy()
     yield (
@@ -159,7 +159,7 @@ def _of_loads(result: Dataset) -> Iterator[str]:
 
 
 def _of_motion(result: Dataset) -> Iterator[str]:
-    """Say the largest answers of a motion, and where its energy is at the end."""
+    """Report the largest answers of a motion, and where its energy is at the end."""
     most = result.isel(step=int(np.argmax(result["largest_tension"].to_numpy())))
     slack, swing = (result[name] for name in ("slack_links", "largest_displacement"))
     yield (

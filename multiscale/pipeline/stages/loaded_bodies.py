@@ -131,7 +131,7 @@ def _follow(
 
 
 def _answer(result: Dataset) -> Iterator[str]:
-    """Say the displacements and the largest stress at the last step of the path with an answer."""
+    """Report displacements and the largest stress at the last step of the path with an answer."""
     moved = 1e6 * result["load_displacement"].to_numpy()
     ends = np.flatnonzero((result["path_step"].to_numpy() >= 0) & np.isfinite(moved).all(axis=1))
     if not ends.size:

@@ -35,7 +35,7 @@ def _largest(result: Dataset) -> np.ndarray:
 
 
 def _answer(result: Dataset) -> list[str]:
-    """Say the largest displacement at the last load factor, and the largest stress."""
+    """Report the largest displacement at the last load factor, and the largest stress."""
     known = np.flatnonzero(result["converged"].to_numpy() == 1)
     if not known.size or "largest_displacement" not in result:
         return []
