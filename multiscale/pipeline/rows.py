@@ -36,7 +36,9 @@ __all__ = [
     "say_beside",
     "say_cell",
     "say_ends",
+    "say_share",
     "say_sides",
+    "say_slip",
     "say_total",
     "say_value",
     "tabulate",
@@ -133,8 +135,8 @@ def tabulate_preloads(result: Dataset) -> Table:
     def rest(step: Dataset) -> tuple[str, ...]:
         return (
             _part(step, "tangential_stiffness", unit.scale),
-            f"{100.0 * float(step['slipping_load']):.3g}",
-            *(f"{100.0 * float(step[f'{state}_fraction']):.3g}" for state in states),
+            say_share(float(step["slipping_load"])),
+            *(say_share(float(step[f"{state}_fraction"])) for state in states),
             _part(step, "real_pressure", 1e-6),
         )
 
@@ -232,6 +234,17 @@ def say_error(total: float) -> str:
     if ROUNDING < total < NEGLIGIBLE:
         return f"< {100.0 * NEGLIGIBLE:g}"
     return f"{100.0 * total:{'.0f' if total >= 1.0 else '.2g'}}" if total > ROUNDING else "0"
+
+
+def say_share(share: float) -> str:
+    """Write a share in per cent with three digits, without those that are mere rounding.
+
+    Examples
+    --------
+    >>> say_share(0.20931), say_share(5e-8), say_share(1.3e-17)
+    ('20.9', '< 0.001', '0')
+    """
+    return say_error(share) if share < NEGLIGIBLE else f"{100.0 * share:.3g}"
 
 
 def say_total(step: Dataset, name: str) -> str:
@@ -534,9 +547,14 @@ def list_cycles(result: Dataset) -> list[str]:
         told.append(f"cycle {k}: {missing if np.isnan(loss) else lost}")
     end = result.isel(step=-1)
     if "slipping_load" in result and not np.isnan(end["slipping_load"]):
-        told.append(
-            f"At the amplitude, {_value(end, 'slipping_load', 100.0)} % of the contact force is at "
-            f"sliding{say_intervals(end, 'slipping_load', 100.0)}, more than half of the local "
-            f"pressure on {100.0 * float(end['slip_fraction']):.3g} % of the nominal area"
-        )
+        told.append(f"At the amplitude, {say_slip(end)}")
     return told
+
+
+def say_slip(step: Dataset) -> str:
+    """Say which share of the contact force is at sliding, with its intervals, and of the area."""
+    return (
+        f"{_value(step, 'slipping_load', 100.0)} % of the contact force is at "
+        f"sliding{say_intervals(step, 'slipping_load', 100.0)}, more than half of the local "
+        f"pressure on {say_share(float(step['slip_fraction']))} % of the nominal area"
+    )

@@ -181,6 +181,18 @@ def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
     assert "% of the contact force is at sliding (mean law" in slip
 
 
+def test_the_headline_gives_a_share_its_interval_and_no_per_cent_of_per_cent(joint):
+    cycle = ROUGH_JOINTS.summary(joint).answer[1]
+    number, kinds = r"([\d.]+)", "mean law(?: and one part)?"
+    share = f"{number} % of the contact force is at sliding"
+    said = re.search(rf"{share} \({kinds} {number} ... {number}", cycle)
+    share, low, high = map(float, said.groups())
+    assert low < share < high
+    ends = 100.0 * joint["slipping_load_mean_law"].values[:, -1]
+    np.testing.assert_allclose([low, high], ends, rtol=0.01)
+    assert list_cycles(joint)[-1].removeprefix("At the amplitude, ") in cycle
+
+
 @pytest.mark.parametrize(
     ("value", "half", "said"),
     [

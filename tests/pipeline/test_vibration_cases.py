@@ -69,6 +69,12 @@ def test_a_case_has_modes_backbone_page_and_series(meshes):
         assert drawn[name](meshes / f"{name}.png").stat().st_size > 10_000
     assert VIBRATING_BODIES.summary(results["vibration"]).answer[0].startswith("Mode 1 has ")
     assert VIBRATING_BODIES.compared(found)["frequency"].values[-1] == fast
+    still = found.assign(fall=0.0 * found["fall"] - 1e-11)
+    still["slipping_load"] = 0.0 * found["slipping_load"] + 1e-17
+    table = next(VIBRATING_BODIES.sections({"vibration": still}, meshes))
+    head, rows = table.head, table.rows
+    for name in ("fall (Hz)", "sliding force (%)"):  # rounding is no number
+        assert [row[head.index(name)] for row in rows] == ["0"] * 4
 
 
 REFUSED = {

@@ -15,7 +15,7 @@ from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_interface_contact
-from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer
+from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer, say_share
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -274,9 +274,9 @@ def _tabulate(result: Dataset) -> Table:
             row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
         for at in range(count):
             one = step.isel(interface=at)
-            shares = (100.0 * float(one[f"interface_{what}"]) for what in SHARES)
+            shares = (float(one[f"interface_{what}"]) for what in SHARES)
             told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
-            row.append(", ".join([*told, *(f"{round(share, 6):.3g} %" for share in shares)]))
+            row.append(", ".join([*told, *(f"{say_share(share)} %" for share in shares)]))
         if bolts:
             row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
         rows.append(tuple(row))

@@ -20,6 +20,7 @@ from multiscale.pipeline.rows import (
     list_bolts,
     list_facts,
     list_missing,
+    say_slip,
     say_value,
     tabulate_cycles,
     tabulate_preloads,
@@ -160,15 +161,11 @@ def _losses(result: Dataset) -> Iterator[str]:
     """Say what the last cycle at the last preload loses, and what slips."""
     if "cycle_energy" in result and np.isfinite(result["cycle_energy"].values[-1]):
         end = result.isel(step=-1, cycle=-1)
-        loss, slip = (
-            say_value(end, name, unit)
-            for name, unit in (("cycle_energy", Unit("mJ", 1e3)), ("slipping_load", Unit("%", 1e2)))
-        )
+        loss = say_value(end, "cycle_energy", Unit("mJ", 1e3))
         shear = 1e-6 * float(np.abs(result["shear"]).max())
         yield (
             f"A cycle of shear between {shear:.3g} and -{shear:.3g} MPa loses {loss}; at its ends, "
-            f"{slip} of the contact force is at sliding, more than half of the local pressure on "
-            f"{100.0 * float(end['slip_fraction']):.3g} % of the nominal area."
+            f"{say_slip(end)}."
         )
 
 

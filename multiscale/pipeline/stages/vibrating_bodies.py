@@ -19,7 +19,7 @@ from multiscale.pipeline.body_budget import Change, ErrorSources, changed_slider
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import with_cautions_of
-from multiscale.pipeline.rows import Table, padded, say_answer, say_cell
+from multiscale.pipeline.rows import ROUNDING, Table, padded, say_answer, say_cell, say_share
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
@@ -281,11 +281,12 @@ def _tabulate(result: Dataset) -> Table:
             rows.append(padded((*row, "slides away"), head))
             continue
         slips = step.get("slipping_load")
+        falls = abs(float(step["fall"])) / float(step["frequency"])
         row += (
             say_cell(step, "frequency", 1.0),
-            say_cell(step, "fall", 1.0),
+            "0" if falls <= ROUNDING else say_cell(step, "fall", 1.0),
             say_cell(step, "damping", 100.0),
-            "-" if slips is None else f"{100.0 * float(slips):.3g}",
+            "-" if slips is None else say_share(float(slips)),
             "yes" if int(step["opens"]) else "no",
         )
         rows.append(row)
