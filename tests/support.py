@@ -154,13 +154,15 @@ def keep_ignoring_broken_pipes():
 
 
 def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
-    """Write a mesh of hexahedra with its named faces as a text file of gmsh; mm if not told."""
-    corners = np.empty_like(mesh.t)
-    corners[HEX_ORDER] = mesh.t
-    blocks, tags, groups = [("hexahedron", corners.T)], [[1] * corners.shape[1]], {volume: [1, 3]}
+    """Write a mesh with its named faces as a text file of gmsh; mm if not told."""
+    kind, facet, corners = "tetra", "triangle", mesh.t
+    if mesh.t.shape[0] == 8:
+        kind, facet, corners = "hexahedron", "quad", np.empty_like(mesh.t)
+        corners[HEX_ORDER] = mesh.t
+    blocks, tags, groups = [(kind, corners.T)], [[1] * corners.shape[1]], {volume: [1, 3]}
     for tag, name in enumerate(sorted(mesh.boundaries) if names is None else names, start=2):
         face = surface_of(mesh, name)
-        blocks.append(("quad", face.nodes[face.facets]))
+        blocks.append((facet, face.nodes[face.facets]))
         tags.append([tag] * len(face.facets))
         groups[name] = [tag, 2]
     data = [np.array(one) for one in tags]

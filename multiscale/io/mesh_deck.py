@@ -174,7 +174,8 @@ def _nodes(blocks: list[Block]) -> dict[int, list[float]]:
     nodes: dict[int, list[float]] = {}
     for line, entries in (row for block in blocks if block.keyword == "NODE" for row in block.rows):
         try:
-            number, position = int(entries[0]), [float(x or 0.0) for x in entries[1:4]]
+            given = [re.sub("[dD]", "e", x) for x in entries[1:4]]  # exponents of Fortran
+            number, position = int(entries[0]), [float(x or 0.0) for x in given]
         except ValueError as error:
             raise CaseError(f"line {line} of *NODE is no node: {error}") from error
         position += [0.0] * (3 - len(position))
@@ -272,12 +273,12 @@ def _sets(blocks: list[Block], key: str) -> dict[str, list[int]]:
 
 def _members(entry: str, sets: dict[str, list[int]], line: int) -> list[int]:
     """Numbers that an entry of a set gives: its own, or all of a set above."""
-    name = entry.rpartition(".")[2]  # a part may stand before the name
-    if name.isdigit():
-        return [int(name)]
-    if name.upper() not in sets:
-        raise CaseError(f"line {line} names {entry!r}, and no line above defines this set")
-    return sets[name.upper()]
+    for name in (entry, entry.rpartition(".")[2]):  # a part may stand before the name
+        if name.isdigit():
+            return [int(name)]
+        if name.upper() in sets:
+            return sets[name.upper()]
+    raise CaseError(f"line {line} names {entry!r}, and no line above defines this set")
 
 
 def _faces(

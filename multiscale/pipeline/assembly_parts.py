@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
 
-__all__ = ["GROUNDED", "BodyBolt", "BodyInterface", "MeshedBody", "NamedLoad"]
+__all__ = ["GROUNDED", "BodyBolt", "BodyInterface", "MeshedBody", "NamedLoad", "n_tetrahedra"]
 
 GROUNDED = "ground"
 """First side of an interface with the rigid ground."""
@@ -177,11 +177,14 @@ class MeshedBody(Material):
         coarse = None if self.coarser is None else self.coarsened()
         if coarse is None:
             return
-        fine, few = (one.load().t.shape[1] for one in (self, coarse))
-        if fine < COARSER**3 * few:
+        meshes = [one.load() for one in (self, coarse)]
+        fine, few = (mesh.nelements for mesh in meshes)
+        own, larger = map(n_tetrahedra, meshes)
+        most = few * own / larger / COARSER**3
+        if own < COARSER**3 * larger:
             raise CaseError(
                 f"{self.coarser}: coarser of {self.name} has {few} elements and its mesh {fine}, "
-                f"and the error of the mesh takes at most {fine / COARSER**3:.0f}; give a mesh of "
+                f"and the error of the mesh takes at most {most:.0f}; give a mesh of "
                 f"elements about twice as large"
             )
 
@@ -484,6 +487,11 @@ class NamedLoad(Settings):
                 f"traction or force"
             )
         return -float(self.pressure or 0.0) * mean, area
+
+
+def n_tetrahedra(mesh: "Mesh") -> int:
+    """Count tetrahedra of about the size of the elements: six fill a hexahedron."""
+    return mesh.nelements * (1 if mesh.t.shape[0] == 4 else 6)
 
 
 def _at_time(

@@ -19,6 +19,7 @@ from multiscale.pipeline.assembly_parts import (
     BodyInterface,
     MeshedBody,
     NamedLoad,
+    n_tetrahedra,
 )
 from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice, alike_bodies
@@ -601,7 +602,9 @@ class Bodies(StructureKind):
         bodies = tuple(one for one in coarse if one is not None)
         if len(bodies) < len(coarse):
             return {}
-        fine, few = (sum(one.load().t.shape[1] for one in each) for each in (self.bodies, bodies))
+        fine, few = (
+            sum(n_tetrahedra(one.load()) for one in each) for each in (self.bodies, bodies)
+        )
         ratio = (fine / few) ** (1.0 / 3.0)
         return {ratio: self.model_copy(update={"bodies": bodies})} if ratio >= COARSER else {}
 

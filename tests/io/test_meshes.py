@@ -144,6 +144,27 @@ def test_surfaces_of_a_deck_without_a_name_are_no_faces(tmp_path):
     assert len({tuple(sorted(cube.boundaries)) for cube in both}) == 1
 
 
+@pytest.mark.parametrize("entry", ["LID.1", "Part-1.Lid.1"])
+def test_a_dot_in_a_name_of_a_set_is_no_number_of_an_element(tmp_path, entry):
+    # element 1 is the cube: the set is the tetrahedron
+    dotted = (
+        f"*ELSET, ELSET=Part-1.Lid.1\n2\n*ELSET, ELSET=Lid.1\n2\n*SURFACE, NAME=Top\n{entry}, S1\n"
+    )
+    (tmp_path / "block.inp").write_text(deck() + dotted)
+    top = area_vector(load_mesh(tmp_path / "block.inp", volume="Tip"), "Top")
+    np.testing.assert_allclose(np.linalg.norm(top), 0.5)
+
+
+def test_exponents_of_fortran_are_read(tmp_path):
+    for name, text in (
+        ("E", deck()),
+        ("D", deck().replace("30, 0.5, 0.5, 3.", "30, 5D-1, .5d0, 3.")),
+    ):
+        (tmp_path / f"{name}.inp").write_text(text)
+    found = [load_mesh(tmp_path / f"{name}.inp", volume="Tip").p for name in "ED"]
+    np.testing.assert_array_equal(*found)
+
+
 def test_a_deck_that_includes_itself_is_refused(tmp_path):
     (tmp_path / "block.inp").write_text(deck() + "*INCLUDE, INPUT=part.inp\n")
     (tmp_path / "part.inp").write_text("*INCLUDE, INPUT=block.inp\n")

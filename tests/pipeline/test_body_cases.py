@@ -456,6 +456,22 @@ def test_a_coarser_mesh_that_is_none_is_refused_with_both_numbers_of_elements(me
         run_macro(load_case(write_scene(meshes, BEAM, given)), meshes / "found.nc")
 
 
+def test_six_tetrahedra_count_as_one_hexahedron_of_a_coarser_mesh(meshes):
+    size = (LONG, WIDE, HIGH)
+    ends = {"left": lambda x: x[0] < 1e-9, "right": lambda x: x[0] > LONG - 1e-9}
+    write_body(meshes / "fine.msh", box_mesh(size, (4, 2, 2)))  # 16 elements
+    coarse = box_mesh(size, (2, 1, 1)).to_meshtet()  # 12 elements, twice as large
+    write_body(meshes / "tetrahedra.msh", coarse.with_boundaries(ends))
+    given = ('"housing.msh"', '"fine.msh"\ncoarser = "tetrahedra.msh"')
+    bodies = load_case(write_scene(meshes, BEAM, given)).structure
+    bodies.bodies[0].check_coarser()
+    assert list(bodies.coarser()) == pytest.approx([2.0])
+
+    other = [('"housing.msh"', '"tetrahedra.msh"\ncoarser = "fine.msh"')]
+    with pytest.raises(CaseError, match=r"has 16 elements and its mesh 12, .* takes at most 1;"):
+        load_case(write_scene(meshes, BEAM, *other)).structure.bodies[0].check_coarser()
+
+
 ASPERITIES = """[structure.interfaces.asperities]
 density = "1e9 m^-2"
 radius = "0.1 mm"
