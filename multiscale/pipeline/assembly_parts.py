@@ -491,7 +491,7 @@ class NamedLoad(Settings):
 
 def n_tetrahedra(mesh: "Mesh") -> int:
     """Count tetrahedra of about the size of the elements: six fill a hexahedron."""
-    return mesh.nelements * (1 if mesh.t.shape[0] == 4 else 6)
+    return int(mesh.nelements) * (1 if mesh.t.shape[0] == 4 else 6)
 
 
 def _at_time(

@@ -96,6 +96,13 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
     names = [file.stem for file in draw_granulate(result, tmp_path / "figures")]
     assert "biaxial_curve" in names
 
+    free = result.assign(stress=0.0 * result["stress"])
+    assert "so that no stress ratio q/p is known" in " ".join(GRAINS.summary(free).answer)
+    loosened = result.assign(stress=result["stress"].where(result["step"] < 2, 0.0))
+    told = " ".join(GRAINS.summary(loosened).answer)
+    assert "last, before the cell bears nothing" in told
+    assert "nan" not in told
+
 
 def test_steps_in_which_pressed_grains_would_pass_each_other_are_refused(tmp_path):
     text = (SCENES / "biaxial.toml").read_text(encoding="utf-8")
@@ -161,3 +168,5 @@ def test_the_pressure_on_the_plate_is_the_pressure_of_the_scene(tmp_path):
     np.testing.assert_allclose(result["plate_slip"], 0.1 * result["time"])
     answer = GRAINS.summary(result).answer
     assert "the stress of steady sliding is not known below 3" in answer[1]
+    apart = result.assign({name: 0.0 * result[name] for name in ("plate_shear", "plate_pressure")})
+    assert "so that no friction coefficient is known" in GRAINS.summary(apart).answer[0]

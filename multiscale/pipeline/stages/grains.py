@@ -125,6 +125,12 @@ def _say_plate(result: Dataset) -> Iterator[str]:
     """Report the shear stress of the second half of the motion, and its ratio to the pressure."""
     shear, *ends = (1e-3 * value for value in _late(result, "plate_shear", 0.5))
     pressure = 1e-3 * _late(result, "plate_pressure", 0.5)[0]
+    if not pressure > 0.0:
+        yield (
+            "In the second half of the motion the grains bear no load of the plate, so that no "
+            "friction coefficient is known; start with denser grains, or take a longer duration."
+        )
+        return
     yield (
         f"In the second half of the motion the layer bears a mean shear stress of {shear:.3g} kPa "
         f"({ends[0]:.3g} to {ends[1]:.3g} kPa in single steps) under a pressure of "
@@ -142,11 +148,22 @@ def _say_cell(result: Dataset) -> Iterator[str]:
     """Report the largest and the last stress ratio of a strained cell, and its change of volume."""
     curve = granulate.biaxial_curve(result)
     ratio, strain = curve["stress_ratio"].to_numpy(), 100.0 * curve["axial_strain"].to_numpy()
-    peak, volume = int(np.nanargmax(ratio)), 100.0 * float(curve["volumetric_strain"][-1])
-    yield (
-        f"The stress ratio q/p is at most {ratio[peak]:.3g}, at an axial strain of "
-        f"{strain[peak]:.2g} %, and {ratio[-1]:.3g} at the end, at {strain[-1]:.2g} %."
+    volume, known = (
+        100.0 * float(curve["volumetric_strain"][-1]),
+        np.flatnonzero(np.isfinite(ratio)),
     )
+    if known.size:
+        peak, last = known[np.argmax(ratio[known])], known[-1]
+        end = "at the end" if last == ratio.size - 1 else "last, before the cell bears nothing"
+        yield (
+            f"The stress ratio q/p is at most {ratio[peak]:.3g}, at an axial strain of "
+            f"{strain[peak]:.2g} %, and {ratio[last]:.3g} {end}, at {strain[last]:.2g} %."
+        )
+    else:
+        yield (
+            "The cell bears no stress in any step, so that no stress ratio q/p is known; start "
+            "with denser grains, or compress the cell more."
+        )
     changed = "compacted" if volume > 0.0 else "dilated"
     yield f"By then the cell has {changed} by {abs(volume):.2g} %."
 
