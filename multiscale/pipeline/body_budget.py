@@ -117,9 +117,12 @@ UNKNOWN_LOSS = (
 )
 
 
-NO_BUDGET = (
+UNKNOWN_LAW = (
     "intervals do not count the error of the law of interface {number}, which is not known: take "
-    "the law of a run, or state law_error of a table, or half-widths of values, as in "
+    "the law of a run"
+)
+NO_BUDGET = (
+    f"{UNKNOWN_LAW}, or state law_error of a table, or half-widths of values, as in "
     'friction = "0.2 +- 10 %"'
 )
 

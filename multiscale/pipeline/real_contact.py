@@ -10,7 +10,7 @@ from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.units import readable
 from multiscale.upscaling import Dependence, area_from_dataset, cell_share
-from multiscale.upscaling.budget import ERROR_TERMS
+from multiscale.upscaling.budget import ERROR_TERMS, has_budget
 from multiscale.upscaling.reading import TABLE
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "contact_dependence",
     "negative_gap",
     "real_pressure",
+    "unknown_cells",
     "with_contact",
     "with_interface_contact",
     "with_real_pressure",
@@ -117,6 +118,12 @@ def negative_gap(gap: np.ndarray, law: Dataset) -> list[str]:
     ]
 
 
+def unknown_cells(law: Dataset) -> list[str]:
+    """Report that a law with the error of cells lacks their size; nothing if it is of a table."""
+    of_cells = has_budget(law) and law.attrs.get("family") != TABLE
+    return ["The law does not say how large its cells were."] if of_cells else []
+
+
 def with_contact(result: Dataset, law: Dataset) -> Dataset:
     """Return the result of rough joints with their real contact, and facts about the cells.
 
@@ -129,7 +136,7 @@ def with_contact(result: Dataset, law: Dataset) -> Dataset:
         edge = min(np.sqrt(area[number == joint].sum()) for joint in np.unique(number))
         facts.append(cell_share(float(law.attrs["cell_size"]), float(edge)))
     else:
-        facts.append("The law does not say how large its cells were.")
+        facts += unknown_cells(law)
     joints = np.unique(result["point_joint"].to_numpy()).size
     carried, touching = _carried(result, [law] * joints).sum(axis=2)
     if not np.isnan(touching).all():

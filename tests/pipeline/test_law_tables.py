@@ -5,10 +5,17 @@ import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
+from multiscale.io import save_law
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.rows import tabulate_budget
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.upscaling import add_budgets, law_from_dataset, read_law
+from multiscale.upscaling import (
+    add_budgets,
+    fit_law,
+    law_from_dataset,
+    read_law,
+    read_observations,
+)
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, assemble_budget, unknown_terms
 from multiscale.upscaling.budget_terms import STATED, Term
 from tests.support import write_body, write_law, write_scene
@@ -172,6 +179,20 @@ def test_the_error_of_a_table_is_unknown_if_it_is_not_stated(folder):
     found = solve(folder, BLOCKS, ('law_error = "10 %"', ""))
     assert "joint_stiffness_mean_law" not in found
     assert "the error of a table is not known" in found.attrs["cautions"]
+    assert "not count the error of the law of interface" not in found.attrs["cautions"]
+    assert "cells" not in found.attrs["facts"]
+
+
+def test_the_error_of_a_law_of_measurements_is_unknown_in_blocks(folder):
+    rows = [f"{p}, {k * p**0.5}, {k}" for k in (3, 4) for p in (0.5, 1, 2, 4, 8, 16, 32)]
+    text = "pressure (MPa), stiffness (MPa/um), specimen\n" + "\n".join(rows)
+    (folder / "stiffness.csv").write_text(text)
+    seen = read_observations(folder / "stiffness.csv", "normal_stiffness")
+    save_law(fit_law(seen), folder / "measured.nc")
+    found = solve(folder, BLOCKS, ('"table.csv"\nlaw_error = "10 %"', '"measured.nc"'))
+    assert "joint_stiffness_mean_law" not in found
+    assert "not count the error of the law of interface 0, which is not" in found.attrs["cautions"]
+    assert "cells" not in found.attrs["facts"]
 
 
 def test_bodies_close_by_the_table(folder):

@@ -12,6 +12,7 @@ from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.body_budget import UNKNOWN_LAW
 from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.joint_answers import STIFFNESSES
@@ -20,6 +21,7 @@ from multiscale.pipeline.real_contact import (
     contact_dependence,
     negative_gap,
     real_pressure,
+    unknown_cells,
 )
 from multiscale.pipeline.rows import (
     joint_unit,
@@ -68,6 +70,7 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.budget import has_budget
 from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.reading import TABLE
 
 __all__ = ["ANSWERS", "JOINT", "budget_sections", "of_stiffness", "solve_joint"]
 
@@ -144,9 +147,11 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     areas |= beside(result["interface_stiffness"].to_numpy())
     areas = {name: np.where(kept, value, np.nan) for name, value in areas.items()}
     law, cautions, share = _compare(case, blocks.width, law)
+    if not has_budget(law) and law.attrs.get("family") != TABLE:  # whose caution it has already
+        cautions = [*cautions, UNKNOWN_LAW.format(number=0)]
     result = MACRO_RESULT.assign(with_cautions(result, *cautions), areas)
     below = negative_gap(result["mean_gap"].to_numpy(), law)
-    facts = [*behaviour(law), share, *below, *_tangential_facts(law, ratio)]
+    facts = [*behaviour(law), *share, *below, *_tangential_facts(law, ratio)]
     result = result.assign_attrs(title=case.title, facts="\n".join(facts))
     steps = np.flatnonzero(kept & (result["known"].values == 1))
     if not steps.size or not has_budget(law):
@@ -206,21 +211,21 @@ def _tangential_facts(law: Dataset, ratio: float | None) -> list[str]:
     ]
 
 
-def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[str], str]:
-    """Compare the cells of a law with the width of the joint, m: law, cautions, and a fact.
+def _compare(case: Case, width: float, law: Dataset) -> tuple[Dataset, Sequence[str], list[str]]:
+    """Compare the cells of a law with the width of the joint, m: law, cautions, and facts.
 
     The budget of a law from a file, which is the budget of another joint, is changed to this one.
     """
     if case.has_cells:
         scales = joint_scales(case)
-        return law, scales.cautions if scales else (), cell_share(max(case.cell.size), width)
+        return law, scales.cautions if scales else (), [cell_share(max(case.cell.size), width)]
     of_file = [f"its law: {one}" for one in list_cautions(law)]
     if not {"longest_wave", "cell_size"} <= set(law.attrs):
-        return law, of_file, "The law does not say how large its cells were."
+        return law, of_file, unknown_cells(law)
     wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
     scales = compare_scales(wave, cell, width)
     known = with_scales(law, scales) if "cell_scatter" in law else law
-    return known, [*of_file, *scales.cautions], cell_share(cell, width)
+    return known, [*of_file, *scales.cautions], [cell_share(cell, width)]
 
 
 def _unloading_stiffness(law: Dataset, result: Dataset) -> dict[str, np.ndarray]:
