@@ -82,6 +82,9 @@ ROUNDING = 1e-9
 FOUR_DIGITS = 5e-4
 """Relative error below which an answer has four digits if a term of its error is not known."""
 
+SLIDING = ("slipping_load", "cycle_slip")
+"""Answers that are shares of the contact force at sliding."""
+
 LOWER_BOUND = " + ?"
 """Stands behind errors and intervals that lack a term that is not known: they are lower bounds."""
 
@@ -224,6 +227,8 @@ def _value(step: Dataset, name: str, scale: float) -> str:
         half = 0.5 * float(np.ptp(step[f"{name}_mean_law"].values))
     if _bound(step, name) and half < FOUR_DIGITS * abs(value):
         half = 0.0
+    if name in SLIDING and value < NEGLIGIBLE:
+        return say_share(value)
     return round_by(scale * value, scale * half)
 
 
