@@ -151,7 +151,7 @@ def _cautions(
             else:
                 yield (
                     f"{share} more than a factor of {FAR_FACTOR:g} outside {range_}, {steps}; "
-                    f"press the cells at these pressures{further}"
+                    f"press the cells at these pressures, or state a law that holds there{further}"
                 )
         near = np.setdiff1d(np.flatnonzero(below[:, number] + above[:, number] > NEGLIGIBLE), lost)
         if near.size:

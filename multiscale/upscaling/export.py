@@ -192,10 +192,11 @@ def write_pressure_overclosure(
             f"two overclosures of the table differ by only {smallest:.1g} {length_unit}, less than "
             f"the {SMALLEST_STEP:g} that CalculiX keeps apart; use a smaller length_unit"
         )
+    count = int(dataset.attrs["n_realisations"])
     lines = [
         f"** pressure ({pressure_unit}), overclosure ({length_unit}) of a rough interface",
         f"** {dataset.attrs.get('title', 'interface law')}, {family}, "
-        f"{dataset.attrs['n_realisations']} realisations",
+        f"{count} realisation{'s' * (count > 1)}",
         f"** zero overclosure: mean planes {table.first_contact / length:.6g} {length_unit} apart",
         f"** from {low / pressure:.4g} to {high / pressure:.4g} {pressure_unit}, chords within "
         f"{100.0 * tolerance:g} % of the law",

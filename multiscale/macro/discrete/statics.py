@@ -31,7 +31,7 @@ __all__ = ["solve_static"]
 FindState = Callable[[np.ndarray, float, float], LinkState]
 """State from an initial displacement, its load factor, and the load factor to reach."""
 
-EXACT_HINT = "an exact analysis includes the geometric stiffness of the prestress"
+EXACT_HINT = "an exact analysis (exact = true) includes the geometric stiffness of the prestress"
 
 
 def solve_static(

@@ -121,10 +121,11 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "admissibility",
     )
     told, branches = law.attrs, told_branches(law).items()
+    count = int(told["n_realisations"])
     said = ", ".join(f"{branch} is {how}" for branch, how in branches)
     lines = [
         f"The law stands for the {response.attrs['bodies']}; it rests on "
-        f"{told['n_realisations']} realisations between {1e-6 * told['pressure_min']:.4g} and "
+        f"{count} realisation{'s' * (count > 1)} between {1e-6 * told['pressure_min']:.4g} and "
         f"{1e-6 * told['pressure_max']:.4g} MPa, {told['pressures_per_decade']:.2g} pressures a "
         f"decade.",
         f"{said[0].upper()}{said[1:]}.",

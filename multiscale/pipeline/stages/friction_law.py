@@ -99,6 +99,7 @@ def _needs(case: TyreCase) -> Needs:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     response, law = found[MICRO_RESPONSE.name], found[FRICTION_LAW.name]
     require_law(law, *LAW)
+    count = int(law.attrs["n_realisations"])
     values = law.attrs
     pressure = float(found[MACRO_RESULT.name]["preload"][0])
     bell = on_axes(plot_friction_bell, response, law, pressure)
@@ -106,7 +107,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "Friction law",
         [
             f"The law stands for {response.attrs['bodies']}; it rests on "
-            f"{values['n_realisations']} realisations between "
+            f"{count} realisation{'s' * (count > 1)} between "
             f"{1e-3 * values['pressure_min']:.4g} and "
             f"{1e-3 * values['pressure_max']:.4g} kPa.",
             f"At {values['reference_temperature'] - ZERO_CELSIUS:.4g} °C friction peaks at "

@@ -84,6 +84,7 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
     if laws:
         result = with_interface_contact(result, laws)
     result = _with_budget(result, ready, path, job)
+    result = result.assign_attrs(bodies=" ".join(one.name for one in bodies.bodies))
     tightening = result["factor"].to_numpy()[:, 0]
     bolts = list_bolts(result, tightening) if ready.parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
@@ -148,7 +149,9 @@ def _answer(result: Dataset) -> Iterator[str]:
     worst = int(np.nanargmax(stress))
     where = ""
     if len(np.unique(result["element_body"])) > 1:
-        where = f", in body {int(result['element_body'][worst])}, counted from 0"
+        body = int(result["element_body"][worst])
+        called = str(result.attrs.get("bodies", "")).split()
+        where = f", in {called[body] if called else f'body {body}, counted from 0'}"
     yield (
         f"At step {int(last['path_step'])} {way}the largest mean stress of an element is "
         f"{1e-6 * stress[worst]:.4g} MPa (von Mises){where}."
