@@ -93,7 +93,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
     real = {"real_pressure": joints} if "real_pressure" in result else {}
     level, amplitude = np.zeros((2, 0), dtype=int)
     if "cycle_loss" in result and result["converged"].to_numpy().all():
-        level, amplitude = np.nonzero(np.isfinite(result["cycle_loss"].to_numpy()))
+        level, amplitude = np.nonzero(result["cycle_loss"].to_numpy() > 0.0)  # others do not slip
     cycles = None
     if level.size:
         cycles = CycleAnswers(
@@ -106,7 +106,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
             substructures.FEW_STEPS,
         )
     ended = bool(level.size) and bool(known[-1])
-    ended = ended and bool(np.isfinite(result["cycle_loss"].to_numpy()[-1, -1]))
+    ended = ended and bool(result["cycle_loss"].to_numpy()[-1, -1] > 0.0)
 
     def place(result: Dataset, budget: Dataset) -> Dataset:
         """Give cycles their intervals, by their numbers, and the last step the last cycle."""
@@ -150,7 +150,7 @@ def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
     known, last = result["known"].to_numpy() == 1, np.array([result.sizes["step"] - 1])
     lost = result["cycle_energy"].to_numpy() if "cycle_energy" in result else np.full(1, np.nan)
     cycles = None
-    if rise and known[-1] and np.isfinite(lost[-1]):
+    if rise and known[-1] and lost[-1] > 0.0:
         share = result["slipping_load"].to_numpy()[-2:]
         slope = np.full(1, np.nan)
         if rise > 1 and share.min() > 0.0:

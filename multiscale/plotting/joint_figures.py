@@ -265,7 +265,7 @@ def plot_hysteresis(result: Dataset, *, ax: Axes | None = None) -> Axes:
     back, forth = slip[last:][:half], slip[last:][half - 1 :][::-1]
     middle, width = 0.5 * (back + forth), 0.5 * (forth - back)
     for kind, alpha in BANDS.items():
-        if f"cycle_energy_{kind}" not in result or np.isnan(loss):
+        if f"cycle_energy_{kind}" not in result or not loss > 0.0:
             continue
         low, high = result[f"cycle_energy_{kind}"].values[:, -1] / loss
         style: dict[str, Any] = {"color": "C0", "alpha": alpha, "linewidth": 0}
@@ -298,6 +298,8 @@ def plot_amplitudes(
     shear, low = 1e-6 * result["cycle_shear"].values, np.inf
     for level, preload in enumerate(1e-6 * result["cycle_preload"].values):
         value, colour = scale * result[quantity].values[level], f"C{level}"
+        if quantity == "cycle_loss":  # cycles without slip have no place on logarithmic axes
+            value = np.where(value > 0.0, value, np.nan)
         if not np.isfinite(value).any():
             continue
         for kind, alpha in BANDS.items():
@@ -345,7 +347,7 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
         draw["joint_stiffness"] = partial(plot_joint_stiffness, result)
     if "cycle_loss" in result:
         for name in ("secant_stiffness", "cycle_loss"):
-            if np.isfinite(result[name].values).sum(axis=1).max() > 1:  # one amplitude is no line
+            if (result[name].values > 0.0).sum(axis=1).max() > 1:  # one amplitude is no line
                 draw[name] = partial(plot_amplitudes, result, quantity=name)
     return draw
 

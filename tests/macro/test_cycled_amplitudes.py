@@ -33,6 +33,14 @@ def test_the_work_is_exact_where_slip_grows_as_the_square_of_the_shear(steps):
     np.testing.assert_allclose(cycle_work(amplitude, loop), 4.0 / 3.0 * 2e-21 * amplitude**3)
 
 
+def test_the_work_of_an_elastic_cycle_is_no_rounding():
+    shear = 1e6 * np.append(1.0, closed_cycle(4))
+    noise = 1.0 + 1e-13 * np.random.default_rng(seed=3).standard_normal(shear.size)
+    assert cycle_work(1e6, shear / 1e13 * noise) == 0.0
+    slip = 1e-6 * masing(1e6, 4) + shear / 1e13  # loses 1e-8 of the work and more
+    assert cycle_work(1e6, slip) == pytest.approx(1e-6 * 4.0 / 3.0 * 2e-21 * 1e18, rel=1e-6)
+
+
 @pytest.fixture(scope="module")
 def blocks():
     law = Sliders(Exponential(1e9, 0.2e-6), 0.3, pressures=(1e6, 1e8), slabs=48)

@@ -450,6 +450,23 @@ def test_a_coarser_mesh_tells_the_error_of_the_mesh_whatever_else_is_known(meshe
     assert "unknown" not in found.attrs.get("cautions", "")
 
 
+def test_cycles_without_slip_lose_nothing_whatever_their_rounding(meshes):
+    write_body(meshes / "coarse.msh", box_mesh((LONG, WIDE, HIGH), (1, 1, 1)))
+    given = ('"housing.msh"', '"housing.msh"\ncoarser = "coarse.msh"')
+    cycles = '[cycles]\nload = "lift"\ncycles = 2\nsteps = 3\n'
+    found = run_macro(load_case(write_scene(meshes, BEAM + cycles, given)), meshes / "found.nc")
+    np.testing.assert_array_equal(found["cycle_energy"], 0.0)
+    assert "cycle 1: 0 mJ lost" in "\n".join(LOADED_BODIES.lines(found))
+
+    linear = '[structure.interfaces.linear]\nstiffness = "1e13 Pa/m +- 10 %"\n'
+    cycles = cycles.replace("lift", "pull")
+    steps = ("{ press = 1 }, { pull = 1 }", "{ press = 1 }")
+    strong = ("friction = 0.2", "friction = 9.0")
+    found = solve(meshes, (STATED, linear), steps, strong, more=cycles)
+    np.testing.assert_array_equal(found["interface_energy"], 0.0)
+    assert np.isfinite(found["load_stiffness_mean_law"].sel(load="pull")).any()
+
+
 def test_a_coarser_mesh_that_is_none_is_refused_with_both_numbers_of_elements(meshes):
     given = ('"housing.msh"', '"housing.msh"\ncoarser = "housing.msh"')
     with pytest.raises(CaseError, match="of housing has 6 elements and its mesh 6, and the error"):

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["closed_cycle", "cycle_work", "find_cycles", "to_and_fro", "with_amplitudes"]
 
+ROUNDING = 1e-9
+"""Loss of a cycle, relative to the amplitude of its load times its displacement, that is zero."""
+
 
 def to_and_fro(steps: int, cycles: int) -> np.ndarray:
     """Rise to 1 in some steps, then closed cycles to -1 and back."""
@@ -61,14 +64,17 @@ def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.nd
             - \oint q\, \mathrm{d}\tau    \tag{1}
 
         by Simpson's rule on both branches, which is exact where slip grows as the square of the
-        shear from the last reversal, as it does while it is small.
+        shear from the last reversal, as it does while it is small. A work below 1e-9 of the
+        amplitude times the range of q is rounding, and zero.
     """
     half = displacement.shape[-1] // 2
     weight = np.ones(half + 1)
     weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
     back, forth = displacement[..., : half + 1], displacement[..., half:]
     enclosed = 2.0 / (3.0 * half) * np.asarray(amplitude) * ((back - forth) @ weight)
-    return np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)
+    work = np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)
+    rounding = ROUNDING * np.abs(amplitude) * np.ptp(displacement, axis=-1)
+    return np.where(np.abs(work) < rounding, 0.0, work)
 
 
 def with_amplitudes(
@@ -117,8 +123,8 @@ def with_amplitudes(
         secant[level] = np.where(kept, 2.0 * top / apart, np.nan)
         reached = state["slipping_load"][first:].reshape(along.shape)[:, -1]
         slip[level] = np.where(kept, reached, np.nan)
-        scale = loss[level] / (lost @ result["point_area"].values)  # of first order in the step
-        density[level] = scale[:, None] * lost
+        slipped = lost @ result["point_area"].values  # of first order in the step
+        density[level] = (loss[level] / np.where(slipped > 0.0, slipped, 1.0))[:, None] * lost
         if not kept.all():
             why = run.attrs.get(
                 "failure",
