@@ -82,13 +82,17 @@ class Crack(Pore):
     _point = field_validator("normal")(read_direction)
 
 
+LARGEST_SPREAD = 2.0
+"""Largest spread of radii: 95 % of them lie between a fiftieth and fifty times the median."""
+
+
 class RecipeSettings(Settings):
     """Statistics of random volumes."""
 
     porosity: Factor = Field(0.0, description="Volume fraction of spherical pores.")
     pore_radius: Length | None = Field(None, description="Median radius of the pores, m.")
     pore_spread: Factor = Field(
-        0.0, description="Standard deviation of the logarithm of their radii."
+        0.0, le=LARGEST_SPREAD, description="Standard deviation of the logarithm of their radii."
     )
     overlap: bool = Field(
         False, description="Whether pores may overlap, as they must above a porosity of about .38."
@@ -98,7 +102,7 @@ class RecipeSettings(Settings):
     )
     crack_radius: Length | None = Field(None, description="Median radius of the cracks, m.")
     crack_spread: Factor = Field(
-        0.0, description="Standard deviation of the logarithm of their radii."
+        0.0, le=LARGEST_SPREAD, description="Standard deviation of the logarithm of their radii."
     )
     crack_normal: Direction | None = Field(
         None, description="Normal of all cracks; evenly distributed directions if not given."

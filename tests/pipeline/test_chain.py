@@ -194,7 +194,7 @@ def test_a_forced_run_computes_every_stage_and_cell_anew(tmp_path, command):
         ),
         pytest.param(
             CELLS + BLOCKS + "[interface]\nfriction = 0.2",
-            r"\[interface\] has no key 'friction'; known keys: law, quick, extrapolate",
+            r"\[interface\] has no key 'friction'; known keys: law, law_error, quick, extrapolate",
             id="friction of even pressure",
         ),
         pytest.param(

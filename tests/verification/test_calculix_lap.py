@@ -84,7 +84,7 @@ def write_bodies(assembly, lower):
         places = 1e3 * mesh.p.T + [0.0, 0.0, z]
         lines.append("*NODE, NSET=N" + str(number))
         lines += [f"{i}, {x:.12g}, {y:.12g}, {z:.12g}" for i, (x, y, z) in enumerate(places, node)]
-        lines.append(f"*ELEMENT, TYPE=C3D8, ELSET=E{number}")
+        lines.append(f"*ELEMENT, TYPE=C3D8I, ELSET=E{number}")
         lines += [", ".join(map(str, [i, *(row + node)])) for i, row in enumerate(corners, element)]
         sides = np.sort(corners[:, FACES], axis=2).reshape(-1, 4)
         facets.append({})

@@ -56,7 +56,7 @@ def stacked_blocks(
         clamped = {"bottom": (0.0, 0.0, 0.0)}
         held = clamped if place == 0 else {"front": (None, 0.0, None)}
         load = {"top": (1.0, 0.0, _preload(-1.0))} if place == count - 1 else {}
-        bodies.append(Body(mesh, material, supports=held, tractions=load))
+        bodies.append(Body(mesh, material, supports=held, tractions=load, bends=True))
     interfaces = [Interface((i, i + 1), ("top", "bottom"), law) for i, law in enumerate(laws)]
     area = size[0] * size[1]
     return Assembly(tuple(bodies), tuple(interfaces), TIMES, (area, area))
@@ -94,6 +94,7 @@ def lap_joint(
         materials[0],
         supports={"end": (0.0, 0.0, 0.0)},
         tractions={} if shank else {"washer": (0.0, 0.0, _preload(1.0))},
+        bends=True,
     )
     pressed = {} if shank else {"washer": (0.0, 0.0, _preload(-1.0))}
     above = Body(
@@ -101,6 +102,7 @@ def lap_joint(
         materials[1],
         supports={"end": (None, 0.0, 0.0)},
         tractions=pressed | {"end": (1.0, 0.0, 0.0)},
+        bends=True,
     )
     interface = Interface((0, 1), ("joint", "joint"), law)
     areas = (_area(above, "washer"), shape.width * shape.thickness)
