@@ -127,13 +127,13 @@ def test_a_lap_joint_of_plates_meshed_apart_is_the_one_that_matches():
     apart = replace(alike[0], bodies=(lower, upper))
     assert lower.mesh.p.shape != upper.mesh.p.shape
     results = [load_joint(one, loading, method=AssembledNewton()) for one in (*alike, apart)]
-    # with elements of half this size the approach is .417, .433 and .434 um, and of none .44 um
+    # with elements of 3, 2, 1.5 and 1.2 mm the approach is .430, .429, .450 and .456 um: about .46
     for name, error in (("joint_stiffness", 1e-3), ("tangential_stiffness", 0.012)):
         coarse, fine, mixed = (one[name].item() for one in results)
         assert abs(mixed / coarse - 1.0) < error
         assert abs(mixed / fine - 1.0) < error
     coarse, fine, mixed = (one["approach"].item() for one in results)
-    assert abs(mixed - 0.44e-6) < abs(coarse - 0.44e-6)
+    assert abs(mixed - 0.46e-6) < abs(coarse - 0.46e-6)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from multiscale.errors import CaseError
 from multiscale.laws import Exponential
@@ -218,5 +219,7 @@ def test_the_law_of_cells_near_full_plastic_contact_has_their_gaps(soft_cells, h
 
 
 def test_a_negative_mean_gap_is_explained():
-    assert negative_gap(np.array([1e-6, 0.0])) == []
-    assert "points that a hardness cuts off overlap" in negative_gap(np.array([1e-6, -1e-9]))[0]
+    law = xr.Dataset()  # of cells
+    assert negative_gap(np.array([1e-6, 0.0]), law) == []
+    (sentence,) = negative_gap(np.array([1e-6, -1e-9]), law)
+    assert "points that a hardness cuts off overlap" in sentence
