@@ -77,13 +77,7 @@ class Solution:
 
 
 def check_limits(tolerance: float, max_iterations: int | None = None) -> None:
-    """Refuse limits with which no iteration can end as it should.
-
-    Raises
-    ------
-    CaseError
-        If the tolerance does not lie between 0 and 1, or the limit of iterations is below 1.
-    """
+    """Refuse limits with which no iteration can end as it should."""
     if not 0.0 < tolerance < 1.0:
         raise CaseError(f"tolerance is relative and must lie between 0 and 1, got {tolerance:g}")
     if max_iterations is not None and max_iterations < 1:
@@ -91,15 +85,7 @@ def check_limits(tolerance: float, max_iterations: int | None = None) -> None:
 
 
 def verdict(residuals: Sequence[float], tolerance: float, patience: float) -> Status | None:
-    """Return why an iteration should stop after its last residual, or ``None`` to continue.
-
-    Parameters
-    ----------
-    residuals : sequence of float, residuals of all iterations, at least one; dimensionless
-    tolerance : float, largest residual that counts as converged, dimensionless
-    patience : float
-        Iterations without a smaller residual after which the iteration counts as stalled.
-    """
+    """Return why an iteration should stop after its last residual, or ``None`` to continue."""
     if not isfinite(residuals[-1]):
         return Status.NOT_FINITE
     if residuals[-1] <= tolerance:

@@ -121,12 +121,7 @@ class Needs:
 
 
 def join_needs(parts: Iterable[Needs]) -> Needs:
-    """Join the needs of stages that run one after another: the largest memory counts.
-
-    Parameters
-    ----------
-    parts : iterable of Needs
-    """
+    """Join the needs of stages that run one after another: the largest memory counts."""
     parts = list(parts)
     return Needs(
         unknowns_per_contact=max(part.unknowns_per_contact for part in parts),

@@ -54,21 +54,6 @@ def _registry() -> "pint.UnitRegistry[Any]":
 def to_si(text: object, unit: str) -> float:
     """Convert a quantity such as ``"0.8 um"`` to a float in an SI unit.
 
-    Parameters
-    ----------
-    text : str
-        Number and unit. A number without a unit is accepted only if ``unit`` is ``"1"``.
-    unit : str, the SI unit of the result, for instance ``"m"`` or ``"Pa"``
-
-    Returns
-    -------
-    float, the number in ``unit``
-
-    Raises
-    ------
-    CaseError
-        If the unit is missing, unknown or of another dimension, or the number is not finite.
-
     Examples
     --------
     >>> to_si("0.8 um", "m")
@@ -110,11 +95,6 @@ def to_si(text: object, unit: str) -> float:
 
 def to_lengths(text: str) -> tuple[float, ...]:
     """Convert one or two edge lengths to m.
-
-    Raises
-    ------
-    CaseError
-        If the text has no or more than two lengths.
 
     Examples
     --------
@@ -195,11 +175,6 @@ def _largest(values: Iterable[float], units: tuple[Unit, ...], least: float) -> 
 
 def readable(value: object) -> str:
     """Format a value for reading, a quantity with a prefix for a short number.
-
-    Parameters
-    ----------
-    value : object
-        A text such as ``"2000000.0 Pa"`` gets a prefix; other values are written unchanged.
 
     Examples
     --------

@@ -61,17 +61,7 @@ def rigid_bodies(
     forces: np.ndarray,
     friction: float | np.ndarray,
 ) -> RigidBodies:
-    """Assemble bodies in space that are at rest.
-
-    Parameters
-    ----------
-    masses : ndarray, shape (bodies,), kg
-    inertias, centres : ndarray, shape (bodies, 3)
-        Principal moments about the axes of space, kg m², and centres of mass, m.
-    contacts : sequence of Touch
-    forces : ndarray, shape (bodies, 6), forces and moments, N and N m, for one :data:`TIME_STEP`
-    friction : float or ndarray, shape (contacts,), friction coefficient, 1
-    """
+    """Assemble bodies in space that are at rest."""
     n = len(masses)
     rows, columns, values = list[int](), list[int](), list[float]()
     for c, (point, normal, above, below) in enumerate(contacts):
@@ -115,18 +105,7 @@ def box_stack(
     friction: float = 0.5,
     push: Callable[[np.ndarray, np.random.Generator], np.ndarray] = _push_each,
 ) -> RigidBodies:
-    """Make a stack of boxes with four corner contacts each, pushed sideways; hyperstatic.
-
-    Parameters
-    ----------
-    boxes : int
-    rng : Generator, source of sizes, shifts, masses and pushes
-    mass_ratio : float, mass of the heaviest box over the lightest one, the logarithm uniform
-    friction : float, friction coefficient, 1
-    push : callable
-        Lateral forces, N, shape (boxes, 2), of masses, kg. Some stacks stick, some slide, some tip
-        over.
-    """
+    """Make a stack of boxes with four corner contacts each, pushed sideways; hyperstatic."""
     masses = mass_ratio ** rng.uniform(0.0, 1.0, boxes)
     sides = rng.uniform(0.6, 1.4, (boxes, 3))
     base = np.concatenate([[0.0], np.cumsum(sides[:-1, 2])])

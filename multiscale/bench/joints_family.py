@@ -107,15 +107,7 @@ WARM_UP = JointScene(1.0, 0.2, 0.2, 1.4e6, 1, (2, 2, 1))
 
 
 def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
-    """Solve a scene step by step and compare indicator and true error in every iteration.
-
-    Returns
-    -------
-    list of list of dict
-        For each step and iteration ``iterations``, ``wall_time`` (s), true ``error`` relative to
-        the solution, and ``effectivity``, the indicator over the true error, down to errors of
-        1e-7.
-    """
+    """Solve a scene step by step and compare indicator and true error in every iteration."""
     problem = scene.cut()
     method = Latin(problem)
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)

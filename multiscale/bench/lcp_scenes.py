@@ -11,20 +11,7 @@ __all__ = ["condensed", "granular", "loaded_column", "membrane", "p_matrix", "te
 def granular(
     grains: int, *, mass_ratio: float = 1.0, contacts_per_grain: float = 3.3, seed: int = 0
 ) -> tuple[csr_array, csr_array, np.ndarray]:
-    """Make frictionless contacts between near neighbours in space that move together.
-
-    Parameters
-    ----------
-    grains : int, at least 8
-    mass_ratio : float, mass of the heaviest grain over the lightest one, the logarithm uniform
-    contacts_per_grain : float, mean number of contacts; more than 3 are redundant
-    seed : int
-
-    Returns
-    -------
-    mass, directions : csr_array, diagonal, kg, and normals (3 * grains, contacts), 1
-    velocity : ndarray, shape (contacts,), relative velocity without impulses, m/s; opening positive
-    """
+    """Make frictionless contacts between near neighbours in space that move together."""
     rng = np.random.default_rng(seed)
     position = rng.random((grains, 3)) * grains ** (1 / 3)
     near = cKDTree(position).query(position, k=8)[1][:, 1:]
@@ -83,11 +70,6 @@ def membrane(nodes: int, *, contrast: float = 1.0) -> tuple[csr_array, np.ndarra
     """Make a membrane on a wavy obstacle, with so many nodes along an edge, under a uniform load.
 
     Half of its cells, chosen at random, are ``contrast`` times as stiff as the others.
-
-    Returns
-    -------
-    matrix : csr_array, stiffness, N/m, a Z-matrix; the unknowns are heights above the obstacle, m
-    vector : ndarray, force that holds the membrane on the obstacle, N
     """
     n, rng = nodes, np.random.default_rng(seed=0)
     stiffness = np.where(rng.random((n + 1, n + 1)) < 0.5, 1.0, contrast)
@@ -115,10 +97,6 @@ def tensegrity(nodes: int, *, contrast: float = 1.0) -> tuple[np.ndarray, np.nda
 
     It has so many nodes along an edge; a quarter of its links, the bars, is ``contrast`` times as
     stiff.
-
-    Returns
-    -------
-    matrix, vector : ndarray, A, N/m, the unknowns are slacks, m; and tension without slack, N
     """
     n, rng = nodes, np.random.default_rng(seed=0)
     node = np.arange(n * n).reshape(n, n)

@@ -8,13 +8,6 @@ __all__ = ["common_reference", "extrapolate", "limit_of"]
 def extrapolate(values: np.ndarray, order: float | None = None) -> float:
     r"""Extrapolate a result, on grids each twice as fine as the one before, from its last three.
 
-    Returns
-    -------
-    float
-        :math:`v_3 + (v_3 - v_2) / (2^r - 1)`; ``nan`` if one of the three is. Without an order r it
-        is :math:`\log_2 (v_2 - v_1) / (v_3 - v_2)`, kept between 1 and 2, and 2 for values that
-        oscillate: their remaining error is small, and a wild order must not enlarge it.
-
     Examples
     --------
     >>> extrapolate(1.0 + 0.25 ** np.arange(3.0))
@@ -39,18 +32,6 @@ def limit_of(count: int, scene: str, answers: list[float]) -> tuple[float, float
 
 def common_reference(limits: np.ndarray, finest: np.ndarray) -> tuple[float, float]:
     """Choose among the limits of several codes, and say how far they are apart.
-
-    Parameters
-    ----------
-    limits, finest : ndarray, shape (codes,)
-        The limit of each code and what it found on its finest grid; ``nan`` if there is none.
-
-    Returns
-    -------
-    reference : float, the limit that was extrapolated least; ``nan`` if there is none
-    uncertainty : float
-        Largest distance of another limit from it, in the unit of the limits; ``nan`` with fewer
-        than two, because nothing checks a single one.
 
     Examples
     --------

@@ -55,12 +55,6 @@ def press_cell(
 ) -> ContactAnswer:
     """Press a flat cell, which is exact in depth, or a conforming one.
 
-    Parameters
-    ----------
-    geometry : {"flat", "conforming"}
-    surface : Surface, heights of the elastic body under a rigid flat, on a square cell
-    pressure, contact_modulus : float, mean pressure and contact modulus, Pa
-
     Notes
     -----
     The cell is as deep as its period, so that its base is not felt: it lowers the compliance of

@@ -68,19 +68,6 @@ def check_stability(
 ) -> Dataset:
     """Run cases in processes of their own, with one thread for kernels.
 
-    Parameters
-    ----------
-    cases : list of StabilityCase
-    jobs : int, number of processes at a time
-    report : callable, gets a line after each case
-    keep : callable
-        Gets the dataset of all cases so far after each case, so that a killed run leaves it.
-
-    Returns
-    -------
-    Dataset
-        Follows ``STABILITY``; the attribute ``cases`` is the number of all cases, also on the way.
-
     Notes
     -----
     A case has *converged* if the residual that is verified in its answer is within its tolerance.

@@ -24,18 +24,6 @@ def joint_faults(
 ) -> float:
     r"""Measure the distance of tractions and jumps from bodies and law.
 
-    Parameters
-    ----------
-    whole : Assembled, the bodies
-    law : Sliders, law of all joints
-    steps : iterable of (ndarray, ndarray, ndarray)
-        Load factors of a step, jumps :math:`y` (m) and tractions :math:`t` (Pa), shape (points, 3).
-    stiffness : float, ratio k of the size of the tractions to the size of the jumps, Pa/m
-
-    Returns
-    -------
-    float, largest fault of all steps and points, Pa
-
     Notes
     -----
     Errors are backward ones, as the jumps of a law that is much stiffer than the bodies do not tell

@@ -104,16 +104,7 @@ def solve_grid(system: LinkSystem, load_factor: float, method: GridMethod) -> Gr
 
 
 def verify(system: LinkSystem, load_factor: float, answer: GridAnswer) -> float:
-    r"""Measure from the data alone how far an answer is from equilibrium and from the link laws.
-
-    Returns
-    -------
-    float
-        The larger one of the largest force out of balance, :math:`|\alpha F^d - B^T \tau|`, (7) of
-        the source, relative to the largest nodal load, and the largest misfit
-        :math:`|\tau - P(\tau^0 + k B u)|` of (14) and (15), relative to the largest tension; zero
-        for a solution alone.
-    """
+    r"""Measure from the data alone how far an answer is from equilibrium and from the link laws."""
     B, free = compatibility(system), ~system.fixed
     lower, upper = system.bounds
     load, u, tension = load_factor * system.load[free], answer.displacement[free], answer.tension

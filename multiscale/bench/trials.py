@@ -190,21 +190,7 @@ def versions(*packages: str) -> str:
 
 
 def judge_by(truth: Callable[[str, list[float]], tuple[float, float]], *, count: str = "") -> Judge:
-    """Judge answers that are numbers, or samples of a number, by the truth.
-
-    Parameters
-    ----------
-    truth : callable
-        Gets a scene and the mean answers of its trials; returns the true answer, and its
-        uncertainty relative to it.
-    count : str, variable of ``WORK_PRECISION`` that a task returns after its number, if any
-
-    Returns
-    -------
-    callable
-        Error: root mean square over the samples; time: mean over them. NaN if the process died or
-        did not converge.
-    """
+    """Judge answers that are numbers, or samples of a number, by the truth."""
 
     def judge(scene: str, runs: Runs) -> Iterable[tuple[Trial, Columns]]:
         found = [

@@ -83,17 +83,6 @@ def time_step(model: Model) -> float:
 def settle(model: Model, duration: float, *, threads: int = 1) -> Settled:
     """Solve the fall of the grains of a deposit, from the same positions.
 
-    Parameters
-    ----------
-    model : Model, spheres of one size and density in a box that is open above
-    duration : float, s
-    threads : int
-
-    Raises
-    ------
-    ConvergenceError
-        If YADE stops without a result.
-
     Notes
     -----
     Contacts are linear springs of the stiffness E R with critical damping along the normal, which

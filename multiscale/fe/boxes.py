@@ -26,23 +26,6 @@ def box_mesh(
 ) -> "Mesh":
     """Mesh a box with equal hexahedra and name its faces.
 
-    Parameters
-    ----------
-    size : tuple of float, lengths along x, y and z, m
-    elements : tuple of int, number of elements along x, y and z
-    origin : tuple of float, corner with the smallest coordinates, m
-
-    Returns
-    -------
-    Mesh
-        Boundaries ``left`` and ``right`` (x), ``front`` and ``back`` (y), ``bottom`` and
-        ``top`` (z).
-
-    Raises
-    ------
-    CaseError
-        If a length or a number of elements is not positive.
-
     Examples
     --------
     >>> mesh = box_mesh((0.1, 0.1, 0.02), (4, 4, 2))
@@ -75,15 +58,7 @@ def box_mesh(
 def plane_block(
     size: tuple[float, float], profile: np.ndarray, *, upper: bool, lift: float = 0.0
 ) -> "Mesh":
-    """Mesh a rectangle, finest at its ``"face"``, which bulges by a periodic profile out of it.
-
-    Parameters
-    ----------
-    size : tuple of float, along the face and away from it to the ``"back"``, m
-    profile : ndarray, shape (n,), heights at n + 1 nodes of the face, the last as the first, m
-    upper : bool, whether it lies above the face, which is at y = 0 without a lift, or below
-    lift : float, by which it is moved up, m
-    """
+    """Mesh a rectangle, finest at its ``"face"``, which bulges by a periodic profile out of it."""
     from skfem import MeshQuad
 
     n, (L, H) = profile.size, size

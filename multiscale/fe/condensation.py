@@ -86,14 +86,7 @@ class CondensedStiffness:
 def condense(
     matrix: csr_array, parts: Split, factorise: Callable[[csr_array], Solve]
 ) -> CondensedStiffness:
-    """Condense a block-diagonal matrix.
-
-    Parameters
-    ----------
-    matrix : csr_array, shape (n, n), N/m; it need not be symmetric
-    parts : Split
-    factorise : callable, gives the solve with the matrix of the inside
-    """
+    """Condense a block-diagonal matrix."""
     rows, edge_rows = matrix[parts.inside], matrix[parts.edge]
     back, out = csr_array(rows[:, parts.edge]), csr_array(edge_rows[:, parts.inside])
     own = csr_array(edge_rows[:, parts.edge])
@@ -108,18 +101,6 @@ def condense_body(
     stiffness: csr_array, kept: np.ndarray, *, name: str = "the stiffness of the body"
 ) -> CondensedStiffness:
     """Condense the symmetric stiffness of one body onto some unknowns.
-
-    Parameters
-    ----------
-    stiffness : csr_array, shape (n, n), N/m
-    kept : ndarray of int
-        Unknowns, in the order of the rows of ``blocks[0]``, which is symmetric to the last bit.
-    name : str, what the matrix is, for the message
-
-    Raises
-    ------
-    MultiscaleError
-        If the body can move without force while the kept unknowns are held.
 
     Examples
     --------
@@ -137,16 +118,7 @@ def condense_body(
 def compliances(
     solve: Solve, faces: csr_array, start: np.ndarray | None = None
 ) -> list[np.ndarray]:
-    r"""Compute the compliance :math:`F_E K_E^{-1} F_E^T` of every body, symmetric to the last bit.
-
-    Parameters
-    ----------
-    solve : callable, inverse of the symmetric stiffness :math:`K` of all bodies side by side, m/N
-    faces : csr_array, shape (m, n)
-        Observed displacements, :math:`F`; its transpose spreads their forces.
-    start : ndarray of int, shape (bodies + 1,), optional
-        Rows of a body are ``start[E]`` to ``start[E + 1]``; one body if not given.
-    """
+    r"""Compute the compliance :math:`F_E K_E^{-1} F_E^T` of every body, exactly symmetric."""
     start = np.array([0, faces.shape[0]]) if start is None else start
     return [_symmetric(block) for block in _inverse_between(solve, faces, faces.T, start)]
 

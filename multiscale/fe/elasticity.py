@@ -23,19 +23,7 @@ __all__ = [
 
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
-    """Finite-element space of one displacement component.
-
-    Parameters
-    ----------
-    mesh : Mesh, any scikit-fem mesh
-    element : Element, optional
-        Any *scalar* element that fits the mesh, for instance ``ElementHex2()`` for 27 nodes.
-        The default has 8 nodes.
-
-    Returns
-    -------
-    CellBasis, its quadrature integrates the stiffness of undistorted elements exactly
-    """
+    """Finite-element space of one displacement component."""
     from skfem import Basis, ElementHex1, MeshHex
 
     element = element or ElementHex1()
@@ -48,19 +36,6 @@ def assemble_elasticity(
     basis: "CellBasis", lame: float | np.ndarray, shear: float | np.ndarray
 ) -> csr_array:
     r"""Assemble isotropic elasticity from Lamé's parameters.
-
-    Parameters
-    ----------
-    basis : CellBasis
-        Basis of a scalar element; d space dimensions, n unknowns per component. Two dimensions mean
-        plane strain.
-    lame, shear : float or ndarray, shape (elements,), :math:`\lambda` and :math:`\mu`, Pa
-
-    Returns
-    -------
-    csr_array, shape (d n, d n)
-        Symmetric stiffness, N/m. Component ``i`` of unknown ``a`` is row ``d a + i``, which is
-        also the numbering of ``ElementVector``.
 
     Notes
     -----
@@ -87,17 +62,7 @@ def assemble_elasticity(
 
 
 def assemble_mass(basis: "CellBasis", density: float) -> csr_array:
-    """Assemble the consistent mass of a body of even density.
-
-    Parameters
-    ----------
-    basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
-    density : float, kg/m3
-
-    Returns
-    -------
-    csr_array, shape (d n, d n), kg; rows are numbered as in :func:`assemble_elasticity`
-    """
+    """Assemble the consistent mass of a body of even density."""
     from skfem import BilinearForm
 
     scalar = BilinearForm(lambda u, v, w: density * u * v).assemble(basis)
@@ -107,23 +72,7 @@ def assemble_mass(basis: "CellBasis", density: float) -> csr_array:
 def elastic_matrix(
     basis: "CellBasis", law: Elastic | AnisotropicElastic, share: np.ndarray | None = None
 ) -> csr_array:
-    r"""Assemble the small-strain elasticity of a law.
-
-    Parameters
-    ----------
-    basis : CellBasis, basis of a scalar element, see :func:`displacement_basis`
-    law : Elastic or AnisotropicElastic
-        In plane strain the tensor is taken without its rows and columns along z.
-    share : ndarray, shape (elements,), optional
-        Share of the stiffness of every element that is left; 1 if not given.
-
-    Returns
-    -------
-    csr_array, shape (d n, d n)
-        As of :func:`assemble_elasticity`; for a tensor C the block of components i and j is
-
-        .. math:: K_{ij} = \int C_{ikjl}\, \partial_k v\, \partial_l u .    \tag{2}
-    """
+    r"""Assemble the small-strain elasticity of a law."""
     if isinstance(law, Elastic):
         lame, shear = lame_parameters(law.youngs_modulus, law.poissons_ratio)
         if share is None:
@@ -155,16 +104,6 @@ def mode_stiffness(
 
     is taken off the stiffness, with the Jacobian :math:`J` and its determinant j, :math:`J_0` and
     :math:`j_0` at the middle of the element.
-
-    Parameters
-    ----------
-    basis : CellBasis, of ``ElementHex1``
-    law, share
-        As of :func:`elastic_matrix`.
-
-    Returns
-    -------
-    csr_array, shape (3 n, 3 n), N/m, as of :func:`assemble_elasticity`
 
     References
     ----------

@@ -104,20 +104,7 @@ def elements_of_basis(basis: "CellBasis", *, mean_volume: bool) -> Elements:
 def element_response(
     elements: Elements, law: BulkLaw, displacement: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, csr_array, np.ndarray, float]:
-    """Compute internal force, tangent, new state and smallest volume ratio of a body.
-
-    Parameters
-    ----------
-    displacement : ndarray, shape (size,), m
-    state : ndarray, shape (n_state, elements, points), committed state
-
-    Returns
-    -------
-    force : ndarray, shape (size,), N (N/m in two dimensions)
-    tangent : csr_array, shape (size, size), N/m
-    state : ndarray, shape (n_state, elements, points), new state
-    smallest : float, smallest J; not positive if an element is turned inside out
-    """
+    """Compute internal force, tangent, new state and smallest volume ratio of a body."""
     G, w = elements.gradient, elements.weight
     d = G.shape[3]
     u = displacement[elements.unknowns].reshape(w.shape[0], -1, d)

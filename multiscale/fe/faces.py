@@ -22,20 +22,7 @@ ROUNDING = 1e-12
 def face_operator(
     basis: "CellBasis", boundary: str, *, order: int = 3
 ) -> tuple[csr_array, np.ndarray, np.ndarray]:
-    """Values of one displacement component at the quadrature points of a face.
-
-    Parameters
-    ----------
-    basis : CellBasis, of a scalar element
-    order : int, polynomial degree that the quadrature integrates exactly, per direction on a box
-
-    Returns
-    -------
-    operator : csr_array, shape (points, n)
-        Maps the unknowns of a component to its values, dimensionless.
-    weight : ndarray, shape (points,), quadrature weights, m² (m in two dimensions)
-    position : ndarray, shape (d, points), coordinates of the points, m
-    """
+    """Values of one displacement component at the quadrature points of a face."""
     from skfem import FacetBasis
 
     check_boundary(basis.mesh, boundary)
@@ -54,18 +41,6 @@ def face_operator(
 
 def face_areas(basis: "CellBasis", boundary: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r"""Area that every node of a face stands for: quadrature at the nodes.
-
-    Parameters
-    ----------
-    basis : CellBasis, of a scalar element of first order
-
-    Returns
-    -------
-    node, facet : ndarray of int, shape (corners,)
-        Unknown and facet, counted in the boundary, of every corner of a facet.
-    area : ndarray, shape (corners,)
-        :math:`\int \varphi` over the facet, with the shape function :math:`\varphi` of the
-        corner, m² (m in two dimensions).
 
     References
     ----------
@@ -89,16 +64,6 @@ def corner_integrals(
 
     They weigh displacements by the shape functions :math:`\psi` of the corners of the facet, which
     are positive, whatever the order of the shape functions :math:`N` of the nodes.
-
-    Parameters
-    ----------
-    basis : CellBasis, of a scalar element
-
-    Returns
-    -------
-    facet, corner, node : ndarray of int, shape (n,)
-        Facet, counted in the boundary, corner of the mesh and unknown of every integral.
-    integral : ndarray, shape (n,), m² (m in two dimensions)
     """
     from skfem import FacetBasis
 

@@ -78,16 +78,7 @@ def plane_axes(place: np.ndarray) -> np.ndarray:
 
 
 def nodal_normals(surface: ContactFace, x: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Average the facets around each node to unit normals, shape (n, d).
-
-    Parameters
-    ----------
-    surface : ContactFace, the surface
-    x : ndarray, shape (n, d), positions of its nodes, m
-    free : ndarray of bool, shape (n, d)
-        Components that may move. On a plane of symmetry half of the facets are missing; the
-        held component is taken out of the normal unless little of it were left.
-    """
+    """Average the facets around each node to unit normals, shape (n, d)."""
     normal = np.zeros_like(x)
     facet = facet_normals(x[surface.facets])
     for corner in surface.facets.T:

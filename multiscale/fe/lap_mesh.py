@@ -73,19 +73,6 @@ class LapShape:
 def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:
     """Mesh both plates by hexahedra; their faces match where they meet, at z = 0.
 
-    Parameters
-    ----------
-    shape : LapShape
-
-    Returns
-    -------
-    tuple of Mesh, lower and upper plate, boundaries ``joint``, ``washer`` and ``end``
-
-    Raises
-    ------
-    CaseError
-        If gmsh cannot be loaded.
-
     Notes
     -----
     One plane mesh of quadrilaterals covers the overlap and the rest of each plate. Each plate is

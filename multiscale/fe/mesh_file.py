@@ -23,13 +23,7 @@ FLAT = 1e-9
 
 
 def load_geometry(path: Path, element_size: float, *, scale: float, volume: str = "") -> "Mesh":
-    """Mesh a geometry of gmsh, a ``.geo`` file, by tetrahedra of a size, m; see :func:`load_mesh`.
-
-    Raises
-    ------
-    CaseError
-        If gmsh or :func:`load_mesh` refuses it.
-    """
+    """Mesh a gmsh ``.geo`` geometry by tetrahedra of a size, m; see :func:`load_mesh`."""
     try:
         made = mesh_geometry(read_text(path), element_size / scale)
     except CaseError as error:
@@ -112,15 +106,7 @@ FACES = ((0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (
 
 
 def _bend(mesh: "Mesh", cells: np.ndarray, middles: np.ndarray) -> "Mesh":
-    """Put nodes in the middle of edges, of faces and of elements where a file has them.
-
-    Parameters
-    ----------
-    cells : ndarray of int, shape (elements, corners), corners in the order of VTK
-    middles : ndarray, shape (3, elements, nodes)
-        Nodes of edges, then of faces and of the element; of hexahedra the nodes of edges alone may
-        be given.
-    """
+    """Put nodes in the middle of edges, of faces and of elements where a file has them."""
     from skfem import MeshHex2, MeshTet2
     from skfem.assembly import Dofs
 
@@ -188,17 +174,7 @@ def _check_elements(mesh: "Mesh", path: Path) -> None:
 
 
 def check_orientation(basis: "CellBasis") -> None:
-    """Refuse elements that are turned inside out, folded or without volume.
-
-    Parameters
-    ----------
-    basis : CellBasis, the Jacobians at its quadrature points decide
-
-    Raises
-    ------
-    CaseError
-        With the number of these elements and the place of the first.
-    """
+    """Refuse elements that are turned inside out, folded or without volume."""
     jacobian = np.asarray(basis.mapping.detDF(basis.X))
     volume = np.abs(jacobian).mean(axis=1)
     size = float(np.ptp(basis.mesh.p, axis=1).max()) ** basis.mesh.dim()

@@ -49,24 +49,7 @@ def couple(
     reach: float = np.inf,
     nodes: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[csr_array, csr_array]:
-    """Integrate (1) over the common area of two surfaces.
-
-    Parameters
-    ----------
-    facets : tuple of ndarray of int, shapes (facets, corners)
-        Oriented facets of side 1 and side 2, positions in ``positions``.
-    positions : tuple of ndarray, shapes (n, d), positions of the nodes of side 1 and side 2, m
-    reach : float, facets farther apart than this do not see each other, m
-    nodes : tuple of ndarray of int, shapes (facets, nodes), optional
-        Numbers of the nodes of displacements on the facets of side 1 and side 2, in three
-        dimensions; the corners if not given. The corners come first, then the middle of the edge
-        after each corner, then the middle of the facet, if it is a node.
-
-    Returns
-    -------
-    D : csr_array, shape (n1, nodes of side 1), m² (m in two dimensions)
-    M : csr_array, shape (n1, nodes of side 2), m² (m in two dimensions)
-    """
+    """Integrate (1) over the common area of two surfaces."""
     x1, x2 = positions[0][facets[0]], positions[1][facets[1]]
     normals, trial = (facet_normals(x1), facet_normals(x2)), facets if nodes is None else nodes
     if x1.shape[2] == 2:

@@ -6,18 +6,7 @@ __all__ = ["rigid_motions"]
 
 
 def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:
-    """Displacement of unknowns in three translations and three rotations about their middle.
-
-    Parameters
-    ----------
-    position : ndarray, shape (n, 3), m
-    component : ndarray of int, shape (n,)
-        0, 1 and 2 for displacements along x, y and z; larger for unknowns that do not move.
-
-    Returns
-    -------
-    ndarray, shape (n, 6), translations: dimensionless; rotations: m
-    """
+    """Displacement of unknowns in three translations and three rotations about their middle."""
     motions = np.zeros((component.size, 6))
     axes, moves = np.eye(3), component < 3
     x = position - position.mean(axis=0)

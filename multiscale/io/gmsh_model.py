@@ -17,13 +17,7 @@ __all__ = ["gmsh_model", "mesh_geometry", "write_whole_mesh"]
 
 @contextmanager
 def gmsh_model(name: str) -> Iterator[Any]:
-    """Open an empty model of gmsh, and keep the signal handlers of the process.
-
-    Raises
-    ------
-    CaseError
-        If gmsh cannot be loaded.
-    """
+    """Open an empty model of gmsh, and keep the signal handlers of the process."""
     try:
         import gmsh
     except (ImportError, OSError) as error:
@@ -79,18 +73,7 @@ def _silent() -> Iterator[None]:
 
 @lru_cache(maxsize=8)
 def mesh_geometry(script: str, element_size: float) -> bytes:
-    """Mesh a geometry in gmsh's script language; return a file in format 2.2 of gmsh.
-
-    Parameters
-    ----------
-    script : str, content of a ``.geo`` file, with physical surfaces and volumes
-    element_size : float, largest edge of an element, in units of the script
-
-    Raises
-    ------
-    CaseError
-        If gmsh cannot be loaded, or refuses the geometry.
-    """
+    """Mesh a geometry in gmsh's script language; return a file in format 2.2 of gmsh."""
     with TemporaryDirectory() as folder, gmsh_model("geometry") as gmsh:
         source, made = Path(folder) / "geometry.geo", Path(folder) / "geometry.msh"
         source.write_text(script, encoding="utf-8")
@@ -108,18 +91,7 @@ def mesh_geometry(script: str, element_size: float) -> bytes:
 
 
 def write_whole_mesh(path: Path, made: Path) -> None:
-    """Read a mesh by gmsh, and write all its elements in format 4.1 of gmsh.
-
-    Parameters
-    ----------
-    path : Path, a mesh in a format of gmsh: any other text would run as a script
-    made : Path, file that is written; every element has a group there, if need be without a name
-
-    Raises
-    ------
-    CaseError
-        If gmsh cannot be loaded, or refuses the mesh.
-    """
+    """Read a mesh by gmsh, and write all its elements in format 4.1 of gmsh."""
     with gmsh_model("mesh") as gmsh, _reasons(gmsh, "mesh"):
         with _silent():
             gmsh.merge(str(path))

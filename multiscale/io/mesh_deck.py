@@ -70,11 +70,6 @@ def read_deck(path: Path) -> NamedMesh:
     The faces of a surface of elements are added to the elements, as facets of first order; a
     surface of nodes is a set of nodes. Springs, masses and other elements without a shape are
     left out.
-
-    Raises
-    ------
-    CaseError
-        If an element, a set or a surface refers to nothing, or the deck has several parts.
     """
     blocks = list(_blocks(path))
     names = {name.upper(): name for block in blocks[::-1] for name in block.options.values()}

@@ -263,23 +263,7 @@ def newton_from_the_left(
     state: np.ndarray,
     start: np.ndarray,
 ) -> np.ndarray:
-    """Solve (1) by Newton's method from a start whose first or second iterate is left of the root.
-
-    Parameters
-    ----------
-    source, stiffness : ndarray, shape (d, ...), :math:`b`, Pa, and :math:`k`, Pa/m
-    state : ndarray, shape (n_state, ...), last committed state
-    start : ndarray, shape (...), initial normal jump, m
-
-    Returns
-    -------
-    ndarray, shape (d, ...), jump, m
-
-    Raises
-    ------
-    ConvergenceError
-        If :data:`TOLERANCE` is not reached, nor a step below the spacing of floating-point numbers.
-    """
+    """Solve (1) by Newton's method; the first or second iterate lies left of the root."""
     if not np.all(stiffness > 0.0):
         raise ValueError("the stiffness of a search direction must be positive (Pa/m)")
     k = stiffness[0]

@@ -10,22 +10,7 @@ __all__ = ["check_parameter"]
 def check_parameter(
     law: object, name: str, unit: str = "1", *, lowest: float | None = None
 ) -> None:
-    """Refuse a parameter of a law that is outside its range.
-
-    Parameters
-    ----------
-    law : object
-        Law with the parameter as an attribute: a number, or an array that broadcasts with the
-        arguments of the law.
-    name : str, name of the parameter
-    unit : str, unit of the parameter
-    lowest : float, optional, smallest allowed value; if not given, the parameter must be positive
-
-    Raises
-    ------
-    CaseError
-        If a value is below its range or not finite.
-    """
+    """Refuse a parameter of a law that is outside its range."""
     value = np.asarray(getattr(law, name), dtype=float)
     allowed = np.isfinite(value) & (value > 0.0 if lowest is None else value >= lowest)
     if allowed.all():

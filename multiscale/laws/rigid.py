@@ -85,16 +85,6 @@ class RigidContact(InterfaceLaw):
 def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -> np.ndarray:
     r"""Find the tangential traction on a search direction, no larger than a limit.
 
-    Parameters
-    ----------
-    drive, softness : ndarray, shape (2, ...)
-        :math:`d` and :math:`a \ge 0`; their ratio is a traction, Pa.
-    limit : ndarray, shape (...), limit :math:`\ell \ge 0`, Pa
-
-    Returns
-    -------
-    ndarray, shape (2, ...), traction :math:`t`, Pa
-
     Notes
     -----
     With the least :math:`\sigma \ge 0` that satisfies the limit,

@@ -136,13 +136,7 @@ def lay_side_by_side(
 def advance_state(
     law: InterfaceLaw, jump: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, Sliding]:
-    """State after a step of a joint, and what the step did.
-
-    Raises
-    ------
-    ConvergenceError
-        If the dissipation, work less the change of the energy stored, is negative at a point.
-    """
+    """State after a step of a joint, and what the step did."""
     account = law.sliding(jump, state)
     won, most = -account.dissipated.min(initial=0.0), account.stored.max(initial=0.0)
     if won > GAIN * most:

@@ -55,21 +55,7 @@ def data_ends(law: "InterfaceLaw") -> tuple[float, float, float]:
 def load_shares(
     pressure: np.ndarray, area: np.ndarray, data: tuple[float, ...] | np.ndarray
 ) -> np.ndarray:
-    """Return the shares of the load of an interface below, above and far outside the data.
-
-    Parameters
-    ----------
-    pressure : ndarray, shape (steps, points), Pa; NaN if a step has failed
-    area : ndarray, shape (points,), area of each point, m²
-    data : tuple of float or ndarray, shape (3,) or (steps, 3), see :func:`data_ends`
-
-    Returns
-    -------
-    ndarray, shape (3, steps)
-        Shares below the data, above them, and where the law is not valid: below the data by more
-        than a factor of ``FAR_FACTOR``, or above its limit; dimensionless, NaN if a step has
-        failed.
-    """
+    """Return the shares of the load of an interface below, above and far outside the data."""
     low, high, limit = np.moveaxis(np.asarray(data, dtype=float), -1, 0)[..., None]
     load = np.maximum(pressure, 0.0) * area
     total = np.sum(load, axis=1)
@@ -91,24 +77,7 @@ def with_load_shares(
     extrapolate: bool = False,
     loads: Sequence[str] = (),
 ) -> Dataset:
-    """Return a result with the shares of its load outside the data of the laws.
-
-    Parameters
-    ----------
-    result : Dataset, result of a structure; follows ``MACRO_RESULT``
-    shares : ndarray, shape (3, steps, interfaces), shares from :func:`load_shares`
-    data : ndarray, shape (interfaces, 3), see :func:`data_ends`, of every interface
-    extrapolate : bool, whether extrapolated answers are kept
-    loads : sequence of str, what loads each step, in words; its preload if not given
-
-    Returns
-    -------
-    Dataset
-        Result with the shares and ``known``, 0 if a step has failed or more than ``FAR_SHARE`` of
-        the load of an interface lies far outside: all answers of this step are NaN unless
-        ``extrapolate``. The attribute ``cautions`` has a line for each interface with load far
-        outside or outside the data.
-    """
+    """Return a result with the shares of its load outside the data of the laws."""
     known = np.all(shares[2] <= FAR_SHARE, axis=1)
     names = ("load_below", "load_above", "load_far")
     values = dict(zip(names, shares, strict=True)) | {"known": known.astype(int)}

@@ -79,16 +79,7 @@ def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np
 def go_on_along_law(
     law: InterfaceLaw, at: np.ndarray, jump: np.ndarray, stiffness: float, state: np.ndarray
 ) -> np.ndarray:
-    """Find the next jump (1) on the law, m.
-
-    Parameters
-    ----------
-    law : InterfaceLaw
-    at, jump : ndarray, shape (d, points)
-        Jump of the tangent, and jump of the bodies after a step with it, m.
-    stiffness : float, stiffness of the bodies per area, :math:`k`, Pa/m
-    state : ndarray, shape (law.n_state, points), committed state of the law
-    """
+    """Find the next jump (1) on the law, m."""
     traction = tangent_traction(soften_tangent(law.respond(at, state), stiffness), at, jump)
     try:
         found = law.resolvent(traction + stiffness * jump, stiffness, state)

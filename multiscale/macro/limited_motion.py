@@ -50,19 +50,6 @@ def limited_motion(
 ) -> Solution:
     r"""Solve the balance of momentum under limits of the rates.
 
-    Parameters
-    ----------
-    balance : callable, function :math:`y \mapsto g(y)`
-    factorise : callable
-        Returns the inverse of the tangent :math:`g'` for the stiffness of a balance.
-    start : ndarray, shape (n,), initial y, m/s
-    limits : tuple of csr_array, shape (m, n), ndarray, shape (m,), and ndarray, shape (m, m)
-        A, dimensionless; b, m/s; and C, 1/kg, positive semidefinite.
-
-    Returns
-    -------
-    Solution, ``value`` is y, m/s, followed by p, N s
-
     Notes
     -----
     The solution of

@@ -13,18 +13,6 @@ def mean_tension(
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Return the weighted mean of the final tension of a step and its average over the elongation.
 
-    Parameters
-    ----------
-    before, after : ndarray, shape (rows,)
-        Elastic tension :math:`\tau^0 + k e` at start and end of the step, without bounds, N.
-    lower, upper : ndarray, shape (rows,), bounds of the tension, N
-    theta : float, from 1/2 (average alone) to 1 (final tension alone)
-
-    Returns
-    -------
-    tension : ndarray, shape (rows,), weighted mean :math:`\bar\tau`, N
-    slope : ndarray, shape (rows,), its derivative with respect to ``after``, from 0 to 1
-
     Notes
     -----
     With :math:`V` the convex energy of a link and :math:`P` the projection onto the bounds,

@@ -11,23 +11,7 @@ __all__ = ["average_traction", "mean_gap", "recovered_force", "to_components"]
 
 
 def average_traction(force: np.ndarray, nominal_area: float) -> np.ndarray:
-    r"""Average local contact forces over the nominal area, eqs (2) and (3) of the source.
-
-    Parameters
-    ----------
-    force : ndarray, shape (nodes, 3)
-        Forces on the body at its contact nodes, N: the local tractions
-        :math:`t_N^i n^i + t_T^i` of all contact spots, integrated with the shape functions. For
-        small displacements the local normal :math:`n^i` is the normal of the obstacle at the node.
-    nominal_area : float
-        :math:`\Gamma_c^0`, m2.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        :math:`\langle t_N\rangle` (contact negative),
-        :math:`\langle t_T^1\rangle, \langle t_T^2\rangle` along x and y, Pa.
-    """
+    r"""Average local contact forces over the nominal area, eqs (2) and (3) of the source."""
     return to_components(np.sum(force, axis=0)) / nominal_area  # (2), (3)
 
 
@@ -50,23 +34,6 @@ def recovered_force(
     shear: float | np.ndarray,
 ) -> np.ndarray:
     r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress.
-
-    Parameters
-    ----------
-    mesh, element : Mesh, Element
-        With a boundary named ``"top"``; the element of each displacement component.
-    displacement : ndarray, shape (3, n_dof)
-        m.
-    active : ndarray of bool, shape (n_vertices,)
-        Contact nodes among the vertices. A facet belongs to a contact spot if it touches one.
-    lame, shear : float or ndarray, shape (elements,)
-        Pa.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        Force on the body, N. It differs from the sum of the nodal contact forces by the error of
-        the discretisation.
 
     Notes
     -----

@@ -115,11 +115,6 @@ class CellPart(StrEnum):
 def cell_needs(cell: AnyCell, *, keep_fields: bool = False) -> Needs:
     """Return what solving a cell takes.
 
-    Parameters
-    ----------
-    cell : FlatCell, GraphCell, FiniteCell or MeshCell
-    keep_fields : bool, as in :func:`multiscale.micro.solve_cell`
-
     Examples
     --------
     >>> import numpy as np

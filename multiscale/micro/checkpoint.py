@@ -38,13 +38,7 @@ class Checkpoint:
     identity: str
 
     def keep(self, steps: Steps, state: Any) -> None:
-        """Write steps and state, if the last step was worth it.
-
-        Parameters
-        ----------
-        steps : list of dict, numbers, arrays and sentences by name
-        state : ContactState, CellState or None, numbers, arrays, and pairs of arrays by name
-        """
+        """Write steps and state, if the last step was worth it."""
         if steps[-1]["wall_time"] < WORTH:
             return
         content: dict[str, Any] = {"identity": self.identity, "count": len(steps)}

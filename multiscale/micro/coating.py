@@ -41,13 +41,7 @@ class Coating:
 
 
 def coating_faces(coating: Sequence[Coating], depth: float) -> np.ndarray:
-    """Heights of the lower faces of coatings, outermost first, above the base of a body, m.
-
-    Raises
-    ------
-    CaseError
-        If the coatings are thicker than the body is deep.
-    """
+    """Heights of the lower faces of coatings, outermost first, above the base of a body, m."""
     faces = depth - np.cumsum([one.thickness for one in coating])
     if faces.size and not faces[-1] > 0.0:
         raise CaseError(
@@ -58,13 +52,7 @@ def coating_faces(coating: Sequence[Coating], depth: float) -> np.ndarray:
 
 
 def follow_faces(planes: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Move the nearest of the inner planes of a mesh onto each face, all m.
-
-    Raises
-    ------
-    CaseError
-        If two faces have the same nearest plane, so that a coating would get no element.
-    """
+    """Move the nearest of the inner planes of a mesh onto each face, all m."""
     nearest = 1 + np.argmin(np.abs(planes[1:-1] - faces[:, None]), axis=1)
     if np.any(np.diff(nearest) == 0):
         raise CaseError(

@@ -57,12 +57,6 @@ class EdgeLayer:
 def edge_layer(compliance_ratio: np.ndarray) -> EdgeLayer:
     r"""Evaluate (1).
 
-    Parameters
-    ----------
-    compliance_ratio : ndarray, shape (waves,)
-        :math:`C / C_0` at equidistant :math:`\theta` from 0 to :math:`\pi`, at least two. The first
-        value is not read: a layer on a base has a mean displacement of its own.
-
     Examples
     --------
     >>> exact = edge_layer(np.ones(65))  # by the Fourier series of the nodes
@@ -94,15 +88,6 @@ def contact_fraction(
     flowing: np.ndarray | bool = False,
 ) -> float:
     r"""Real over nominal contact area.
-
-    Parameters
-    ----------
-    force : ndarray, shape (nx, ny) or (nodes,)
-        Normal contact forces, N; positive at contact nodes. A grid is periodic; nodes without a
-        grid are counted.
-    weight : ndarray, area of each node on the mean plane, m2
-    edges : tuple of EdgeLayer, along x and y
-    flowing : ndarray of bool or bool, nodes under which the material may flow
 
     Notes
     -----

@@ -120,19 +120,7 @@ def average_contact(
     fields: bool,
     spots: bool,
 ) -> dict[str, Any]:
-    """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx).
-
-    Parameters
-    ----------
-    problem : CellProblem
-    state : ContactState
-    friction : ndarray, shape (nodes, 3), optional
-        Friction forces on the body, N; none if not given.
-    weight : ndarray, optional
-        Area of each contact node on the mean plane as the body is strained, m2; as before the
-        strain if not given.
-    fields, spots : bool, as of :func:`multiscale.micro.solve_cell`
-    """
+    """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx)."""
     area, now = problem.nominal_area, problem.weight if weight is None else weight
     moved = problem.surface_displacement(state.displacement)
 

@@ -87,22 +87,6 @@ def solve_elastic_contact(
 ) -> ContactState:
     r"""Press a body against a rigid obstacle without friction.
 
-    Parameters
-    ----------
-    body : ElasticBody
-    gap : ndarray
-        :math:`g`, distance along the obstacle's normal at first touch, m.
-    closing : ndarray
-        :math:`b`, share of the approach that closes the gap: the normal's component along the
-        approach.
-    load, approach : float
-        :math:`F`, N, or :math:`\delta`, m; exactly one of them.
-    start : ContactState, optional
-    max_iterations : int
-    tolerance : float
-        Bound on the norm of the forces out of balance, relative to the norm of the contact forces,
-        and on the load's error, relative to the load.
-
     Notes
     -----
     The active set starts from the problem with :math:`K_0`, solved on the surface alone; what the

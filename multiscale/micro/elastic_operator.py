@@ -278,23 +278,7 @@ def _apply(  # type: ignore[no-untyped-def]
 def stiffness_operator(
     mesh: GraphMesh, lame: np.ndarray, shear: np.ndarray, *, mean_dilatation: bool = False
 ) -> Callable[..., np.ndarray]:
-    r"""Return the map from displacements to elastic forces, :math:`u \mapsto K u`.
-
-    Parameters
-    ----------
-    mesh : GraphMesh
-    lame, shear : ndarray, shape (layers,) or (nx, layers, ny)
-        Lame's parameters of each layer or element, Pa.
-    mean_dilatation : bool
-        Whether the divergence is averaged over each element (B-bar), against locking of nearly
-        incompressible materials.
-
-    Returns
-    -------
-    callable
-        Takes displacements, shape ``(nx, layers, 3, ny)``, m, and returns forces, N, in a second
-        array if it is given.
-    """
+    r"""Return the map from displacements to elastic forces, :math:`u \mapsto K u`."""
     blend = float(mean_dilatation)
     heights = np.ascontiguousarray(mesh.surface.heights, dtype=np.float64)
     dx, dy = mesh.surface.spacing

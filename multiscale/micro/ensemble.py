@@ -113,18 +113,7 @@ def run_realisations(
     name: str = "realisation",
     schema: Schema = MICRO_RESPONSE,
 ) -> Dataset:
-    """Compute realisations, each kept in a file of its own, and join their responses.
-
-    Parameters
-    ----------
-    function : callable
-        Importable by name; returns one realisation or several.
-    arguments : sequence of tuple
-    executor, folder, sparing, identity, progress
-        See :func:`run_ensemble`.
-    name : str, of the files, before their number
-    schema : Schema, of the responses
-    """
+    """Compute realisations, each kept in a file of its own, and join their responses."""
     numbers = range(len(arguments))
     files = [_file_of(folder, k, name) if folder else None for k in numbers]
     results = {

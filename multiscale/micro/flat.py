@@ -55,34 +55,6 @@ def solve_flat(
 
     With a cap, :math:`\lambda \le \lambda_{max}` and the surfaces may overlap where it is reached.
 
-    Parameters
-    ----------
-    compliance : callable
-        :math:`C`, m/N, of forces in double precision, and of steps in single precision.
-    gap, closing : ndarray
-        :math:`g`, m, and :math:`b`.
-    load, approach : float
-        :math:`F`, N, or :math:`\delta`, m; exactly one of them.
-    cap : float
-        :math:`\lambda_{max}`, N: the hardness times the nominal area of a node.
-    start : ndarray, optional
-        First guess of the forces, N.
-    max_iterations : int
-    tolerance : float
-        Bound on the overlap of contact nodes, weighted by their forces, relative to the range of
-        the gap.
-
-    Returns
-    -------
-    FlatSolution
-        ``value`` is :math:`\lambda`, N, and ``approach`` :math:`\delta`, m. The residuals are what
-        the tolerance is compared with, after each iteration.
-
-    Raises
-    ------
-    CaseError
-        If the load is more than all nodes carry at the cap.
-
     Notes
     -----
     Projected gradients on the box of forces that carry the load, with the two step lengths of

@@ -46,13 +46,6 @@ def open_gap(gap: np.ndarray, pressure: np.ndarray) -> np.ndarray:
 def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlow:
     r"""Let a liquid flow through the gap of a cell.
 
-    Parameters
-    ----------
-    gap : ndarray, shape (nx, ny), gap h at the points of a grid, m; zero where it is closed
-    spacing : tuple of float, distance of points along x and y, m
-    axis : int
-        Of the flow: x (0) or y (1). Across the flow the cell is periodic.
-
     Notes
     -----
     Finite volumes about the points, with harmonic means of :math:`h^3` between neighbours, solve

@@ -24,13 +24,7 @@ EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contac
 
 
 def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> CellProblem:
-    """Set up the operators that a graph cell needs, and its contact geometry.
-
-    Raises
-    ------
-    CaseError
-        If the numbers of points are odd or the cell folds over.
-    """
+    """Set up the operators that a graph cell needs, and its contact geometry."""
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, cell.planes)

@@ -15,21 +15,7 @@ __all__ = ["GraphMesh", "graded_planes"]
 
 
 def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray:
-    r"""Heights of the node planes, geometrically coarser from the top to the base.
-
-    Parameters
-    ----------
-    depth : float
-        :math:`H`, m.
-    layers : int
-    top_thickness : float
-        Thickness of the topmost layer, m. If even equal layers are thinner, they are equal.
-
-    Returns
-    -------
-    ndarray, shape (layers + 1,)
-        From 0 at the base to :math:`H`, m.
-    """
+    r"""Heights of the node planes, geometrically coarser from the top to the base."""
     if top_thickness * layers >= depth:
         return np.linspace(0.0, depth, layers + 1)
 
@@ -94,12 +80,7 @@ class GraphMesh:
         return np.asarray(self.planes / self.planes[-1])
 
     def hexahedra(self, first_layer: int = 0) -> "MeshHex":
-        """Return the mesh, opened at its periodic faces, for scikit-fem.
-
-        Parameters
-        ----------
-        first_layer : int, leave out the layers below this one
-        """
+        """Return the mesh, opened at its periodic faces, for scikit-fem."""
         from skfem import MeshHex
 
         (nx, ny, _), (dx, dy) = self.shape, self.surface.spacing

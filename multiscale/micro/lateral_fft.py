@@ -223,24 +223,7 @@ class LateralInverse:
         correct: Callable[[np.ndarray], np.ndarray] | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
-        r"""Solve the flat problem for nodal forces.
-
-        Parameters
-        ----------
-        force : ndarray, shape (nx, layers, 3, ny), or None
-            N; None for none.
-        correct : callable, optional
-            Gets the displacement of the surface under ``force``, shape (nx, 3, ny), m, and returns
-            a nodal force on the surface, N, that is added before the displacement below is
-            computed: a constrained solve for the price of a free one.
-        out : ndarray, optional
-            Takes the displacement; may be ``force``.
-
-        Returns
-        -------
-        ndarray, shape (nx, layers, 3, ny)
-            Displacement, m.
-        """
+        r"""Solve the flat problem for nodal forces."""
         nx, layers, ny = self.shape
         transform, values = self._workspace, self._workspace.view(self.inverse.dtype)
         dtype = np.float64 if force is None else force.dtype
@@ -405,20 +388,7 @@ def factorise_flat_cell(
     mean_dilatation: bool = False,
     dtype: type[np.floating] = np.float64,
 ) -> LateralInverse:
-    r"""Factorise the flat, periodic, layered cell whose base is held.
-
-    Parameters
-    ----------
-    shape : tuple of int, points in x and y
-    spacing : tuple of float, distances between points, m
-    planes : ndarray, shape (layers + 1,), heights of the node planes, m
-    lame, shear : ndarray, shape (layers,)
-        Lame's parameters of each layer, Pa.
-    mean_dilatation : bool, whether the divergence is averaged over each element (B-bar)
-    dtype : type
-        ``np.float32`` halves the memory of the factors and takes a third off the time of a solve,
-        whose relative error is then about 1e-6; forces and compliances are scaled to its range.
-    """
+    r"""Factorise the flat, periodic, layered cell whose base is held."""
     (nx, ny), layers = shape, len(planes) - 1
     thickness = np.diff(planes)[:, None, None]
     lame, shear = lame[:, None, None], shear[:, None, None]

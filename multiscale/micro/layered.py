@@ -26,20 +26,6 @@ def layered_compliance(
 ) -> np.ndarray:
     r"""Return the normal displacement of the surface under unit pressure, by wavenumber.
 
-    Parameters
-    ----------
-    shape : tuple of int, points (nx, ny) of the surface
-    size : tuple of float, edge lengths, m
-    planes : ndarray, shape (layers + 1,)
-        Heights of the faces of the layers from the clamped base up, m.
-    lame, shear : ndarray, shape (layers,)
-        Lame's parameters of each layer, Pa.
-
-    Returns
-    -------
-    ndarray, shape (nx, ny // 2 + 1)
-        m/Pa, for ``rfft2``. The mean, :math:`\sum h_i / (\lambda_i + 2 \mu_i)`, is the oedometer's.
-
     Examples
     --------
     >>> planes, one = np.array([0.0, 50.0]), np.array([1.0])

@@ -73,22 +73,7 @@ def expanded_compliance(
     shear: Sequence[float],
     poissons_ratio: Sequence[float],
 ) -> Callable[..., np.ndarray]:
-    r"""Return :math:`C_0 + C_1` of two bodies, symmetric, in six transforms; the flat one has two.
-
-    Parameters
-    ----------
-    surfaces : Surface and Surface, heights :math:`h_i` of both bodies, each out of its body, m
-    symbol : ndarray, shape (nx, ny // 2 + 1)
-        :math:`C_0` of both bodies, for nodal forces and ``rfft2``, m/N.
-    shear, poissons_ratio : two floats
-        :math:`\mu_i`, Pa, infinite for a rigid body, and :math:`\nu_i`.
-
-    Returns
-    -------
-    callable
-        Takes nodal forces along the normal, shape (nx, ny), N, and returns displacements along it,
-        or with ``vertical=True`` along z, m.
-    """
+    r"""Return the symmetric :math:`C_0 + C_1` of two bodies: six transforms, two if flat."""
     (nx, ny), (dx, dy) = surfaces[0].heights.shape, surfaces[0].spacing
     h = np.stack([one.heights - np.mean(one.heights) for one in surfaces])
     mu, nu = np.asarray(shear), np.asarray(poissons_ratio)

@@ -36,25 +36,7 @@ def spot_averages(
     neighbours: np.ndarray,
     nominal_area: float,
 ) -> dict[str, np.ndarray]:
-    """Share of every contact spot in the averages (2) and (3), largest spot first.
-
-    Parameters
-    ----------
-    force, by_normal : ndarray, shape (nodes, 3)
-        Forces on the body at its contact nodes, and what normal tractions make of them, N.
-    area : ndarray, shape (nodes,), real contact area of each node on the mean plane, m2
-    active : ndarray of bool, shape (nodes,), contact nodes
-    neighbours : ndarray of int, shape (2, pairs), nodes that are next to each other
-    nominal_area : float
-        m2.
-
-    Returns
-    -------
-    dict of str to ndarray
-        ``spot_area``, shape (spots,), m2, and the shares ``spot_traction`` and
-        ``spot_traction_by_normal``, shape (spots, 3), Pa, normal first. Their sums are the real
-        contact area and the averaged traction.
-    """
+    """Share of every contact spot in the averages (2) and (3), largest spot first."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

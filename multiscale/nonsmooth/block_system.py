@@ -29,19 +29,7 @@ PIVOT = 0.01
 def factorise_blocks(
     problem: ScaledFriction, added: np.ndarray, left: np.ndarray | None = None
 ) -> Solve | None:
-    r"""Factorise :math:`A W + B` with block-diagonal :math:`A` and :math:`B`.
-
-    Parameters
-    ----------
-    problem : ScaledFriction, gives :math:`W`
-    added : ndarray, shape (contacts, 3, 3), :math:`B`
-    left : ndarray, shape (contacts, 3, 3), optional, :math:`A`, the identity if not given
-
-    Returns
-    -------
-    callable or None
-        ``solve(right_hand_side)`` for arrays of shape (contacts, 3); None if a pivot was zero.
-    """
+    r"""Factorise :math:`A W + B` with block-diagonal :math:`A` and :math:`B`."""
     contacts = problem.friction.size
     n = 3 * contacts
     shape = (contacts, 3)

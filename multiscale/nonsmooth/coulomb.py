@@ -23,15 +23,6 @@ ROUND_OFF = 64.0 * np.finfo(float).eps
 def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
     r"""Projection onto Coulomb's cone, a second-order cone.
 
-    Parameters
-    ----------
-    vector : ndarray, shape (d, ...), points, normal component first, in any unit
-    friction : ndarray, shape (...), or float, friction coefficient :math:`\mu \ge 0`, dimensionless
-
-    Returns
-    -------
-    ndarray, shape (d, ...), the nearest point of the cone
-
     Notes
     -----
     For :math:`K_\mu = \{x : \|x_T\| \le \mu x_N\}`,
@@ -67,17 +58,6 @@ def natural_map(
     velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
     r"""Residual of Coulomb's law; zero exactly where the law holds.
-
-    Parameters
-    ----------
-    velocity, reaction : ndarray, shape (d, contacts)
-        Relative velocity :math:`u`, m/s, and impulse :math:`r`, N s.
-    friction : ndarray, shape (contacts,), friction coefficient :math:`\mu`, dimensionless
-    step : ndarray, shape (contacts,), or float, :math:`\rho > 0`, a mass, kg
-
-    Returns
-    -------
-    ndarray, shape (d, contacts), residual (1), N s
 
     Notes
     -----
@@ -201,17 +181,7 @@ def verify_friction(
 
 
 def natural_units(delassus: csr_array | np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-    """Units in which no power underflows: of mobility and closing velocity, powers of two.
-
-    Parameters
-    ----------
-    delassus : csr_array or ndarray, shape (d * contacts, d * contacts), 1/kg
-    velocity : ndarray, shape (contacts, d), m/s; all of it counts if nothing closes
-
-    Returns
-    -------
-    tuple of float, 1/kg and m/s; their quotient is the unit of impulses
-    """
+    """Units in which no power underflows: of mobility and closing velocity, powers of two."""
     closing = np.abs(velocity[velocity[:, 0] < 0.0])
     speed = float(closing.max(initial=0.0)) or float(np.abs(velocity).max(initial=0.0))
     mobility = float(np.abs(delassus.diagonal()).max(initial=0.0))

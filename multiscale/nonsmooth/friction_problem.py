@@ -69,18 +69,6 @@ def scale_friction(
 ) -> ScaledFriction:
     r"""Bring a friction problem into dimensionless form.
 
-    Parameters
-    ----------
-    delassus : csr_array or ndarray, shape (d * contacts, d * contacts)
-        :math:`W`, 1/kg, with d = 2 or 3 components per contact.
-    velocity : ndarray, shape (d * contacts,), :math:`q`, m/s, not zero
-    friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
-    step : float, 1 kg in the units of the data, for the error
-
-    Returns
-    -------
-    ScaledFriction, three components per contact
-
     Notes
     -----
     With :math:`D = \mathrm{diag}(D_N, D_T, D_T)` for every contact and a number :math:`s`,

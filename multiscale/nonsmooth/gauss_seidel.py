@@ -103,17 +103,6 @@ def sweep_coloured(  # type: ignore[no-untyped-def]
 def colour_contacts(columns: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Colour contacts so that no two of one colour share a block of W.
 
-    Parameters
-    ----------
-    columns, starts : ndarray, shapes (blocks,) and (contacts + 1,)
-        Block pattern of W in compressed rows.
-
-    Returns
-    -------
-    order : ndarray, shape (contacts,), contacts sorted by colour
-    bounds : ndarray, shape (colours + 1,)
-        ``order[bounds[c] : bounds[c + 1]]`` are the contacts of colour c.
-
     Examples
     --------
     >>> colour_contacts(np.array([0, 1, 0, 1, 2, 1, 2]), np.array([0, 2, 5, 7]))

@@ -23,11 +23,6 @@ def infeasibility_detail(problem: ScaledLCP, last: list[np.ndarray]) -> str:
 
     Tried are the directions in which the last iterates ran away and, for up to 2000 constraints,
     the answer of a linear program.
-
-    Parameters
-    ----------
-    problem : ScaledLCP
-    last : list of ndarray, shape (n,), the last iterate of every method
     """
     from scipy.optimize import linprog
 

@@ -19,15 +19,6 @@ LARGEST_PROGRAM = 20_000
 def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
     r"""Say why a problem has, or may have, no solution; None if no certificate is found.
 
-    Parameters
-    ----------
-    problem : ScaledFriction, the problem, dimensionless; W is positive semidefinite
-
-    Returns
-    -------
-    tuple of Status and str, or None
-        ``INFEASIBLE`` or ``JAMMED``, and the contacts that carry the certificate.
-
     Notes
     -----
     Let :math:`y \in K_\mu` be impulses that move nothing although their contacts close,

@@ -77,13 +77,7 @@ class Entries:
         return scale
 
     def solver(self, active: np.ndarray, shift: np.ndarray, symmetric: bool) -> Solve:
-        """Factorise the active block of M + diag(shift).
-
-        Raises
-        ------
-        RuntimeError
-            If the block is exactly singular.
-        """
+        """Factorise the active block of M + diag(shift)."""
         if not issparse(self.matrix):
             block = self.matrix[np.ix_(active, active)]
             block[np.diag_indices_from(block)] += shift
@@ -102,13 +96,7 @@ class Entries:
 
 
 def lcp_entries(matrix: csr_array | np.ndarray, vector: np.ndarray) -> tuple[Entries, np.ndarray]:
-    """Check the data of a problem and wrap its matrix.
-
-    Raises
-    ------
-    CaseError
-        If the matrix is not square, the vector does not fit, or an entry is not finite.
-    """
+    """Check the data of a problem and wrap its matrix."""
     vector = np.asarray(vector, dtype=float)
     shape = np.shape(matrix)
     if len(shape) != 2 or shape[0] != shape[1]:
@@ -168,14 +156,7 @@ class ScaledLCP:
 
 
 def scale_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray) -> ScaledLCP:
-    """Check the data and remove the units.
-
-    Raises
-    ------
-    CaseError
-        If the matrix is not square, the vector does not fit, an entry is not finite, or the
-        unknowns are beyond the floating-point numbers.
-    """
+    """Check the data and remove the units."""
     entries, vector = lcp_entries(matrix, vector)
     scale = entries.scale()
     refuse_out_of_range(vector, np.square(1.0 / scale))

@@ -32,15 +32,7 @@ REFLECTION = np.diag([1.0, -1.0, -1.0])
 
 
 def lorentz_problem(problem: ScaledFriction) -> tuple[ScaledFriction, np.ndarray]:
-    r"""Write a friction problem in the coordinates of the cone.
-
-    Returns
-    -------
-    lorentz : ScaledFriction
-        The problem for :math:`x = (\mu r_N, r_T)` and :math:`(u_N / \mu, u_T)`, with entries
-        about one.
-    unit : ndarray, shape (contacts, 3), :math:`r = \mathrm{unit} \cdot x`
-    """
+    r"""Write a friction problem in the coordinates of the cone."""
     stretch = np.ones((problem.friction.size, 3))
     stretch[:, 0] /= problem.friction
     rows = np.repeat(np.arange(len(stretch)), np.diff(problem.starts))
@@ -113,17 +105,7 @@ def longest_positive(x: np.ndarray, direction: np.ndarray) -> float:
 
 
 def nesterov_todd(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r"""Scaling matrices of Nesterov and Todd.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (contacts, 3), points inside the cone
-
-    Returns
-    -------
-    tuple of ndarray, shape (contacts, 3, 3)
-        :math:`F` with :math:`F x = F^{-1} y`, its inverse and its square.
-    """
+    r"""Scaling matrices of Nesterov and Todd."""
     size_x, size_y = spin(x), spin(y)
     xbar, ybar = x / np.sqrt(size_x)[:, None], y / np.sqrt(size_y)[:, None]
     gamma = np.sqrt(0.5 * (1.0 + np.sum(xbar * ybar, axis=1)))

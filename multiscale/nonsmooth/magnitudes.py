@@ -11,18 +11,7 @@ LARGEST_EXPONENT = 300
 
 
 def refuse_out_of_range(vector: np.ndarray, stiffness: np.ndarray) -> None:
-    r"""Raise if :math:`-q_i / M_{ii}` under- or overflows in the row where it is largest.
-
-    Parameters
-    ----------
-    vector : ndarray, shape (n,), :math:`q`; rows that are not negative demand nothing
-    stiffness : ndarray, shape (n,), :math:`M_{ii}`; rows that are not positive demand nothing
-
-    Raises
-    ------
-    CaseError
-        Names the power of ten.
-    """
+    r"""Raise if :math:`-q_i / M_{ii}` under- or overflows in the row where it is largest."""
     rows = (vector < 0.0) & (stiffness > 0.0)
     if not rows.any():
         return

@@ -11,18 +11,6 @@ __all__ = ["solve_one_contact"]
 def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     r"""Solve the friction problem of one contact.
 
-    Parameters
-    ----------
-    block : ndarray, shape (3, 3)
-        :math:`W` of the contact, 1/kg, positive semi-definite with :math:`W_{NN} > 0`.
-    q0, q1, q2 : float
-        Velocity :math:`q` that the other contacts and the loads cause, m/s, normal first.
-    mu : float, friction coefficient, dimensionless
-
-    Returns
-    -------
-    tuple of float, :math:`r`, N s, normal first
-
     Notes
     -----
     Open if :math:`q_N \ge 0`; stuck if :math:`r = -W^{-1} q` lies in the cone. Otherwise the

@@ -25,17 +25,6 @@ def lanczos(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ritz values and vectors of a symmetric operator, from a random start.
 
-    Parameters
-    ----------
-    apply : callable, product of the operator with a vector of shape (size,)
-    size, steps : int, unknowns, and products to take at most
-
-    Returns
-    -------
-    values : ndarray, shape (k,)
-        Rising; all lie within the spectrum, and the extreme ones are found first.
-    vectors : ndarray, shape (size, k), of unit length
-
     References
     ----------
     .. [1] C. Lanczos, J. Res. Natl. Bur. Stand. 45 (1950) 255-282, doi:10.6028/jres.045.026; with
@@ -91,24 +80,7 @@ def refuse_indefinite(
     atol: float = 0.0,
     rtol: float = 0.0,
 ) -> None:
-    """Raise if Lanczos meets a clearly negative eigenvalue of a symmetric operator.
-
-    Parameters
-    ----------
-    apply : callable, product of the operator, dimensionless, with a vector of shape (size,)
-    size, steps : int, number of unknowns and of Lanczos steps
-    sentence : str
-        Message with the fields ``value``, ``worst`` and ``share``: the smallest eigenvalue found,
-        the contact or constraint that carries most of its vector, and the share that it carries.
-    width : int, number of unknowns of a contact or constraint
-    atol, rtol : float
-        Negative eigenvalue that round-off explains, and the same relative to the largest one.
-
-    Raises
-    ------
-    CaseError
-        The sentence.
-    """
+    """Raise if Lanczos meets a clearly negative eigenvalue of a symmetric operator."""
     values, vectors = lanczos(apply, size, steps)
     if values[0] >= -max(atol, rtol * abs(values[-1])):
         return

@@ -32,12 +32,6 @@ def split_interior_point(
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
-    Parameters
-    ----------
-    centre : float
-        Impulse to start from, relative to the size of the data; another one leads along another
-        path where the problem has more than one.
-
     Notes
     -----
     With the sliding speed as an unknown :math:`s` of its own, Coulomb's law is a complementarity

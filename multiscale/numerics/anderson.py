@@ -44,13 +44,7 @@ class Anderson:
         self.best = np.inf
 
     def renew(self, where: np.ndarray, x: np.ndarray) -> None:
-        """Let some entries of the iterates mean something else: those kept differ there no more.
-
-        Parameters
-        ----------
-        where : ndarray of bool, shape (n,), the entries; if all, nothing is kept
-        x : ndarray, shape (n,), the next iterate in its new meaning
-        """
+        """Let some entries of the iterates mean something else: those kept differ there no more."""
         if where.all():
             self.forget()
         for point, residual in zip(self.points, self.residuals, strict=True):

@@ -33,17 +33,6 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
 
     PARDISO analyses the pattern once, if pypardiso is installed; otherwise SuperLU takes every
     matrix in its symmetric mode.
-
-    Parameters
-    ----------
-    start, column : ndarray of int32, upper triangle by rows, with the diagonal; columns increase
-
-    Returns
-    -------
-    callable
-        ``factorise(entries, signs)`` returns ``solve(right_hand_side)``. A solve holds until the
-        next factorisation. Raises ``MultiscaleError`` if the matrix is singular, and with
-        ``signs`` also if it is not positive definite.
     """
     if start.size == 1:
         return lambda entries, signs: np.copy

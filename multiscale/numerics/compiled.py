@@ -45,13 +45,6 @@ LONGEST_WAIT = 120.0  # s for the process that compiles a kernel, before it is c
 def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
     """Compile a function at its first call, or load what any process has compiled before.
 
-    Parameters
-    ----------
-    function : callable
-        The kernel. Divisions follow IEEE arithmetic, as those of NumPy.
-    **options
-        Of ``numba.njit``, such as ``parallel`` and ``fastmath``.
-
     Notes
     -----
     The cache of numba has no lock: workers that start together would all compile the same kernels.
@@ -231,14 +224,7 @@ class _LockedCache:
 
 
 def _content(value: Any, names: dict[str, Any], seen: list[_Kernel]) -> Any:
-    """Return what a value contributes to compiled code, with all that it reaches.
-
-    Parameters
-    ----------
-    value : object, a kernel, its byte code or a constant
-    names : dict, globals of the kernel
-    seen : list of kernels, those met so far, which gets longer
-    """
+    """Return what a value contributes to compiled code, with all that it reaches."""
     if isinstance(value, _Kernel):
         if value in seen:
             return seen.index(value)

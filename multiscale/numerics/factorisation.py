@@ -39,22 +39,6 @@ def factorise(matrix: csr_array | np.ndarray, *, name: str = "the matrix") -> So
     A sparse matrix goes to PARDISO if pypardiso is installed and to SuperLU otherwise, a dense
     one to LAPACK.
 
-    Parameters
-    ----------
-    matrix : csr_array or ndarray, shape (n, n), real :math:`K`, in any unit
-    name : str, name of the matrix in the message
-
-    Returns
-    -------
-    callable
-        ``solve(right_hand_side)`` for one right-hand side of shape (n,) or many of shape (n, m).
-
-    Raises
-    ------
-    MultiscaleError
-        If the matrix is singular to working precision; the message names the unknown that
-        moves most.
-
     Notes
     -----
     With :math:`D = \mathrm{diag}(|K_{ii}|^{-1/2})` and a random vector :math:`r` of signs, the

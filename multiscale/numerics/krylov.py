@@ -18,20 +18,7 @@ def conjugate_gradients(
     goal: float,
     limit: int,
 ) -> tuple[np.ndarray, int]:
-    r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape.
-
-    Parameters
-    ----------
-    apply, precondition : callable, :math:`A` and a symmetric positive approximation of its inverse
-    right_hand_side : ndarray, :math:`b`
-    goal : float, norm of the residual at which to stop
-    limit : int, most iterations
-
-    Returns
-    -------
-    solution : ndarray
-    iterations : int
-    """
+    r"""Solve :math:`A x = b` for a symmetric positive :math:`A` on arrays of any shape."""
     x, r, p = np.zeros_like(right_hand_side), right_hand_side.copy(), np.zeros_like(right_hand_side)
     rz_old = 1.0
     for iteration in range(limit):
@@ -52,19 +39,6 @@ def minimal_residual(
     apply: Operator, right_hand_side: np.ndarray, precondition: Operator, *, goal: float, room: int
 ) -> tuple[np.ndarray, int]:
     r"""Solve :math:`A x = b` approximately by flexible GMRES without restart.
-
-    Parameters
-    ----------
-    apply, precondition : callable
-        :math:`A` and a fair inverse of it, which may change from call to call.
-    right_hand_side : ndarray, shape (n,), :math:`b`
-    goal : float, norm of the residual at which to stop
-    room : int, directions that may be stored, which is the limit of the iterations
-
-    Returns
-    -------
-    solution : ndarray, shape (n,), the best in the space built, whether it meets the goal or not
-    iterations : int
 
     References
     ----------

@@ -22,21 +22,6 @@ def enough(first: float, last: float) -> bool:
 def step_length(slope: Callable[[float], float], first: float) -> float:
     r"""Return the step that (nearly) minimises a convex potential along a direction.
 
-    Parameters
-    ----------
-    slope : callable
-        Derivative of the potential along the direction, :math:`s(\alpha)`, J. NaN counts as
-        beyond the minimum.
-    first : float, :math:`s(0)`, J
-
-    Returns
-    -------
-    float
-        :math:`\alpha = 1` if :math:`|s(1)| \le 0.1\,|s(0)|`, or if the direction does not
-        descend. Otherwise the near end of a bracket of the minimum that is 5 % wide: the
-        potential has fallen for certain. Steps longer than one are taken too, because Newton's
-        method crawls on an exponential that starts far in compression.
-
     Examples
     --------
     >>> step_length(lambda a: a - 1.0, -1.0)

@@ -121,26 +121,7 @@ def march(
     way: tuple[float, float],
     cuts: int,
 ) -> list[PathPart[State]]:
-    """Go from one place of a path to another, in one step or in halves of it.
-
-    Parameters
-    ----------
-    attempt : callable
-        ``attempt(state, aim)`` solves a step from a state and returns the solution and the state
-        at its end. It may raise ``ConvergenceError`` where a step has no solution at all.
-    start : State, state at the beginning
-    way : tuple of float, the beginning and the end of the path
-    cuts : int, how often a step may be halved
-
-    Returns
-    -------
-    list of PathPart, all attempts in turn; the last one converged if the end was reached
-
-    Raises
-    ------
-    ConvergenceError
-        If the first attempt raises it, or one that cannot be halved any more.
-    """
+    """Go from one place of a path to another, in one step or in halves of it."""
     state, (reached, target) = start, way
     length = target - reached
     smallest = abs(length) * 0.5**cuts

@@ -189,14 +189,7 @@ class MeshedBody(Material):
             )
 
     def load(self) -> "Mesh":
-        """Read the mesh.
-
-        Raises
-        ------
-        CaseError
-            If it is refused, has no named faces, or a unit that is not given leaves it very large
-            or very small.
-        """
+        """Read the mesh."""
         if self.element is None:
             mesh = macro.load_mesh(self.mesh, scale=self.unit or 1.0, volume=self.volume)
         else:
@@ -466,13 +459,7 @@ class NamedLoad(Settings):
         return self
 
     def traction_on(self, mesh: "Mesh", boundary: str) -> tuple[np.ndarray, float]:
-        """Return the traction at the factor one, Pa, and the area of the face, m².
-
-        Raises
-        ------
-        CaseError
-            If there is a pressure on a face that is not plane.
-        """
+        """Return the traction at the factor one, Pa, and the area of the face, m²."""
         face = surface_of(mesh, boundary)
         normals = facet_normals(mesh.p.T[face.nodes][face.facets])
         area = float(np.linalg.norm(normals, axis=1).sum())

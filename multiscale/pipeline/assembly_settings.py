@@ -258,13 +258,7 @@ class Bodies(StructureKind):
         )
 
     def with_volumes(self, case: "Case", found: "Datasets", open_rve: OpenLaw) -> Self:
-        """Return the same bodies with their representative volumes, and damaged interfaces.
-
-        Raises
-        ------
-        MultiscaleError
-            If a volume is missing or refused, or carries no load.
-        """
+        """Return the same bodies with their representative volumes, and damaged interfaces."""
         bodies = tuple(
             PorousBody.of(one, open_rve(one.rve, one.quick) if one.rve else found[RVE.name])
             if one.porous
@@ -331,11 +325,6 @@ class Bodies(StructureKind):
         """Read the law of every interface, with its tangential branch; None of a stated one.
 
         Interfaces of one law and one friction share a dataset.
-
-        Raises
-        ------
-        MultiscaleError
-            If a law is missing or refused, or nothing tells its friction.
         """
         read: dict[Any, Dataset | None] = {}
         laws = []
@@ -378,16 +367,7 @@ class Bodies(StructureKind):
         normal: "Mapping[int, NormalLaw] | None" = None,
         slabs: int | None = None,
     ) -> list[InterfaceLaw]:
-        """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`.
-
-        Parameters
-        ----------
-        case : Case
-        laws : sequence of Dataset or None
-        normal : mapping of int to NormalLaw, optional
-            In place of the normal laws of some interfaces, by their numbers.
-        slabs : int, optional, slabs of every bed, in place of their own number
-        """
+        """Make the laws of all interfaces, less their damage, of those of :meth:`read_laws`."""
         beds = self.beds(case) | ({} if slabs is None else {"slabs": slabs})
         made: list[InterfaceLaw] = []
         changed = normal or {}
@@ -438,13 +418,7 @@ class Bodies(StructureKind):
         ]
 
     def build(self, case: "Case", laws: Sequence[InterfaceLaw]) -> StructureParts:
-        """Build bodies, interfaces and bolts, and the path over the loads.
-
-        Raises
-        ------
-        MultiscaleError
-            If a mesh is refused, a face does not exist, or a bolt goes through nothing.
-        """
+        """Build bodies, interfaces and bolts, and the path over the loads."""
         meshes = [body.load() for body in self.bodies]
         kinds = {
             one.name: KINDS[mesh.t.shape[0]] for one, mesh in zip(self.bodies, meshes, strict=True)

@@ -201,26 +201,7 @@ def with_joint_budget(
     coarser: Mapping[float, Bodies],
     job: Job,
 ) -> Dataset:
-    """Return the result of rough joints with error budget and intervals of their answers.
-
-    Parameters
-    ----------
-    result : Dataset
-        Follows ``MACRO_RESULT``; joints at their preloads, then in cycles, with their contact.
-    sources : ErrorSources
-    solve : callable, whose paths have the rests and the cycles that are asked
-    asked : JointAnswers
-    coarser : mapping of float to structure
-        The structure on larger elements, if it has them, by the ratio of their sizes.
-    job : Job, whose executor solves all changes
-
-    Returns
-    -------
-    Dataset
-        With the budget of the answers at rest, and of the slip and the loss of the last cycle at
-        its end, NaN elsewhere and where a law knows nothing; and with the intervals of
-        :func:`~multiscale.upscaling.with_intervals`, also those of other cycles.
-    """
+    """Return the result of rough joints with error budget and intervals of their answers."""
     result = with_cautions(result, *sources.unknown)
     laws, uncertain, known = sources.laws, sources.stated, result["known"].to_numpy() == 1
     rests, cycles = asked.rests[known[asked.rests]], asked.cycles

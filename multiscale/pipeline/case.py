@@ -74,13 +74,7 @@ def shipped_cases() -> dict[str, Path]:
 
 
 def find_case(case: str | Path) -> Path:
-    """Return the path of a case file, or of the shipped case of that name.
-
-    Raises
-    ------
-    CaseError
-        If there is no such case.
-    """
+    """Return the path of a case file, or of the shipped case of that name."""
     shipped = shipped_cases()
     path = Path(case)
     if path.is_dir() and str(case) not in shipped:
@@ -143,13 +137,7 @@ def case_of_image(
 
 
 def read_case(path: Path) -> dict[str, Any]:
-    """Read a case file without checking it; paths of other files become absolute.
-
-    Raises
-    ------
-    CaseError
-        If it cannot be read, or says what only an earlier version knew.
-    """
+    """Read a case file without checking it; paths of other files become absolute."""
     content = read_toml(path)
     for table, places in MOVED.items():
         if table in content or table in _table(content, ("sweep",)):
@@ -184,13 +172,7 @@ def _find_file(file: Path, left: Schema | None) -> Path:
 
 
 def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
-    """Return the part of a case that makes its law, and its place in the run folder of another one.
-
-    Raises
-    ------
-    CaseError
-        If the case is refused, or has no cells.
-    """
+    """Return the part of a case that makes its law, and its place in another case's run folder."""
     other = load_case(file)
     if not (isinstance(other, Case) and other.has_cells):
         raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
@@ -198,13 +180,7 @@ def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
 
 
 def taken_volume(file: Path, quick: bool) -> tuple[Path, Case]:
-    """Return the part of a case that makes its representative volume, and its place.
-
-    Raises
-    ------
-    CaseError
-        If the case is refused, or has no representative volume.
-    """
+    """Return the part of a case that makes its representative volume, and its place."""
     other = load_case(file)
     if not isinstance(other, Case):
         raise CaseError(f"{file}: the case has no [rve], and so no representative volume")
@@ -218,13 +194,7 @@ def _placed(kind: str, file: Path, case: Case, quick: bool) -> tuple[Path, Case]
 
 
 def taken_cases(case: AnyCase) -> dict[Path, Case]:
-    """Return the cases of which a case takes laws and volumes, by their places in its run folder.
-
-    Raises
-    ------
-    CaseError
-        If one of them is refused.
-    """
+    """Return the cases whose laws and volumes a case takes, by their places in its run folder."""
     if not isinstance(case, Case) or case.structure is None:
         return {}
     laws, volumes = case.structure.taken_laws(case), case.structure.taken_volumes()
@@ -245,13 +215,7 @@ def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 
 def validate_case(content: dict[str, Any], path: Path) -> AnyCase:
-    """Turn the content of a case file into settings.
-
-    Raises
-    ------
-    CaseError
-        With every fault of the file, one a line, or with the tables that no stage reads.
-    """
+    """Turn the content of a case file into settings."""
     if "rubber" in content:
         return validate(TyreCase, content, path, TAGS)
     kind = KINDS.get(str(_table(content, ("structure",)).get("kind")))

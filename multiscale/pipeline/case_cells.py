@@ -89,13 +89,7 @@ def make_cells(case: Case) -> list[AnyCell]:
 
 
 def make_surfaces(case: Case) -> list[Surface]:
-    """Make the composite surface of each realisation.
-
-    Raises
-    ------
-    CaseError
-        As :func:`make_cells`.
-    """
+    """Make the composite surface of each realisation."""
     return _composites(rough_sides(case))
 
 
@@ -108,11 +102,6 @@ def try_cells(case: Case) -> None:
     """Refuse what the cells cannot be, by the first of them, and maps with too few windows.
 
     The cells of a planner are its own choice.
-
-    Raises
-    ------
-    CaseError
-        As :func:`make_cells`.
     """
     if case.accuracy is None:
         measured_cells(case, made=1)
@@ -121,18 +110,7 @@ def try_cells(case: Case) -> None:
 def measured_cells(
     case: Case, *, made: int | None = None
 ) -> tuple[list[AnyCell], dict[str, Measured]]:
-    """Build the cell of each realisation, and say of each measured body what the cells hold of it.
-
-    Parameters
-    ----------
-    case : Case
-    made : int, optional, build the first cells only, where a map must hold all
-
-    Raises
-    ------
-    CaseError
-        As :func:`make_cells`.
-    """
+    """Build the cell of each realisation, and describe the part of each measured body in it."""
     if case.cell.mesh is not None:
         return [_mesh_of_file(case, case.cell.mesh)], {}
     sides = {f"body_{k}": side for k, side in enumerate(rough_sides(case, made=made), 1)}
@@ -187,15 +165,7 @@ def _metal(case: Case) -> J2 | None:
 def flat_pair(
     case: Case, surface: Surface, opposite: Surface | None = None, *, depth: float | None = None
 ) -> FlatCell:
-    """Build the flat cell of both bodies, whose compliances add up exactly.
-
-    Parameters
-    ----------
-    case : Case
-    surface, opposite : Surface
-        Of both bodies, heights out of each; a composite surface has no opposite one.
-    depth : float, optional, of both bodies, m; the depth of the case's cells if not given
-    """
+    """Build the flat cell of both bodies, whose compliances add up exactly."""
     depth, layers = depth or case.cell.given_depth, case.cell.layers
     lower, upper = (
         SecondBody(depth, layers, Elastic(body.youngs_modulus, body.poissons_ratio), body.stack)
@@ -304,13 +274,7 @@ def _mesh_of_file(case: Case, path: Path) -> MeshCell:
 
 
 def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
-    """Make the surfaces of both bodies, or the first of them; a map of both is read once.
-
-    Raises
-    ------
-    CaseError
-        As :func:`make_cells`.
-    """
+    """Make the surfaces of both bodies, or the first of them; a map of both is read once."""
     count, seed = case.micro.realisations, case.micro.seed
     settings = [body.surface for body in case.bodies]
     files = [one.file.resolve() for one in settings if isinstance(one, InstrumentSurface)]
@@ -352,13 +316,7 @@ def rough_sides(case: Case, *, made: int | None = None) -> list[RoughSide]:
 
 
 def two_surfaces(case: Case) -> list[tuple[Surface, Surface]]:
-    """Make the surfaces of both bodies of each realisation, heights out of each body.
-
-    Raises
-    ------
-    CaseError
-        As :func:`make_cells`.
-    """
+    """Make the surfaces of both bodies of each realisation, heights out of each body."""
     return _pairs(case, rough_sides(case))
 
 

@@ -94,13 +94,7 @@ class CellPores(Settings):
     cover: Length = Field(description="Solid between them and the mean plane of the surface, m.")
 
     def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
-        """Draw the pores of a layer of a size, m.
-
-        Raises
-        ------
-        CaseError
-            If none fits, or they do not fit all.
-        """
+        """Draw the pores of a layer of a size, m."""
         recipe = Recipe(self.porosity, self.radius, self.spread)
         found = []
         for pores in recipe.draw(size, seed).bodies:

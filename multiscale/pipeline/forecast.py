@@ -148,20 +148,7 @@ def cheapest(
     time_of: Callable[[Setting], float],
     target: float,
 ) -> Setting:
-    """Choose the setting of least time among those that are expected to reach a target.
-
-    Parameters
-    ----------
-    estimate : Estimate, what is known
-    settings : iterable of Setting, those that can be had
-    time_of : callable, time of what a setting has and is not there yet, s
-    target : float, relative
-
-    Raises
-    ------
-    CaseError
-        If no setting is expected to reach the target; the message says how near one comes.
-    """
+    """Choose the setting of least time among those that are expected to reach a target."""
     totals = {setting: estimate.at(setting).total for setting in settings}
     if found := [(time_of(one), one) for one, total in totals.items() if total <= target]:
         return min(found)[1]

@@ -130,15 +130,7 @@ class Granulate(StructureKind):
 
     @abstractmethod
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":
-        """Build grains and walls at the beginning of the motion that is asked for.
-
-        Raises
-        ------
-        CaseError
-            If the grains do not fit.
-        ConvergenceError
-            If grains that are pressed do not come to rest.
-        """
+        """Build grains and walls at the beginning of the motion that is asked for."""
 
     def measured(self, result: Dataset) -> Dataset:
         """Return the result of the motion with the quantities that answer the question."""

@@ -47,13 +47,7 @@ class GrowthSettings(Settings):
         return self
 
     def volumes(self, rve: RveSettings) -> list[tuple[float, Microcracks]]:
-        """Make the cracks of all periodic volumes, with their edges over the whole one.
-
-        Raises
-        ------
-        CaseError
-            If a volume has pores, or is no cube.
-        """
+        """Make the cracks of all periodic volumes, with their edges over the whole one."""
         solid = {name: getattr(rve, name) for name in ("youngs_modulus", "poissons_ratio")}
         solid |= {"toughness": self.toughness, "rise": self.rise}
         solid |= {"bridging": self.bridging} if self.bridging else {}

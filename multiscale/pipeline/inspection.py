@@ -40,25 +40,7 @@ def inspect_surface(
     detrend_order: int = 2,
     spikes: Literal["keep", "remove"] = "keep",
 ) -> Dataset:
-    """Describe a measured surface, and propose a case for it.
-
-    Parameters
-    ----------
-    file, channel, size, unit, detrend_order
-        See :func:`multiscale.io.read_surface`; line scans may be inspected, too.
-    spikes : str, ``"remove"`` fills points that stand out of their surroundings
-
-    Returns
-    -------
-    Dataset
-        Follows ``SURFACE_STATISTICS``. The attribute ``proposal`` is a case file, empty where no
-        cells can be cut, with the reason in ``cautions``.
-
-    Raises
-    ------
-    CaseError
-        If the file cannot be read, or is flat.
-    """
+    """Describe a measured surface, and propose a case for it."""
     found = open_topography(file, channel=channel, size=size, unit=unit)
     if spikes == "remove":
         found = found.without_spikes()

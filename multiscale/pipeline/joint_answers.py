@@ -128,15 +128,7 @@ def joint_answers(result: Dataset) -> JointAnswers:
 
 
 def load_answers(result: Dataset, rise: int, few: int) -> JointAnswers:
-    """Return the answers of bodies under named loads, then those of the last cycle.
-
-    Parameters
-    ----------
-    result : Dataset
-    rise, few : int
-        Load steps from the middle of the cycles to their amplitude, in the result and in the paths
-        that are solved for the budget; 0 without cycles.
-    """
+    """Return the answers of bodies under named loads, then those of the last cycle."""
     name, stiffness = "load_stiffness", result["load_stiffness"].to_numpy()
     loads = {f"{name} {load}": (name, k) for k, load in enumerate(map(str, result["load"].values))}
     real = {}

@@ -142,13 +142,7 @@ class LawSource(Settings):
 
     @property
     def source(self) -> Path:
-        """File or case of the law.
-
-        Raises
-        ------
-        CaseError
-            If there is none.
-        """
+        """File or case of the law."""
         if self.law is None:
             raise CaseError(
                 "the structure has joints but no law: name a case or a file by [interface] law, or "
@@ -210,22 +204,7 @@ class JointLaw(LawSource):
         strict: bool,
         where: str = "[interface]",
     ) -> Dataset:
-        """Return the law with a tangential branch: given, else as measured, else by theory.
-
-        Parameters
-        ----------
-        law : Dataset
-        poissons_ratio : float, moduli of the bodies, for the theory of alike ones
-        pressure : float
-            Of the joint, Pa: there the friction of a slide stands for one that is missing.
-        strict : bool, whether to refuse assumed values
-        where : str, what has these keys, in words
-
-        Raises
-        ------
-        CaseError
-            If nothing tells the friction or, in a strict case, anything is assumed.
-        """
+        """Return the law with a tangential branch: given, else as measured, else by theory."""
         known = tangential_values(law)
         if strict and told_branches(law).get("shear", "").startswith("assumed"):
             known = {}

@@ -99,13 +99,7 @@ class RoughBodies(StructureKind, Material):
     def build(
         self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
     ) -> "macro.Assembly":
-        """Build bodies and joints, whose materials and laws are given from below.
-
-        Raises
-        ------
-        MultiscaleError
-            If dimensions are refused.
-        """
+        """Build bodies and joints, whose materials and laws are given from below."""
 
     @property
     def bodies(self) -> tuple[MeshedBody, ...]:

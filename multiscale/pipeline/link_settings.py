@@ -100,13 +100,7 @@ class LinkStructure(StructureKind):
 
     @abstractmethod
     def build(self) -> "macro.LinkSystem":
-        """Build the structure.
-
-        Raises
-        ------
-        CaseError
-            If the structure is refused, or a file that it names cannot be read.
-        """
+        """Build the structure."""
 
     def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
         """Cut the links into boxes."""

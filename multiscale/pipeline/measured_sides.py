@@ -41,13 +41,7 @@ class RoughSide:
 
 
 def measured_map(settings: InstrumentSurface) -> tuple[Surface, list[str]]:
-    """Read the map, or the line scan, of a surface table, without trend, and say what is removed.
-
-    Raises
-    ------
-    CaseError
-        If the file cannot be read, or ``profile`` does not go with what it holds.
-    """
+    """Read the map or line scan of a surface table, remove its trend and describe the removal."""
     found = open_topography(
         settings.file, channel=settings.channel, size=settings.size, unit=settings.unit
     )
@@ -80,20 +74,7 @@ def measured_side(
     of_map: Spectrum | None = None,
     beside_map: bool = False,
 ) -> RoughSide:
-    """Make the realisations of one body from its measured map or line scan.
-
-    Parameters
-    ----------
-    whole : Surface, from :func:`measured_map`
-    settings, cell, which, needed, seed, of_map, beside_map
-        See :func:`~multiscale.pipeline.windows.cut_windows`.
-    side : {0, 1}, body, which has random numbers of its own
-
-    Raises
-    ------
-    CaseError
-        If a map has too few windows, or a line scan no self-affine range.
-    """
+    """Make the realisations of one body from its measured map or line scan."""
     if settings.profile == "isotropic":
         # windows of a shared file are counted for both bodies, random surfaces are not
         seeds = [2 * (seed + k) + side for k in range(len(which))]

@@ -78,11 +78,6 @@ def open_store(folder: Path) -> Iterator[PointStore]:
     """Open the file of results in the folder of a sweep, or begin it.
 
     Results of an earlier version of ``SWEEP`` are dropped.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or written.
     """
     file = folder / STORE
     with _said(file):

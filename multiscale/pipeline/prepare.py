@@ -12,13 +12,7 @@ __all__ = ["prepare"]
 
 
 def prepare(case: AnyCase) -> None:
-    """Refuse a case for its files, and for loads that are far outside the data of its laws.
-
-    Raises
-    ------
-    MultiscaleError
-        With the first fault.
-    """
+    """Refuse a case for its files, and for loads that are far outside the data of its laws."""
     for stage in stages_of(case.tables):
         stage.prepare(case)
     if isinstance(case, Case) and case.structure is not None and not case.extrapolate:

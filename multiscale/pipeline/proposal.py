@@ -48,27 +48,7 @@ class Proposal:
 def propose_case(
     whole: Surface, settings: InstrumentSurface, waves: Spectrum, *, reliable: tuple[float, float]
 ) -> Proposal:
-    """Propose cells for a measured surface that hold its height and its slope alike.
-
-    Parameters
-    ----------
-    whole : Surface, map or line scan, without trend
-    settings : InstrumentSurface, surface table as far as the user has given it
-    waves : Spectrum, spectrum of the surface, not periodic
-    reliable : tuple of float, shortest and longest reliable wave, m
-
-    Returns
-    -------
-    Proposal
-        Flat cells, steel on smooth steel: the materials of a surface are in no file. Large cells
-        hold the long waves, and their grid of at most 256 x 256 points not the short ones: the
-        size is the one for which the smaller of both shares is largest.
-
-    Raises
-    ------
-    CaseError
-        If no wave is reliable, or the map holds no window of enough points.
-    """
+    """Propose cells for a measured surface that hold its height and its slope alike."""
     if not reliable[0] < reliable[1]:
         raise CaseError("the map has too few points for any reliable wave")
     finest = max(reliable[0], waves.cutoff_holding(SLOPE_HELD, order=2))

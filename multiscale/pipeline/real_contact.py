@@ -38,14 +38,7 @@ def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndar
 
 
 def contact_dependence(law: Dataset, pressure: np.ndarray, answers: np.ndarray) -> Dependence:
-    """Let answers that are real pressures be as wrong as the contact fraction of the law.
-
-    Parameters
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
-    pressure : ndarray, shape (steps,), nominal, Pa
-    answers : ndarray of bool, shape (answers,), which of the answers are real pressures
-    """
+    """Let answers that are real pressures be as wrong as the contact fraction of the law."""
     data, half_width = np.log(law["fit_pressure"].to_numpy()), {}
     for term in ERROR_TERMS[:-1]:  # the last one is not of a law
         one = law.sel(quantity="contact_fraction", error_term=term)

@@ -177,11 +177,6 @@ def _rows_of_preloads(
 def round_by(value: float, half_width: float) -> str:
     """Write a value with the digits that its error leaves: two of an error up to 3.5, else one.
 
-    Parameters
-    ----------
-    value, half_width : float
-        One unit. Without an error, or with one below 1e-5 of the value, it has four digits.
-
     Examples
     --------
     >>> round_by(18.7, 0.14), round_by(18.56, 0.14), round_by(17.893, 0.8), round_by(18.7034, 0.0)
@@ -438,13 +433,7 @@ def list_missing(dataset: Dataset) -> list[str]:
 
 
 def list_bolts(result: Dataset, tightening: np.ndarray) -> list[str]:
-    """Say of each bolt what it carries where it is tightened last, and in the steps after that.
-
-    Parameters
-    ----------
-    result : Dataset
-    tightening : ndarray, shape (steps,), factor of the preloads; bolts are locked where it stays
-    """
+    """Say of each bolt what it carries where it is tightened last, and in the steps after that."""
     force = 1e-3 * result["bolt_force"].to_numpy()
     locked, told = int(np.flatnonzero(np.diff(tightening, prepend=0.0))[-1]), []
     for bolt, (tightened, *rest) in enumerate(force[locked:].T):

@@ -26,11 +26,6 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
     A case of the same cells, or of the same structure, may differ in the rest: what its stages
     have left goes where it is out of date, so that no report shows it beside inputs that are not
     its own. With ``force`` all of it goes, with the cells.
-
-    Raises
-    ------
-    CaseError
-        If the folder holds another run, or a sweep.
     """
     file = out / "case.toml"
     results = any(out.rglob("*.nc"))
@@ -91,13 +86,7 @@ def is_whole(out: Path, case: AnyCase) -> bool:
 
 
 def open_stages(out: Path) -> dict[Shown, Dataset]:
-    """Open the datasets that the stages of a finished run, or a finished sweep, have left.
-
-    Raises
-    ------
-    SchemaError
-        If a dataset is missing or refused.
-    """
+    """Open the datasets that the stages of a finished run, or a finished sweep, have left."""
     file = out / "case.toml"
     if not file.exists():
         raise SchemaError(f"{out}: no results; a run leaves its case.toml and datasets")

@@ -139,13 +139,7 @@ class RecipeSettings(Settings):
         return found
 
     def check_size(self, size: tuple[float, float, float]) -> None:
-        """Refuse a volume into which its pores and cracks do not fit, or too many.
-
-        Raises
-        ------
-        ValueError
-            With the number, and the edge of a volume that holds enough.
-        """
+        """Refuse a volume into which its pores and cracks do not fit, or too many."""
         widest = {"pores": self.pore_radius, "cracks": self.crack_radius}
         for name, count in self.counts(size).items():
             across = 2.0 * (widest[name] or 0.0)
@@ -287,13 +281,7 @@ class RveSettings(Settings):
         return self.volumes(1.0)[0]
 
     def volumes(self, share: float) -> list[Cavities | VoxelImage]:
-        """Make the volumes of a size: further ones of a recipe, parts at the corners of others.
-
-        Raises
-        ------
-        CaseError
-            If an image is refused, or pores do not fit.
-        """
+        """Make the volumes of a size: further ones of a recipe, parts at the corners of others."""
         if self.recipe is not None:
             assert self.size is not None
             # seeds of smaller volumes lie far from those of larger ones

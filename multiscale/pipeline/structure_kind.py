@@ -57,13 +57,7 @@ def tell_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
 
 
 def refuse_far_cells(kind: "StructureKind", case: "Case") -> None:
-    """Refuse loads that press every step far outside the pressures of the cells of the case.
-
-    Raises
-    ------
-    ValueError
-        With the pressures of both.
-    """
+    """Refuse loads that press every step far outside the pressures of the cells of the case."""
     if not case.has_cells or case.extrapolate:
         return
     for one in kind.pressed(case):
@@ -102,13 +96,7 @@ class StructureKind(Settings):
         return None
 
     def check(self, case: "Case") -> None:
-        """Refuse what the other tables of the case say and the structure cannot do.
-
-        Raises
-        ------
-        ValueError
-            With a sentence.
-        """
+        """Refuse what the other tables of the case say and the structure cannot do."""
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""

@@ -68,11 +68,6 @@ def choose_solver(
     """Choose the solver of bodies, unless the case names it.
 
     ``[substructures]`` and many processes ask for LATIN.
-
-    Raises
-    ------
-    CaseError
-        If Newton's method is asked for on many processes.
     """
     method, shared = case.statics.method, team is not None and team.size > 1
     if method == "newton":
@@ -146,31 +141,7 @@ def structure_stage(
     answers: tuple[StageAnswer, ...] = (),
     compared: Callable[[Dataset], Dataset] = lambda result: result,
 ) -> Stage:
-    """Make the stage that solves some kinds of structures.
-
-    Parameters
-    ----------
-    name : str, what the kinds name as their stage
-    solve, needs : callable
-        From the structure, its case and, to solve it, the datasets of earlier stages and the job.
-    tabulate, write_fields, check : callable
-        Make head and rows of the dataset, write a series for ParaView as
-        :func:`multiscale.io.write_link_fields`, and refuse a dataset that answers nothing.
-    prepare, kept
-        As of :class:`Stage`, from the structure and its case.
-    reads : set of str, tables on which the dataset depends, beside the title
-    question : str
-        Stands at the head of the page, if the dataset has no attribute ``question``.
-    takes : tuple of Stage
-    schema : Schema
-    solver : tuple of str, libraries that solve where they are installed
-    more : callable, from the dataset to further sections of the page
-    pictures : tuple of str, names of all figures that these may have
-    answer : callable
-        From the dataset to what the print and the head of the page answer to the question.
-    answers, compared
-        See :class:`multiscale.pipeline.stage.Stage`.
-    """
+    """Make the stage that solves some kinds of structures."""
 
     def run(case: Case, found: Datasets, job: Job) -> Dataset:
         result = solve(case.structure, case, found, job)

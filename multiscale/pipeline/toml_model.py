@@ -155,13 +155,7 @@ class Settings(BaseModel):
         include: set[str] | dict[str, Any] | None = None,
         exclude: set[str] | dict[str, Any] | None = None,
     ) -> str:
-        """Checksum of what is said, with the content of the files that are named.
-
-        Raises
-        ------
-        MultiscaleError
-            If such a file cannot be read.
-        """
+        """Checksum of what is said, with the content of the files that are named."""
         said = self.model_dump(include=include, exclude=exclude)
         text = json.dumps(said, default=_content)
         return sha256(text.encode()).hexdigest()
@@ -233,13 +227,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    CaseError
-        If the file is missing, cannot be read or is not TOML.
-    """
+    """Read a TOML file."""
     text = read_text(path)
     try:
         return tomllib.loads(text)
@@ -255,11 +243,6 @@ def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kin
 
     ``kinds`` are the models behind the tags of tables that come in several kinds, and behind the
     names of tables whose model another table chooses.
-
-    Raises
-    ------
-    CaseError
-        With every fault of the file, one a line.
     """
     try:
         return model.model_validate(content)

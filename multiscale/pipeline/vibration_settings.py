@@ -86,13 +86,7 @@ class VibrationSettings(Settings):
     def reach(
         self, largest: np.ndarray, *, coarse: bool = False
     ) -> "dict[int, macro.vibration.Amplitudes]":
-        """Return the modal amplitudes of the modes, counted from 0.
-
-        Parameters
-        ----------
-        largest : ndarray, largest displacement of a node in the shape of every mode, kg^-1/2
-        coarse : bool, whether the paths have half of the steps
-        """
+        """Return the modal amplitudes of the modes, counted from 0."""
         given = np.array(self.modal_amplitudes or self.amplitudes)
         return {
             mode - 1: macro.vibration.Amplitudes(

@@ -87,28 +87,6 @@ def cut_windows(
 ) -> tuple[list[Surface], Measured]:
     """Cut separate windows from a measured map and make them periodic and band-limited.
 
-    Parameters
-    ----------
-    whole : Surface, the map
-    settings, cell : InstrumentSurface, CellSettings
-        How the map is cut, and size and grid of the cells.
-    which, needed : range, int, numbers of the windows to cut, and how many the map must hold
-    seed : int, seed of the order of the windows, which are the same whatever their number
-    of_map : Spectrum, optional, spectrum of the map, not periodic, where it is known already
-    beside_map : bool
-        Whether the other body has another map, for whose waves the cells may be larger than this
-        one allows: then windows repeat in the cell, if they hold :data:`HELD` of the rms height.
-
-    Returns
-    -------
-    list of Surface, periodic and band-limited, on the grid of the cells
-    Measured
-
-    Raises
-    ------
-    CaseError
-        If the map has too few windows, or the cut-off makes no sense.
-
     Notes
     -----
     A window is a whole number of pixels, which take the size of the cell, or of its half if it is

@@ -90,12 +90,6 @@ def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
 
     Axes of fixed aspect may be far smaller than their room in the layout, at whose edge a bar
     would stand apart from them. This bar is as long as the axes.
-
-    Parameters
-    ----------
-    mappable : ScalarMappable, coloured artist on the axes
-    ax : Axes, the axes
-    label : str, quantity and unit
     """
     from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 
@@ -116,15 +110,7 @@ def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
 def plot_energy_parts(
     result: Dataset, parts: Mapping[str, str], work: str, ax: Axes | None
 ) -> Axes:
-    """Plot energies over time, less the work, and their sum; without parts that are always zero.
-
-    Parameters
-    ----------
-    result : Dataset, motion with ``time``, s, and energies, J
-    parts : mapping of str to str, variables by their label
-    work : str, label of the negative work
-    ax : Axes, optional, axes to draw on
-    """
+    """Plot energies over time, less the work, and their sum; without parts that are always zero."""
     ax, time = axes_or_current(ax), result["time"].values
     energies = {label: result[name].values for label, name in parts.items()}
     energies[work] = -result["work"].values
@@ -139,13 +125,7 @@ def plot_energy_parts(
 
 
 def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
-    """Show a box in true proportions, with ticks as far apart on short edges as on long ones.
-
-    Parameters
-    ----------
-    ax : Axes3D, axes in space
-    low, high : ndarray, shape (3,), corners of the box, in the unit of the axes
-    """
+    """Show a box in true proportions, with ticks as far apart on short edges as on long ones."""
     from matplotlib.ticker import FixedLocator, MaxNLocator
 
     lengths = high - low

@@ -136,13 +136,6 @@ def draw_points(result: Dataset, points: np.ndarray, value: np.ndarray, ax: Axes
 
     Each point colours its part of the faces of one body, or, where the points are the corners of
     no faces, a disc of the area that it stands for.
-
-    Parameters
-    ----------
-    result : Dataset
-        With the points of joints; the outlines of its parts are drawn if it has their elements.
-    points : ndarray of int
-    value : ndarray, shape (points,), what the colours show
     """
     from matplotlib.collections import EllipseCollection, PolyCollection
 

@@ -108,19 +108,6 @@ class RoughWave(RoughStructure):
 
 
 def half_space_stiffness(points: int, length: float, contact_modulus: float) -> np.ndarray:
-    r"""Return the stiffness of the surface of a half-space for periodic displacement, plane strain.
-
-    Parameters
-    ----------
-    points : int, number of equidistant points in a period
-    length : float, period, m
-    contact_modulus : float, :math:`E^*`, Pa
-
-    Returns
-    -------
-    ndarray, shape (points, points)
-        Force on a point per displacement of a point, Pa (N/m per metre of width). The stiffness of
-        a wave is :math:`E^* |q| / 2` per area; the mean displacement has no stiffness.
-    """
+    r"""Return the surface stiffness of a half-space, periodic, in plane strain."""
     q = 2.0 * np.pi * np.abs(np.fft.fftfreq(points, length / points))
     return np.asarray(circulant(np.fft.ifft(0.5 * contact_modulus * q).real) * (length / points))

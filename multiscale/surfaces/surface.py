@@ -108,24 +108,7 @@ class Surface:
 
 
 def remove_trend(heights: np.ndarray, order: int) -> np.ndarray:
-    r"""Subtract the least-squares polynomial of a total degree.
-
-    Parameters
-    ----------
-    heights : ndarray, shape (nx, ny)
-        Heights, m. The fit leaves out points that are NaN, and they stay NaN.
-    order : {0, 1, 2}, degree: 0 removes the mean, 1 a plane, 2 a plane and the curvature
-
-    Returns
-    -------
-    ndarray, shape (nx, ny)
-        :math:`h - \sum_{i+j \le n} c_{ij}\, x^i y^j`, m.
-
-    Raises
-    ------
-    CaseError
-        If the order is not 0, 1 or 2.
-    """
+    r"""Subtract the least-squares polynomial of a total degree."""
     if order not in (0, 1, 2):
         raise CaseError(
             f"the detrending order must be 0 (mean), 1 (plane) or 2 (curvature), got {order!r}"

@@ -200,14 +200,7 @@ def error_budget(
 
 
 def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
-    r"""Bound that an error with a bias keeps with a probability of 95 %.
-
-    Returns
-    -------
-    ndarray
-        :math:`w` with :math:`P(|b + s\, \mathcal{N}(0, 1)| \le w) = 0.95` for the bias b and the
-        half-width :math:`1.96\, s` of the 95 % interval about it, of one shape and unit.
-    """
+    r"""Bound that an error with a bias keeps with a probability of 95 %."""
     from scipy.special import chndtrix
 
     b, s = np.abs(bias), np.asarray(half_width) / NORMAL

@@ -70,14 +70,6 @@ class Control:
         Control is of use where the correlation, in the median over the points, is larger than none
         with a confidence of 95 %, by Fisher's transformation, of at least four pairs. A rule that
         took the narrower interval would have intervals that are too narrow.
-
-        Parameters
-        ----------
-        dear, cheap : ndarray, shape (R, points) and (M, points)
-            The first R rows of the second belong to the first; NaN where there is no value.
-        apart : bool
-            Whether the pairs are of another kind than the further cheap cells, such as smaller
-            ones, so that the mean of the cheap cells is the mean of the further ones alone.
         """
         paired = np.isfinite(dear) & np.isfinite(cheap[: len(dear)])
         n = paired.sum(axis=0)

@@ -61,20 +61,7 @@ class ChordTable:
 def pressure_overclosure(
     law: "NormalLaw", pressure_range: tuple[float, float], *, tolerance: float = 5e-3
 ) -> ChordTable:
-    """Approximate a normal law by a chain of chords.
-
-    Parameters
-    ----------
-    law : NormalLaw
-    pressure_range : tuple of float, smallest and largest pressure of the table, Pa
-    tolerance : float
-        Bound on the error of the pressure between the points, relative to the pressure.
-
-    Raises
-    ------
-    CaseError
-        If the pressures are not positive and rising.
-    """
+    """Approximate a normal law by a chain of chords."""
     check_limits(tolerance)
     low, high = pressure_range
     if not 0.0 < low < high < np.inf:

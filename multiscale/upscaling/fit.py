@@ -229,19 +229,7 @@ def _say_branches(told: Mapping[str, str]) -> str:
 
 
 def laws_of_each(observations: Observations, law: Dataset | None = None) -> list[Any]:
-    """Fit a normal law to each realisation.
-
-    Parameters
-    ----------
-    observations : Observations, observed gaps
-    law : Dataset, optional
-        Follows ``INTERFACE_LAW``: the laws are of its family, with the same parameters fixed; of
-        free form if not given.
-
-    Returns
-    -------
-    list of NormalLaw or None, None where a fit does not settle
-    """
+    """Fit a normal law to each realisation."""
     mean, counted = observations.mean, observations.counted
     gap, ones = np.where(counted, observations.values, mean), np.ones(mean.size)
     family = FREE_FORM["gap"] if law is None else str(law.attrs["family"])

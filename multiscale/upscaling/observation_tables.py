@@ -106,21 +106,7 @@ def quantity_of(path: str | PathLike[str]) -> str:
 def read_columns(
     path: Path, wanted: Mapping[str, str], *, signed: Collection[str], bare: bool = False
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None, list[str]]:
-    """Read columns of a table, in SI, and the column of specimens if there is one.
-
-    Parameters
-    ----------
-    path : Path
-    wanted : mapping of str to str, names and SI units (UDUNITS spelling) of the columns
-    signed : collection of str, columns that may be zero or negative; the others are positive
-    bare : bool, default False
-        Whether a column may lack its unit, and then is in SI; the last result names these columns.
-
-    Raises
-    ------
-    CaseError
-        If a column or its unit is missing or of another dimension, or an entry is not of its kind.
-    """
+    """Read columns of a table, in SI, and the column of specimens if there is one."""
     table = read_table(path, lambda head: _kind(_named(head)[0], wanted, signed))
     found = {name: (head, unit) for head in table for name, unit in [_named(head)]}
     if missing := [name for name in wanted if name not in found]:

@@ -28,19 +28,7 @@ def fit_family(
     n_samples: int,
     seed: int,
 ) -> FitResult:
-    """Fit the parameters of a family and their samples, of which unsettled ones are only counted.
-
-    Parameters
-    ----------
-    observations : Observations
-    family : Family
-    counts : ndarray, shape (samples, realisations)
-        How often each realisation counts in each sample; without rows, and if there is one
-        realisation of independent points, the residuals are resampled instead.
-    weights, fixed
-        See :func:`~.regression.regression_of`.
-    n_samples, seed : int, number and seed of the resampled residuals
-    """
+    """Fit the parameters of a family and their samples; unsettled samples are only counted."""
     regression = regression_of(family, observations, fixed, weights)
     mean = observations.mean
     ones = np.ones(mean.size)

@@ -63,13 +63,7 @@ class Regression:
     def solve(
         self, mean: np.ndarray, weight: np.ndarray, start: Mapping[str, float] | None = None
     ) -> dict[str, float]:
-        """Fit the mean values of one sample, shape (points,), with its own weights.
-
-        Raises
-        ------
-        ConvergenceError
-            If the iteration does not settle.
-        """
+        """Fit the mean values of one sample, shape (points,), with its own weights."""
         from scipy.optimize import leastsq
 
         origin = self.start if start is None else start
@@ -96,12 +90,7 @@ class Regression:
     def solve_many(
         self, means: np.ndarray, weights: np.ndarray, start: Mapping[str, float]
     ) -> list[dict[str, float] | None]:
-        """Fit the mean values of many samples, shape (samples, points), from one start.
-
-        Returns
-        -------
-        list, parameters of each sample; nothing where the iteration does not settle
-        """
+        """Fit the mean values of many samples, shape (samples, points), from one start."""
         if not (self.free and len(means)):
             return [dict(start) for _ in means]
         found: list[dict[str, float] | None] = [None] * len(means)
@@ -172,21 +161,7 @@ class Regression:
 def regression_of(
     family: Family, observations: Observations, fixed: Mapping[str, float], weights: np.ndarray
 ) -> Regression:
-    """Prepare the fit of a family.
-
-    Parameters
-    ----------
-    family : Family
-    observations : Observations
-    fixed : mapping of str to float, parameters that keep a value, SI
-    weights : ndarray, shape (points,), dimensionless
-
-    Raises
-    ------
-    CaseError
-        If the family has no parameter of a fixed name, is not for this quantity, or has as many
-        free parameters as there are points.
-    """
+    """Prepare the fit of a family."""
     unknown = set(fixed) - set(family.parameters)
     if unknown:
         raise CaseError(
@@ -228,19 +203,6 @@ def _solve_many(
     residual: Callable[[np.ndarray], np.ndarray], shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Minimise the squares of many residuals of one form by the method of Levenberg and Marquardt.
-
-    Parameters
-    ----------
-    residual : callable
-        From the coordinates, shape (problems, coordinates), to the residuals, shape (problems,
-        points); dimensionless, finite.
-    shape : tuple of int
-        Number of problems and of coordinates. All start at zero, which should be close.
-
-    Returns
-    -------
-    coordinates : ndarray, shape (problems, coordinates)
-    settled : ndarray of bool, shape (problems,)
 
     Notes
     -----

@@ -153,14 +153,7 @@ def paired_first(
 
 
 def usable_steps(response: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Which steps of which realisations count, and the pressure of every step, Pa.
-
-    Raises
-    ------
-    CaseError
-        If a step that is said to have converged has no value, gaps are out of proportion to the
-        heights, or the averaged traction contradicts the pressure.
-    """
+    """Which steps of which realisations count, and the pressure of every step, Pa."""
     own = -response["traction"].sel(component="n").to_numpy()
     counted = response["converged"].to_numpy() == 1
     values = {"mean_gap": response["mean_gap"].to_numpy(), "normal traction": own}

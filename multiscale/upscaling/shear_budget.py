@@ -38,21 +38,6 @@ def tangential_terms(
 ) -> dict[str, Term]:
     r"""Add the tangential traction to the terms of gap, contact fraction and stiffness.
 
-    Parameters
-    ----------
-    terms : mapping of str to Term, half-widths (3, steps)
-    law : Dataset, follows ``INTERFACE_LAW``, with a tangential branch that was measured
-    p : ndarray, shape (steps,), pressures of the law, Pa
-    coarser : mapping of float to Dataset
-        From the ratio of the spacings (2, or 2 and 4) to the law of the same realisations, pressed
-        and sheared on a coarser grid; with that of fewer realisations, on the grid of the law too,
-        under 1. May be empty.
-
-    Returns
-    -------
-    dict of str to Term
-        Half-widths (4, steps), the last row over :math:`\mu p`, at the slip where it is largest.
-
     Notes
     -----
     - *sampling*: from the bootstrap samples of normal law, :math:`\kappa` and :math:`\mu`;

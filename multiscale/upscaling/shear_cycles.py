@@ -40,20 +40,7 @@ def measure_loss(
     stiffness_ratio: np.ndarray,
     friction: float,
 ) -> LossRatio | None:
-    """Compare the work of friction of cells over closed cycles with the loss of their beds.
-
-    Parameters
-    ----------
-    shear : Dataset, follows ``MICRO_RESPONSE``, of cells with friction
-    pressure : ndarray, shape (steps,), mean pressure of its steps, Pa
-    laws : list of NormalLaw, normal law of each realisation
-    stiffness_ratio : ndarray, shape (2,), of the bed along x and y
-    friction : float, friction coefficient of the bed
-
-    Returns
-    -------
-    LossRatio or None, None if the cells went through no closed cycle at a held pressure
-    """
+    """Compare the work of friction of cells over closed cycles with the loss of their beds."""
     if "friction_work" not in shear.variables:
         return None
     slip, traction = (shear[name].to_numpy()[..., 1:] for name in ("displacement_jump", "traction"))

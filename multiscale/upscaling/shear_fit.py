@@ -166,14 +166,7 @@ def with_shear(
 
 
 def bed_traction(bed: Sliders, opening: np.ndarray, slip: np.ndarray) -> np.ndarray:
-    """Tangential traction of a bed along paths from rest, Pa, shaped as the slip.
-
-    Parameters
-    ----------
-    bed : Sliders
-    opening : ndarray, shape (steps,), normal jump, m
-    slip : ndarray, shape (steps, 2) or (steps, 2, paths), tangential jumps, m
-    """
+    """Tangential traction of a bed along paths from rest, Pa, shaped as the slip."""
     paths = slip.reshape(*slip.shape[:2], -1)
     state, traction = np.zeros((bed.n_state, paths.shape[2])), np.empty(paths.shape)
     for k, moved in enumerate(paths):

@@ -19,17 +19,6 @@ def place_knots(
 ) -> tuple[np.ndarray, np.ndarray]:
     r"""Place knots evenly in the logarithm of the pressure.
 
-    Parameters
-    ----------
-    pressure, gap : ndarray, shape (n,), the data, pressure increasing and gap decreasing; Pa and m
-    n_terms, largest_gap
-        Number of knots, at least 6, and a gap, m, beyond which the last knot lies.
-
-    Returns
-    -------
-    knot, level : ndarray, shape (n_terms,)
-        Increasing, m, and an estimate of :math:`\ln p` at the knots, p in Pa.
-
     Notes
     -----
     Three fifths of the knots lie in the range of the data, where the gap is interpolated. Beyond,
@@ -66,19 +55,6 @@ def fit_spline(
     level: np.ndarray,
 ) -> np.ndarray:
     r"""Fit convex decreasing laws to samples of a response by non-negative least squares.
-
-    Parameters
-    ----------
-    pressure : ndarray, shape (n,), :math:`p_j`, Pa
-    gap : ndarray, shape (samples, n), :math:`g_j` of every sample, m; below the last knot
-    weight : ndarray, shape (samples, n)
-        :math:`w_j`: 1 for a point that counts, 0 for one that is left out; dimensionless.
-    knot, level : ndarray, shape (terms,), from :func:`place_knots`
-
-    Returns
-    -------
-    ndarray, shape (samples, terms)
-        Coefficients :math:`c_k` of :class:`multiscale.laws.ConvexDecreasing`, Pa m\ :sup:`-3`.
 
     Notes
     -----

@@ -47,21 +47,7 @@ def fit_convex_decreasing(
     *,
     n_terms: int,
 ) -> FitResult:
-    """Fit a convex decreasing law and its samples.
-
-    Parameters
-    ----------
-    observations : Observations, observed gaps or normal stiffnesses
-    counts : ndarray, shape (samples, realisations)
-        How often each realisation counts in each sample.
-    weights, n_terms
-        See :func:`multiscale.upscaling.fit_law`; ``weights`` has the shape (points,).
-
-    Raises
-    ------
-    CaseError
-        If the gap does not fall as the pressure rises.
-    """
+    """Fit a convex decreasing law and its samples."""
     p, n = observations.pressure, observations.pressure.size
     if n < FEWEST_PRESSURES:
         raise CaseError(
@@ -104,11 +90,6 @@ def representable(
     Gaps of cells say too how stiff the interface is. A convex law that ends at a pressure has at
     least the mean stiffness of the interval below: it does not follow what is softer in the
     interval above. Measured values, whose errors are independent, are all kept.
-
-    Raises
-    ------
-    CaseError
-        If there are fewer than three, or the gap does not fall as the pressure rises.
     """
     p = observations.pressure
     _check_falls(p, _gaps(observations, observations.mean[None])[0])
@@ -187,14 +168,6 @@ def decay_share(
     error: np.ndarray, n: int, least: float, noise: np.ndarray | float = 0.0
 ) -> np.ndarray:
     r"""Part of the root mean square error at unseen points that is left at and between seen ones.
-
-    Parameters
-    ----------
-    error : ndarray, shape (fits,), errors of the fits of :func:`left_out`; NaN where there is none
-    n : int
-    least : float, smallest share of the error without noise
-    noise : ndarray, shape (fits,), optional
-        Variance of the error over the realisations, which the sampling error counts.
 
     Notes
     -----

@@ -26,19 +26,7 @@ VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 def check_moduli(
     youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray, least: float = -1.0
 ) -> None:
-    """Refuse a Young's modulus or a Poisson's ratio outside its range.
-
-    Parameters
-    ----------
-    youngs_modulus : float or ndarray, Young's modulus, Pa; must be positive and finite
-    poissons_ratio : float or ndarray, Poisson's ratio, dimensionless; must lie between -1 and 1/2
-    least : float, least Poisson's ratio that is taken: zero where auxetic bodies are not solved
-
-    Raises
-    ------
-    CaseError
-        If a value is outside its range; the message contains the first such value.
-    """
+    """Refuse a Young's modulus or a Poisson's ratio outside its range."""
     E, nu = np.ravel(youngs_modulus), np.ravel(poissons_ratio)
     wrong = E[~((E > 0.0) & np.isfinite(E))]
     if wrong.size:
@@ -69,13 +57,7 @@ def contact_modulus(*bodies: tuple[float, float]) -> float:
 def lame_parameters(
     youngs_modulus: float | np.ndarray, poissons_ratio: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    r"""Return Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa.
-
-    Parameters
-    ----------
-    youngs_modulus : float or ndarray, Young's modulus, Pa
-    poissons_ratio : float or ndarray, Poisson's ratio, dimensionless
-    """
+    r"""Return Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa."""
     E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
 

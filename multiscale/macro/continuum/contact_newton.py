@@ -99,27 +99,7 @@ def rest(assembly: FiniteAssembly) -> Equilibrium:
 def newton_step(
     assembly: FiniteAssembly, before: Equilibrium, time: float, limits: Limits
 ) -> tuple[Solution, Equilibrium]:
-    """Solve one load step.
-
-    Parameters
-    ----------
-    before : Equilibrium, end of the step before
-    time : float, end of this step
-    limits : Limits
-        The tolerance bounds the unbalanced forces and the error of the contact law, relative to
-        the largest of load, reaction of the supports and contact force. Rounding of the internal
-        forces, where it is larger, counts as converged too.
-
-    Returns
-    -------
-    solution : Solution, ``value`` is the displacement, m
-    end : Equilibrium, the last iterate; an equilibrium only if the solution converged
-
-    Raises
-    ------
-    ConvergenceError
-        If a body can move without force.
-    """
+    """Solve one load step."""
     problem = _Step(assembly, before, time, assembly.load(time), assembly.supported(time))
     trial = problem.evaluate(before.displacement, before.reaction, before.couplings)
     landings = LANDINGS

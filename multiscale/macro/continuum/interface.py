@@ -163,13 +163,7 @@ class Coupling:
 
 
 def build_coupling(interface: ContactInterface, x: np.ndarray, shift: np.ndarray) -> Coupling:
-    """Couple the two sides where they are.
-
-    Parameters
-    ----------
-    x : ndarray, shape (nodes, d), positions of all nodes, m
-    shift : ndarray, shape (d,), displacement of the obstacle, m
-    """
+    """Couple the two sides where they are."""
     surface, nodes = interface.surfaces[0], interface.nodes[0]
     own = x[nodes]
     n1 = len(nodes)
@@ -197,14 +191,7 @@ def build_coupling(interface: ContactInterface, x: np.ndarray, shift: np.ndarray
 
 
 def fit(interface: ContactInterface, start: np.ndarray) -> ContactInterface:
-    """Take the gap of the start off, where the user says that the surfaces fit.
-
-    Raises
-    ------
-    CaseError
-        If bodies that are not said to fit overlap on curved faces whose facets do not match and
-        miss the surfaces by as much as the gap.
-    """
+    """Take the gap of the start off, where the user says that the surfaces fit."""
     contact = interface.contact
     if contact.obstacle is not None and not contact.fitted:
         return interface
@@ -258,17 +245,7 @@ def local_jump(
     motion: tuple[np.ndarray, np.ndarray],
     times: tuple[float, float],
 ) -> np.ndarray:
-    """Gap and slip of a step, means over the area of each node, shape (n1, d), m.
-
-    Parameters
-    ----------
-    couplings : tuple of Coupling
-        At the end of the step before and now (at the start, for small sliding).
-    start : ndarray, shape (nodes, d), undeformed positions of all nodes, m
-    motion : tuple of ndarray, shape (nodes, d)
-        Displacement of all nodes at the end of the step before and now, m.
-    times : tuple of float, time of the step before and now
-    """
+    """Gap and slip of a step, means over the area of each node, shape (n1, d), m."""
     before, now = motion
     old, coupling = couplings
     obstacle, offset = interface.contact.obstacle, interface.offset

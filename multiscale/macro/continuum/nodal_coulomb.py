@@ -35,22 +35,6 @@ def linearise(
 ) -> LocalLaw:
     r"""Evaluate the law and a member of its generalised derivative.
 
-    Parameters
-    ----------
-    reaction : ndarray, shape (nodes, c)
-        :math:`r`, Pa: pressure and friction on side 2. One component without friction.
-    jump : ndarray, shape (nodes, c)
-        Gap :math:`g` and slip :math:`s` of the step, side 2 minus side 1, m.
-    friction : ndarray, shape (nodes,), coefficient :math:`\mu`, dimensionless
-    stiffness : ndarray, shape (nodes,)
-        :math:`\rho > 0`, Pa/m; it changes the path of the iteration, not the solution.
-    kept : ndarray of bool, shape (nodes, c)
-        Components that can be transmitted; the others are zero.
-
-    Returns
-    -------
-    LocalLaw, the residual and its derivatives
-
     Notes
     -----
     With :math:`y = r - \rho\,(g, s)` and the ball of radius :math:`b = \mu \max(0, y_n)`,

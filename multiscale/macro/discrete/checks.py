@@ -158,13 +158,7 @@ def check_supports(system: "LinkSystem") -> None:
 
 
 def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
-    """Return the number of rigid motions of points that their supports leave free.
-
-    Parameters
-    ----------
-    points : ndarray, shape (nodes, 3), positions, m
-    fixed : ndarray of bool, shape (nodes, components), fixed components
-    """
+    """Return the number of rigid motions of points that their supports leave free."""
     n, components = fixed.shape
     size = float(np.abs(points - points.mean(axis=0)).max()) or 1.0
     places = np.repeat(points / size, components, axis=0)
@@ -179,13 +173,7 @@ def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
 
 
 def nodal_masses(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarray) -> np.ndarray:
-    """Return the mass of every component of the nodes, shape (nodes, components), kg.
-
-    Parameters
-    ----------
-    mass : float or ndarray, shape (nodes,) or (nodes, components), kg
-    free : ndarray of bool, shape (nodes, components), free components, whose mass must be positive
-    """
+    """Return the mass of every component of the nodes, shape (nodes, components), kg."""
     given = np.asarray(mass, dtype=float)
     if given.ndim == 1:
         given = given[:, None]

@@ -136,13 +136,7 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the local axes x, y, z of beams, each of shape (beams, 3).
-
-    Parameters
-    ----------
-    direction : ndarray, shape (beams, 3), unit vectors along the beams
-    up : ndarray, shape (3,), vector that spans the local x-z plane together with the beam
-    """
+    """Return the local axes x, y, z of beams, each of shape (beams, 3)."""
     up = up / np.sqrt(up @ up)
     along = np.abs(direction @ up) > 1.0 - 1e-9
     upward = np.where(along[:, None], np.array([1.0, 0.0, 0.0]), up)
@@ -152,14 +146,7 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def compatibility(system: LinkSystem) -> csr_array:
-    r"""Return the sparse compatibility operator of the free unknowns.
-
-    Returns
-    -------
-    csr_array, shape (rows, n)
-        :math:`B` with :math:`e = B u`; one row per link, positive if the link elongates,
-        then five per beam. The nodal forces of tensions are :math:`B^T \tau`, eq (7).
-    """
+    r"""Return the sparse compatibility operator of the free unknowns."""
     return equations(system).operator
 
 

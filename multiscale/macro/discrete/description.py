@@ -30,12 +30,7 @@ def link_dataset(system: LinkSystem, values: dict[str, Any], **labels: Any) -> D
 
 
 def step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> dict[str, Any]:
-    """Return the variables of a step, NaN unless it converged.
-
-    Parameters
-    ----------
-    state : LinkState, solution of the step
-    """
+    """Return the variables of a step, NaN unless it converged."""
     solution, links = state.solution, system.n_links
     valid = 1.0 if solution.converged else np.nan
     motion = valid * model.at_nodes(solution.value)

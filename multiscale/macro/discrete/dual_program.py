@@ -27,16 +27,6 @@ def solve_dual_program(model: LinkEquations, load_factor: float, *, tolerance: f
     The multipliers of the equilibrium are the displacement, with the opposite sign. Links of
     fixed length have no term.
 
-    Parameters
-    ----------
-    load_factor : float, :math:`\alpha`, dimensionless
-    tolerance : float
-        Bound on the forces out of balance relative to the largest nodal load; dimensionless.
-
-    Returns
-    -------
-    LinkState, with the slacks that the displacement leaves; never more accurate than about 1e-7
-
     References
     ----------
     .. [1] P. J. Goulart and Y. Chen, Clarabel: An interior-point solver for conic programs with

@@ -42,17 +42,6 @@ def find_finite_state(
 
     with the actual positions :math:`x` and directions :math:`n`.
 
-    Parameters
-    ----------
-    system : LinkSystem, structure of links with three unknowns per node
-    load_factors : tuple of float, first and last load factor
-    start : ndarray, shape (n,), displacement at the first load factor, m
-    limits : Limits, limits of the iteration
-
-    Returns
-    -------
-    LinkState, equilibrium at the last load factor, or the last iterate if the solver has failed
-
     Notes
     -----
     Newton with the exact tangent. A step must lower the energy or the residual. If the tangent is

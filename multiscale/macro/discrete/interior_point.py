@@ -45,22 +45,6 @@ def solve_interior_point(
     :math:`\min \sum (\tau - \tau^0)^2 / 2k` under equilibrium, dual to the energy of
     :func:`solve_newton`. Links of fixed length have :math:`1/k = 0`.
 
-    Parameters
-    ----------
-    model, tangent, load_factor
-        As :func:`solve_newton`.
-    limits : Limits
-        Ten times the tolerance bounds the error of (1): forces relative to the largest nodal
-        load, the geometric mean of tension and slack (as a force) relative to the largest
-        tension. The error due to the rounding of the displacement is subtracted.
-
-    Returns
-    -------
-    LinkState
-        With extensible links, one or two Newton iterations from it reach round-off. If its status
-        is ``INFEASIBLE``, the displacement is a motion in which the load does work and no link
-        resists.
-
     Notes
     -----
     Every iteration solves with :math:`B^T w B`, :math:`w = (1/k + \lambda / |\tau|)^{-1}`: the

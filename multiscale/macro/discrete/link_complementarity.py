@@ -27,23 +27,6 @@ def solve_complementarity(
         A_c = k_c - k_c B_c K^{-1} B_c^T k_c,    \tag{10}
 
     with the stiffness :math:`K` of the structure without slack. Struts have the opposite sign.
-
-    Parameters
-    ----------
-    load_factor : float, dimensionless
-    tolerance : float
-        Bound on the residual of :func:`multiscale.nonsmooth.solve_lcp`, dimensionless.
-
-    Returns
-    -------
-    LinkState, whose residuals belong to (10)
-
-    Raises
-    ------
-    CaseError
-        If too many links may go slack.
-    MultiscaleError
-        If the structure is a mechanism.
     """
     one_sided = np.flatnonzero(np.isfinite(model.lower) | np.isfinite(model.upper))
     if one_sided.size > MAX_DENSE_LINKS:

@@ -32,12 +32,6 @@ def link_needs(
 ) -> Needs:
     """Return the unknowns, operators and memory of an analysis of links.
 
-    Parameters
-    ----------
-    exact, stability : bool, as in :func:`multiscale.macro.solve_static`
-    moving : bool, whether the motion is computed, by :func:`multiscale.macro.simulate`
-    steps : int, number of load factors or times
-
     Examples
     --------
     >>> from multiscale.macro import tensegrity_grid

@@ -102,20 +102,6 @@ def solve_newton(
     eqs (7), (14) and (15) of the source, with the projection :math:`P` onto the admissible
     tensions: the proximal operator of the dual energy.
 
-    Parameters
-    ----------
-    load_factor : float, :math:`\alpha`, dimensionless
-    start : ndarray, shape (n,), initial displacement, m
-    limits : Limits
-        The tolerance bounds the largest force out of balance, relative to the largest nodal
-        load (without load: to the largest prestress), or the rounding of the tensions if larger.
-    taut : callable, optional
-        Solution with the tangent without slack, if this has just been factorised.
-
-    Returns
-    -------
-    LinkState, the equilibrium, or the last iterate if the method has failed
-
     Notes
     -----
     (1) is the gradient of a convex, piecewise quadratic energy. Its derivative along a Newton
@@ -219,14 +205,7 @@ def relax_zones(
 def secant_direction(
     solve: Solve, pairs: list[tuple[np.ndarray, np.ndarray]], residual: np.ndarray
 ) -> np.ndarray:
-    """Return the quasi-Newton direction of eq (6) of [1]_ of :func:`solve_newton`, m.
-
-    Parameters
-    ----------
-    solve : callable, solution with the first approximation of the tangent
-    pairs : list of tuple of ndarray, steps, m, and the changes of the nodal forces by them, N
-    residual : ndarray, shape (n,), force out of balance, N
-    """
+    """Return the quasi-Newton direction of eq (6) of [1]_ of :func:`solve_newton`, m."""
     force, shares = residual, []
     for step, change in reversed(pairs):
         shares.append(step @ force / (step @ change))
@@ -250,14 +229,6 @@ def exact_step(
 
     The slope is summed from its initial value, minus ``work``, and the gains of the tensions,
     because a difference of two nearly equal sums would lose it near the solution.
-
-    Parameters
-    ----------
-    elastic, growth : ndarray, shape (rows,)
-        Elastic change of the tensions at the start, and its growth per unit step, N.
-    stiffness : ndarray, shape (rows,), N/m
-    lower, upper : ndarray, shape (rows,), bounds of the change, N
-    work : float, work of the forces out of balance along the direction, J
     """
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):

@@ -29,14 +29,7 @@ class LinkState:
 def state_of(
     model: LinkEquations, solution: Solution, change: np.ndarray | None = None
 ) -> LinkState:
-    """Return the state with the tensions (14), (15) of the source and the slacks.
-
-    Parameters
-    ----------
-    solution : Solution, solution for the displacement, m
-    change : ndarray, shape (rows,), optional
-        Elastic change k e of the tensions, N, if known more accurately than from the displacement.
-    """
+    """Return the state with the tensions (14), (15) of the source and the slacks."""
     if change is None:
         change = model.stiffness * model.elongate(solution.value)
     elastic = model.prestress + change

@@ -50,14 +50,7 @@ class Tangent:
         return np.asarray(_fill(self.place, self.coefficient, stiffness, self.column.size))
 
     def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Return the upper triangle of a sum of stiffnesses along and across the links, N/m.
-
-        Parameters
-        ----------
-        direction : ndarray, shape (links, 3), unit vectors along the links
-        along, across : ndarray, shape (links,)
-            Stiffness along the link, and across it (tension over length), N/m.
-        """
+        """Return the upper triangle of a sum of stiffnesses along and across the links, N/m."""
         size = self.column.size
         return np.asarray(_fill_geometric(self.place, direction, along, across, size))
 
@@ -71,13 +64,7 @@ class Tangent:
         return csr_array(upper + lower)
 
     def factorise(self, entries: np.ndarray, *, signs: bool = False) -> Solve:
-        """Return the function that solves with a matrix.
-
-        Raises
-        ------
-        MultiscaleError
-            If the matrix is singular; with ``signs`` also if it is not positive definite.
-        """
+        """Return the function that solves with a matrix."""
         return self.cholesky(entries, signs)
 
 

@@ -25,22 +25,7 @@ ZONE_SHARE = 0.1
 def unbalanced_zones(
     model: LinkEquations, tangent: Tangent, load: np.ndarray, elastic: np.ndarray
 ) -> Iterator[tuple[np.ndarray, LinkEquations, Tangent, float]]:
-    """Yield the parts of a structure around its largest forces out of balance.
-
-    Parameters
-    ----------
-    model : LinkEquations
-    tangent : Tangent
-    load : ndarray, shape (n,), N
-    elastic : ndarray, shape (rows,), elastic change of the tensions from the prestress, N
-
-    Yields
-    ------
-    tuple
-        Unknowns of a part; its equations, with everything outside held and the tensions reached
-        as prestress; its tangent; the largest force out of balance of all parts, N. Nothing if
-        the parts are too large in sum.
-    """
+    """Yield the parts of a structure around its largest forces out of balance."""
     force = model.prestress + elastic
     residual = np.abs(load - model.gather(np.clip(force, model.lower, model.upper)))
     zone, rings = residual > CORE_SHARE * residual.max(), 0

@@ -134,18 +134,7 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
 
 
 def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
-    """Factorise the stiffness of the structure without slack.
-
-    Returns
-    -------
-    callable, function that solves with the stiffness
-
-    Raises
-    ------
-    MultiscaleError
-        If the structure is a mechanism: its response to a random force exceeds
-        ``LARGEST_CONDITION``.
-    """
+    """Factorise the stiffness of the structure without slack."""
     entries = tangent.entries(model.finite_stiffness)
     solve = tangent.factorise(entries)
     scale = np.sqrt(entries[tangent.diagonal])
@@ -158,12 +147,7 @@ def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
 
 
 def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str:
-    """Return a sentence that names the nodes that move freely in a state, empty if none do.
-
-    Parameters
-    ----------
-    u : ndarray, shape (n,), displacement, m
-    """
+    """Return a sentence that names the nodes that move freely in a state, empty if none do."""
     if not np.isfinite(u).all():
         u = np.zeros_like(u)
     stiffness = model.finite_stiffness

@@ -30,23 +30,7 @@ def find_state(
     limits: Limits,
     taut: Solve | None = None,
 ) -> LinkState:
-    """Find the equilibrium at a load factor.
-
-    Parameters
-    ----------
-    model, tangent, load_factor, start, limits, taut
-        As :func:`solve_newton`.
-    method : str, element of ``METHODS``; see :func:`multiscale.macro.solve_static`
-
-    Returns
-    -------
-    LinkState, the equilibrium, with the methods in the trail of its solution
-
-    Raises
-    ------
-    CaseError
-        If the method cannot take links of fixed length.
-    """
+    """Find the equilibrium at a load factor."""
     rigid = np.isinf(model.stiffness).any()
     if method == "dual":
         return solve_dual_program(model, load_factor, tolerance=limits.tolerance)

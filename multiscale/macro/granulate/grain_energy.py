@@ -16,10 +16,6 @@ def cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
     freely. If a strain rate is prescribed along another axis, the smaller inertia
     :math:`m (2 R)^2` makes the cell follow the pressure. The inertia of a cell of given size is
     infinite.
-
-    Parameters
-    ----------
-    period : ndarray, shape (3,), periods of the cell, m
     """
     if model.pressure is None:
         return np.inf, 0.0
@@ -42,24 +38,6 @@ def account_grains(
     cell: tuple[float, float],
 ) -> dict[str, float]:
     r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
-
-    Parameters
-    ----------
-    times : tuple of float, length of the step, and time in which the forces acted, s
-    velocities : tuple of ndarray, shape (bodies, 4 or 8)
-        Velocities before the step, after the damping and after the step, m/s.
-    contacts : Contacts, contacts with their impulses
-    rebound : ndarray, shape (contacts,)
-        Normal velocity after an impact that has yet to bounce, else zero, m/s. The kinetic energy
-        that it will restore, and its work against gravity within a step, count as elastic energy.
-    rates : tuple of ndarray, shape (3,)
-        Strain rates of the cell before the step, after the damping and after the step, 1/s.
-    branch : ndarray, shape (contacts, 3), branches of the contacts, m
-    cell : tuple of float, inertia, kg m2, and moment, J, of :func:`cell_inertia`
-
-    Returns
-    -------
-    dict of str to float, by the names of ``GRANULATE``; work and dissipation in the step
 
     Notes
     -----

@@ -33,21 +33,6 @@ def step_grains(
 ) -> tuple[GrainState, dict[str, Any]]:
     r"""Make one Moreau-Jean step.
 
-    Parameters
-    ----------
-    state : GrainState, state at the beginning of the step
-    h : float, length of the step, s, or its upper bound if an accuracy is given
-    solver : Solver, solver of the contacts
-    accuracy : float, optional
-        Largest approach of grains in the step of their impact, relative to the smaller radius.
-
-    Returns
-    -------
-    state : GrainState, state at the end of the step
-    step : dict
-        Variables of the step by their names in ``GRANULATE``, but work and dissipation of
-        the step alone, and ``stress`` only of a cell under a pressure.
-
     Notes
     -----
     With the gap :math:`g` at the beginning, the step solves (9) of the source,

@@ -25,16 +25,6 @@ def grain_needs(
 ) -> Needs:
     """Return the unknowns, operators and memory of a simulation of grains.
 
-    Parameters
-    ----------
-    grains : int, number of grains
-    frames : int, number of steps whose positions and forces are stored
-    law : ContactLaw, law of all contacts
-    solver : Solver, solver of the contacts
-    wall_friction : float
-        Largest friction coefficient of a wall with its own coefficient, dimensionless.
-    strained : bool, whether a periodic cell strains under a pressure, which is swept by one thread
-
     Examples
     --------
     >>> from multiscale.macro.granulate import ContactLaw, Solver

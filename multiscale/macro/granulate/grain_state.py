@@ -64,13 +64,7 @@ class GrainState:
 
 
 def initial_state(model: Model) -> GrainState:
-    """Return the state at time zero with its neighbours, without impulses.
-
-    Raises
-    ------
-    CaseError
-        If grains overlap, lie behind a wall, or no wall supports them against gravity.
-    """
+    """Return the state at time zero with its neighbours, without impulses."""
     grains, walls = model.grains, model.walls
     velocity = np.zeros_like(model.free_acceleration)
     velocity[: grains.n, :3] = grains.velocity
@@ -126,13 +120,7 @@ def initial_state(model: Model) -> GrainState:
 
 
 def update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
-    """Return the state with a new list of neighbours, and the impulses of those already listed.
-
-    Parameters
-    ----------
-    state : GrainState, state with the last list
-    reach : float, largest gap of a pair that may close before the next update, m
-    """
+    """Return the state with a new list of neighbours, and the impulses of those already listed."""
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = reach + LIST_MARGIN * float(radius.mean())
     least = 2.0 * (2.0 * float(radius.max()) + margin)  # a pair has one shortest distance

@@ -53,27 +53,7 @@ def place_loosely(
     thickness: float | None = None,
     seed: int = 0,
 ) -> Grains:
-    """Place grains on a jittered lattice, layer upon layer, inside a box.
-
-    Parameters
-    ----------
-    radii : ndarray, shape (grains,), radii of the grains, m
-    low, high : array_like, shape (3,)
-        Corners of the box, m; it is filled from below, and its height is not limited.
-    density : float, density of the grains, kg/m3
-    thickness : float, optional
-        Thickness of discs, m, placed at y = 0; the grains are spheres if it is not given.
-    seed : int
-
-    Returns
-    -------
-    Grains, grains at rest that do not touch
-
-    Raises
-    ------
-    CaseError
-        If the largest grain does not fit.
-    """
+    """Place grains on a jittered lattice, layer upon layer, inside a box."""
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     largest = float(np.max(radii))
     spacing = 2.2 * largest
@@ -100,17 +80,7 @@ def lattice(
     *,
     flat: bool = False,
 ) -> np.ndarray:
-    """Return centres on a jittered lattice that fills a box from below, shape (n, 3), m.
-
-    Parameters
-    ----------
-    n : int, number of grains
-    cells : ndarray of int, shape (2,), number of lattice cells along x and y
-    low, high : ndarray, shape (3,), corners of the box, m
-    radius : float, radius of the largest grain, m
-    seed : int
-    flat : bool, whether all centres lie in the plane y = 0
-    """
+    """Return centres on a jittered lattice that fills a box from below, shape (n, 3), m."""
     k = np.arange(n)
     layer, rest = np.divmod(k, int(cells[0] * cells[1]))
     row, column = np.divmod(rest, int(cells[1]))

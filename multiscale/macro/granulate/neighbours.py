@@ -17,19 +17,6 @@ def find_pairs(
 ) -> np.ndarray:
     r"""Find all pairs of grains whose gap is at most a reach.
 
-    Parameters
-    ----------
-    position : ndarray, shape (grains, 3), centres, m
-    radius : ndarray, shape (grains,), radii, m
-    reach : float, largest gap of a pair, m
-    period : ndarray, shape (3,)
-        Period of space along each axis, m; infinite along axes without a period. A finite period is
-        at least twice the largest distance of the centres of a pair.
-
-    Returns
-    -------
-    ndarray of int32, shape (pairs, 2), first and second grain, sorted by the first
-
     Notes
     -----
     Level k has the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]` and cells that are wider

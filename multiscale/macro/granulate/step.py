@@ -24,23 +24,7 @@ SWEEPS_PER_CHECK = 10
 def solve_velocities(
     model: Model, solver: Solver, velocity: np.ndarray, contacts: Contacts, cell: np.ndarray
 ) -> tuple[int, float]:
-    r"""Solve the contacts of a step in place.
-
-    Parameters
-    ----------
-    solver : Solver, tolerance, limits and threads
-    velocity, cell : ndarray
-        Arrays of :mod:`multiscale.macro.granulate.sweeps` without the impulses; the impulses are
-        added in place.
-    contacts : Contacts
-        Contacts of the step; their impulses are the initial guess and become the solution.
-
-    Returns
-    -------
-    sweeps : int, number of sweeps made
-    residual : float
-        Natural-map error relative to the closing velocities without impulses, dimensionless.
-    """
+    r"""Solve the contacts of a step in place."""
     ends, data, coulomb, impulse, anchor = contacts.arrays
     strained = cell if model.pressure is not None else None
     scale = closing_size(velocity, ends, data, coulomb, strained)

@@ -94,17 +94,6 @@ class CondensedJoint:
         .. math:: (I + C k)\, j - R w = C r_e, \qquad R^T k j = r_w.    \tag{1}
 
         Neither bodies nor interface are lost beside the other, however stiff.
-
-        Parameters
-        ----------
-        B : csr_array, shape (points, nodes + k), as ``jump``
-        tangent : ndarray, shape (1, 1, points), of the law, times the weights, N/m
-        force : ndarray, shape (nodes + k,), r, N
-
-        Raises
-        ------
-        MultiscaleError
-            If the joint is loose.
         """
         C, R, (n, m) = self.compliance, self.motion, self.motion.shape
         N = B[:, :n].toarray()

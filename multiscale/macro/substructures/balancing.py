@@ -70,19 +70,7 @@ def lay_out(
     mine: range,
     team: ProcessGroup,
 ) -> Layout:
-    """Make the tables.
-
-    Parameters
-    ----------
-    parts : Split
-    slot : ndarray of int, shape (edge,)
-        Row of ``basis`` that every shared unknown of a substructure is.
-    basis : csr_array, shape (shared, coarse), motions whose amount all substructures have in common
-    interfaces : sequence of Interface
-        Perfect ones, whose unknowns are the rows of ``basis`` one after the other.
-    mine : range, numbers of the substructures
-    team : ProcessGroup, processes that share the substructures
-    """
+    """Make the tables."""
     n_shared, n_coarse = basis.shape
     count = parts.edge_start.size - 1
     shared = np.full((count, int(np.diff(parts.edge_start).max(initial=0))), n_shared)
@@ -148,16 +136,7 @@ class Balancing:
 def prepare_balancing(
     layout: Layout, schur: np.ndarray, added: np.ndarray, factorise: Callable[[csr_array], Solve]
 ) -> Balancing:
-    """Invert (2) for every substructure and factorise the coarse matrix.
-
-    Parameters
-    ----------
-    layout : Layout
-    schur : ndarray, shape (substructures, w, w), N/m; not necessarily symmetric
-    added : ndarray, shape (substructures, w)
-        Stiffness added to its diagonal, N/m, so that no mechanism is left.
-    factorise : callable, gives the solve with the coarse matrix
-    """
+    """Invert (2) for every substructure and factorise the coarse matrix."""
     count, width = layout.shared.shape
     size = layout.coarse.shape[1]
     real, wanted = layout.shared < layout.n_shared, layout.coarse < layout.n_coarse

@@ -91,16 +91,7 @@ def lock_bolts(
     stretch: np.ndarray | None = None,
     factor: float = 1.0,
 ) -> CutProblem:
-    """Let the shanks carry what changes; the first load case then stays at its factor.
-
-    Parameters
-    ----------
-    problem : CutProblem, with bolts that are not locked; returned as it is if it has none
-    tension, stretch : ndarray, shape (bolts,), optional
-        Force of the bolts, N, and distance by which their washers have moved apart, m; zero if not
-        given, as shanks answer to changes alone.
-    factor : float, factor of the first load case, not zero
-    """
+    """Let the shanks carry what changes; the first load case then stays at its factor."""
     if not problem.bolts:
         return problem
     (position, component), nothing = problem.places(), np.zeros(len(problem.bolts))
@@ -127,28 +118,7 @@ def follow_bolts(
     after: Dataset | None = None,
     near: Dataset | None = None,
 ) -> Dataset:
-    """Solve step by step; bolts are tightened where the first factor changes, and locked elsewhere.
-
-    Parameters
-    ----------
-    problem : CutProblem
-    load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        With bolts, the first column is the factor of their preloads.
-    method : Method
-    after : Dataset, optional, the earlier path, which the first step goes on from with locked bolts
-    near : Dataset, optional, a path of the same steps under other laws; see :func:`solve_whole`
-
-    Returns
-    -------
-    Dataset
-        As the method gives it, and the force of the bolts. A step at which a bolt comes loose has
-        failed.
-
-    Raises
-    ------
-    CaseError
-        If a factor of the preloads is not positive, or as the method.
-    """
+    """Solve step by step; tighten bolts where the first factor changes, lock them elsewhere."""
     if not problem.bolts:
         return method.solve(problem, load_factor, after, near)
     factors = load_factors(problem, load_factor)

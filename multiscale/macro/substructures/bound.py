@@ -111,15 +111,7 @@ class ErrorBound:
     def evaluate(
         self, u: np.ndarray, tension: np.ndarray, force: np.ndarray, team: ProcessGroup
     ) -> ForceError:
-        """Measure a state of the linear stage, whose coarse forces are balanced.
-
-        Parameters
-        ----------
-        u : ndarray, shape (n,)
-        tension : ndarray, shape (rows,), in equilibrium with ``force``, of this process
-        force : ndarray, shape (m,), on all sides
-        team : ProcessGroup
-        """
+        """Measure a state of the linear stage, whose coarse forces are balanced."""
         stack, links = self.stack, self.stack.links
         fields = self.admissible(u, force, team)
         continuous, change = fields.continuous, fields.change

@@ -66,19 +66,6 @@ class Slide:
 def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) -> Slide | None:
     r"""Find the rigid motion that friction resists least, if the load overcomes it.
 
-    Parameters
-    ----------
-    problem : CutProblem
-    load : ndarray, shape (unknowns of the substructures,), N
-    *pressures : ndarray, shape (points of all joints,)
-        Contact pressure, Pa, that limits friction: of the step before, for instance, then of an
-        unfinished iteration. The first that the load overcomes counts; some that are empty or not
-        finite do not.
-
-    Returns
-    -------
-    Slide, optional, nothing if the load :math:`f` is within what friction carries
-
     Notes
     -----
     With the rigid motions :math:`Z a` that supports leave to the bodies, jumps :math:`J Z a` and
@@ -127,15 +114,6 @@ def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
 
     Interfaces hold along their normal, and across it where they have friction; bolts hold along
     their axes.
-
-    Parameters
-    ----------
-    problem : CutProblem, uncut bodies, in their order
-    names : sequence of str, one for each body
-
-    Returns
-    -------
-    str, such as ``"cover is free to move along x and to turn about z"``; empty if all are held
     """
     modes = _free_motions(problem)
     start = np.cumsum([0, *(part.n for part in problem.substructures)])

@@ -31,42 +31,13 @@ def find_cycles(first: int, steps: int, cycles: int) -> list[slice]:
 
 
 def closed_cycle(steps: int) -> np.ndarray:
-    """Shear over its amplitude from the positive amplitude to the negative one and back.
-
-    Parameters
-    ----------
-    steps : int, load steps from zero to the amplitude
-
-    Returns
-    -------
-    ndarray, shape (4 steps,), the start, at the positive amplitude, is left out
-    """
+    """Shear over its amplitude from the positive amplitude to the negative one and back."""
     rise = np.arange(1, steps + 1) / steps
     return np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
 
 
 def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.ndarray:
-    r"""Work of a closed cycle of shear.
-
-    Parameters
-    ----------
-    amplitude : float or ndarray, shape (...), amplitude of the shear, Pa
-    displacement : ndarray, shape (..., 4 steps + 1)
-        Displacement along the shear at the positive amplitude and in the steps of
-        :func:`closed_cycle`, m.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        With the displacement q and the shear :math:`\tau`, J/m²:
-
-        .. math:: \oint \tau\, \mathrm{d}q = \tau_a (q_{end} - q_{start})
-            - \oint q\, \mathrm{d}\tau    \tag{1}
-
-        by Simpson's rule on both branches, which is exact where slip grows as the square of the
-        shear from the last reversal, as it does while it is small. A work below 1e-9 of the
-        amplitude times the range of q is rounding, and zero.
-    """
+    r"""Work of a closed cycle of shear."""
     half = displacement.shape[-1] // 2
     weight = np.ones(half + 1)
     weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
@@ -81,19 +52,6 @@ def with_amplitudes(
     result: Dataset, followed: "FollowedJoint", area: float, *, extrapolate: bool = False
 ) -> Dataset:
     r"""Return the result of a joint with secant stiffness, slip and loss of its cycles of shear.
-
-    Parameters
-    ----------
-    result : Dataset, follows ``MACRO_RESULT``
-    followed : FollowedJoint, whose second load is 1 Pa of shear
-    area : float, area of the sheared face, m²
-    extrapolate : bool, as of :func:`load_joint`
-
-    Returns
-    -------
-    Dataset
-        With the variables over ``level``, the number of a preload, and ``amplitude``. Values are
-        NaN, and a caution says why, where a cycle has no answer.
 
     Notes
     -----

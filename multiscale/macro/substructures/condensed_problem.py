@@ -115,23 +115,7 @@ def condense_problem(
     largest: int | None = None,
     insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
-    """Condense each substructure, unless joints are missing or too many unknowns would be kept.
-
-    Parameters
-    ----------
-    problem : CutProblem, without links
-    kept : sequence of int
-        Unknowns that are kept beside those that joints, bolts and neighbours touch.
-    largest : int, optional, limit of the kept unknowns; ``DENSE`` if not given
-    insides : sequence of CondensedStiffness, optional
-        Condensed stiffness of a problem that differs from this one by its loads, the laws of its
-        joints and its preloads alone.
-
-    Raises
-    ------
-    MultiscaleError
-        If a body can move without force while its kept unknowns are held.
-    """
+    """Condense each substructure, unless joints are missing or too many unknowns would be kept."""
     parts, wanted = problem.substructures, problem.shares > 1.0
     wanted[[*kept, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
     keeps = [wanted[part.unknown] for part in parts]

@@ -82,25 +82,7 @@ def cut_interface(
     of_body: Sequence[csr_array],
     parts: Sequence[Substructure],
 ) -> list[CutInterface]:
-    """Cut an interface into one for each pair of substructures that it joins.
-
-    Parameters
-    ----------
-    place : int, number of the interface
-    joint : CutInterface
-    bodies : sequence of Body
-    owners : sequence of ndarray of int, shape (elements,)
-        Substructure of every element of each body.
-    of_body : sequence of csr_array, shape (3 nodes, n)
-        Displacement of the nodes of every body from the unknowns.
-    parts : sequence of Substructure
-
-    Raises
-    ------
-    CaseError
-        If a face is curved, the faces do not touch or overlap by little, or supports hold one of
-        them as a whole.
-    """
+    """Cut an interface into one for each pair of substructures that it joins."""
     below, above = joint.sides
     upper, name = bodies[above], str(joint.boundaries[1])
     frame = _frame(upper, name)

@@ -24,13 +24,7 @@ ENDED = "the steps end before step"
 def load_factors(
     problem: CutProblem, load_factor: float | np.ndarray, after: Dataset | None = None
 ) -> np.ndarray:
-    """One row of factors for each step, shape (steps, cases), maybe after an earlier path.
-
-    Raises
-    ------
-    CaseError
-        If they do not fit the load cases, or nothing can go on from the path.
-    """
+    """One row of factors for each step, shape (steps, cases), maybe after an earlier path."""
     if after is not None:
         _check_after(problem, after)
     factors = np.asarray(load_factor, dtype=float)

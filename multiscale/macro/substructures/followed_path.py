@@ -73,19 +73,6 @@ class FollowedPath:
 
         Locked bolts bear every load but the first, which tightens them.
 
-        Parameters
-        ----------
-        steps : sequence of int, where it is wanted; NaN elsewhere, and where a step failed
-        rise : ndarray, shape (steps, cases), optional
-            Signs of small changes of the loads; NaN in the second of the results if not given.
-
-        Returns
-        -------
-        ndarray, shape (2, 3, steps, cases), of the whole, the interfaces and the bodies
-            First if no point slips, as in small vibration; then if each load goes on by a small
-            change, which makes slip what it can, and normal laws load or unload. Infinite where
-            nothing holds a load.
-
         Notes
         -----
         With the stiffness :math:`K` of the bodies, the tangents :math:`k` of the laws, the weights

@@ -17,18 +17,6 @@ def move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[tuple[int,
     What was a joint between two substructures is then a perfect interface, on the first side of
     the joint, between one of them and the other with the joint: its stiffness, from none to
     rigid, is a stiffness of this substructure.
-
-    Returns
-    -------
-    problem : CutProblem, without joints
-    jumps : list of (int, csr_array)
-        Substructure that has every joint, and the jump at its points from the unknowns of this
-        substructure, shape (3 points, n).
-
-    Raises
-    ------
-    CaseError
-        If a joint has no law, or one of rigid contact.
     """
     parts = list(problem.substructures)
     for joint in problem.joints:

@@ -59,16 +59,6 @@ def joint_directions(
 
     A law that is much stiffer than the bodies does not count then, nor do bodies on a soft law; one
     number for both makes the iterations grow with the root of their ratio or worse.
-
-    Parameters
-    ----------
-    joint : CutInterface
-    bodies : tuple of ndarray, shape (3, points), of :func:`body_stiffness`, Pa/m
-    law : ndarray, shape (3, points)
-        Of :func:`law_stiffness`, Pa/m; infinite where nothing is known.
-    mean : ndarray, shape (3, 1)
-        Its mean over the joint, however cut: a piece that is open has none of its own, and a
-        direction without stiffness would not feel where its points are.
     """
     law = np.maximum(law, np.maximum(SOFTEST * mean, OPEN * np.minimum(*bodies)))
     return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

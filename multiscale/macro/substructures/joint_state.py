@@ -37,27 +37,7 @@ which the first one, which is continuous, counts."""
 
 
 def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
-    """State of every point and its shares of the area.
-
-    Parameters
-    ----------
-    problem : CutProblem
-    result : Dataset, of :func:`solve_latin`
-
-    Returns
-    -------
-    dict
-        Variables of ``MACRO_RESULT``, NaN where a step failed. Slip has one measure: at every
-        point the share of its pressure whose contacts slip in the step. Its mean, weighted by the
-        force, is the share of the contact force at sliding; a point is a slipping one if more than
-        half of its pressure slips, and these points have a share of the nominal area. One without
-        friction slips, and one that stays at its limit without further slip sticks.
-
-    Raises
-    ------
-    ConvergenceError
-        If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
-    """
+    """State of every point and its shares of the area."""
     pressure, area = -result["traction"].values[..., 0], result["point_area"].values
     slipping, dissipated = _slip_and_loss(problem, result)
     failed = np.isnan(pressure)
@@ -94,37 +74,13 @@ def contact_state(problem: CutProblem, result: Dataset) -> dict[str, Any]:
 
 
 def sliding_share(law: InterfaceLaw, jump: np.ndarray, account: Sliding) -> np.ndarray:
-    """Share of the pressure of every point whose contacts slip in a step.
-
-    Parameters
-    ----------
-    law : InterfaceLaw
-    jump : ndarray, shape (3, points), at the end of the step, m
-    account : Sliding, of the step
-
-    Returns
-    -------
-    ndarray, shape (points,)
-        Slabs of a bed slip one after the other; where they are those of a first loading up to the
-        shear that is reached, or of Masing's branch to it, the continuous share of that loading.
-    """
+    """Share of the pressure of every point whose contacts slip in a step."""
     reached = law.slipping_load(jump, account.state)
     return np.where(np.abs(reached - account.slipping) <= ALIKE, reached, account.slipping)
 
 
 def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Shares of the load of every joint, however cut, outside the data of its law, and these data.
-
-    Parameters
-    ----------
-    problem : CutProblem
-    result : Dataset, of :func:`solve_latin`
-
-    Returns
-    -------
-    shares : ndarray, shape (3, steps, joints), see :func:`~multiscale.macro.data_range.load_shares`
-    data : ndarray, shape (joints, 3), see :func:`~multiscale.macro.data_range.data_ends`, Pa
-    """
+    """Return the share of each joint's load outside the data of its law, and the data's bound."""
     pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
     area = result["point_area"].values
     ranges = {face.joint: data_ends(_normal(face.law)) for face in problem.joints}

@@ -221,13 +221,7 @@ class Latin:
         return jump, source - series * jump
 
     def update(self) -> np.ndarray | None:
-        """Adapt the search directions to the status of links and joints.
-
-        Returns
-        -------
-        ndarray of bool, shape (rows + m,), optional
-            Entries of z and r that mean something else since; nothing if no status changed.
-        """
+        """Adapt the search directions to the status of links and joints."""
         links, one, known = self.stack.links, self.stack.one_sided, self.status is not None
         tension = np.clip(self.z, links.lower, links.upper)
         slack = np.where(one, (tension - self.z) / self.across, 0.0)

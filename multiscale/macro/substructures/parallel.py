@@ -103,13 +103,7 @@ def world() -> ProcessGroup:
 
 
 def share(count: int, team: ProcessGroup) -> range:
-    """Substructures of this process: consecutive, as equal in number as possible.
-
-    Raises
-    ------
-    CaseError
-        If there are fewer substructures than processes.
-    """
+    """Substructures of this process: consecutive, as equal in number as possible."""
     if count < team.size:
         raise CaseError(
             f"{team.size} processes cannot share {count} substructures; start fewer, or cut finer"
@@ -119,13 +113,7 @@ def share(count: int, team: ProcessGroup) -> range:
 
 
 def together(team: ProcessGroup, task: Callable[[], T]) -> T:
-    """Run a task that may fail; if it fails on one process, raise on all, so that none waits.
-
-    Raises
-    ------
-    MultiscaleError, LinAlgError
-        What the task has raised here or, if only elsewhere, a ``MultiscaleError``.
-    """
+    """Run a task that may fail; if it fails on one process, raise on all, so that none waits."""
     error: Exception | None = None
     try:
         result = task()

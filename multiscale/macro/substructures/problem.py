@@ -258,16 +258,7 @@ class CutProblem:
 
 
 def expand_numbers(number: np.ndarray) -> csr_array:
-    """Expansion of nodes whose components are unknowns of their own, or held.
-
-    Parameters
-    ----------
-    number : ndarray of int, shape (nodes, c), unknown of a component of a node, -1 where it is held
-
-    Returns
-    -------
-    csr_array, shape (nodes * c, n)
-    """
+    """Expansion of nodes whose components are unknowns of their own, or held."""
     row = np.flatnonzero(number.ravel() >= 0)
     shape = (number.size, 1 + int(number.max(initial=-1)))
     return csr_array((np.ones(row.size), (row, number.ravel()[row])), shape=shape)

@@ -40,17 +40,6 @@ def interface_stiffness(
 ) -> dict[int, np.ndarray]:
     r"""Stiffness that every perfect interface sees behind it.
 
-    Parameters
-    ----------
-    problem, parts, team
-        The structure, and the part of it in this process.
-    schur : list of (ndarray, ndarray), of :func:`schur_complements`
-    start : dict of int to ndarray, what is known of it, by interface; empty at first
-
-    Returns
-    -------
-    dict of int to ndarray, N/m, by interface
-
     Notes
     -----
     With the Schur complement :math:`S` of a substructure on all its interfaces and the stiffness
@@ -119,21 +108,7 @@ def _mean(
 def schur_complements(
     stack: Stack, share: np.ndarray, ground: csr_array, factors: Factors
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Condense every substructure onto the unknowns that its neighbours share.
-
-    Parameters
-    ----------
-    stack : Stack
-    share : ndarray, shape (rows,)
-        Part of the stiffness of every link that counts: less where it is slack.
-    ground : csr_array, shape (m, m), stiffness that sides of joints stand on, N/m
-    factors : Factors, factors of the stiffness inside the substructures
-
-    Returns
-    -------
-    list of (ndarray, ndarray)
-        For every substructure the unknowns, counted in it and rising, and the matrix, N/m.
-    """
+    """Condense every substructure onto the unknowns that its neighbours share."""
     matrix = stack.matrix(share * stack.links.stiffness, ground)
     matrix = csr_array(matrix + HELD * diags_array(matrix.diagonal()))
     parts = split(stack.start, stack.shared)

@@ -154,13 +154,7 @@ class Factors:
 
 
 def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
-    """Put substructures side by side.
-
-    Parameters
-    ----------
-    problem : CutProblem
-    parts : sequence of int, consecutive substructures
-    """
+    """Put substructures side by side."""
     chosen = [problem.substructures[part] for part in parts]
     none = np.zeros(0)
     links = [

@@ -27,16 +27,6 @@ def cut_needs(
 ) -> Needs:
     """Return what :func:`solve_latin` takes, or :func:`simulate_latin`.
 
-    Parameters
-    ----------
-    unknowns : int, unknowns of the whole structure
-    links : int, None in elastic bodies
-    joint_points : int, points with an interface law
-    substructures : int
-    coarse : bool, whether a coarse problem is wanted
-    moving : bool, whether the structure is followed in time
-    slabs : int, sliders at a point of a joint, if its law has them
-
     Examples
     --------
     >>> needs = cut_needs(3000, substructures=4)

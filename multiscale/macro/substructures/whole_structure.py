@@ -111,13 +111,7 @@ def assemble(problem: CutProblem) -> Assembled:
 
 
 def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
-    """Join the normal jumps of all joints, then each tangential one, from n unknowns.
-
-    Parameters
-    ----------
-    jumps : sequence of csr_array, shape (3 points, n), of each joint, in this order
-    n : int
-    """
+    """Join the normal jumps of all joints, then each tangential one, from n unknowns."""
     parts = [(jump, jump.shape[0] // 3) for jump in jumps]
     blocks = [jump[k * size : (k + 1) * size] for k in range(3) for jump, size in parts]
     return csr_array(vstack([csr_array((0, n)), *blocks]))

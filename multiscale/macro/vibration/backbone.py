@@ -400,11 +400,6 @@ def _closed_work(q: np.ndarray, alpha: np.ndarray) -> float:
 def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
     r"""Work of a loading curve up to its points, J.
 
-    Parameters
-    ----------
-    amplitude, force : ndarray, shape (points,), q, kg^1/2 m, and alpha, kg^1/2 m/s2, from zero
-    square : float, stiffness at rest, s⁻²
-
     Notes
     -----
     With the deficit :math:`d = \omega_0^2 - \alpha/q`, the work is

@@ -38,25 +38,7 @@ def measure_volume(
     slab: float = 0.0,
     share: float = 1.0,
 ) -> Dataset:
-    """Measure sections and stiffness of one volume, with all kinds of sides.
-
-    Parameters
-    ----------
-    rve : Cavities or VoxelImage
-    youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
-    voxels : int, along the longest edge, of the stiffness of cavities
-    element_size : float, optional
-        Edge of the elements of a mesh in place of voxels, m.
-    level, sections, slab
-        See :func:`~.sections.max_damage`.
-    share : float, edge of the volume over the edge of the representative volume
-
-    Returns
-    -------
-    Dataset
-        Follows ``RVE_VOLUMES``, with one realisation. The attribute ``ended`` says which stiffness
-        is lost, or is unknown as its solve did not converge.
-    """
+    """Measure sections and stiffness of one volume, with all kinds of sides."""
     image = voxelise(rve, voxels) if isinstance(rve, Cavities) else rve
     stiffness, ended = np.full((len(SIDES), 6, 6), np.nan), []
     coarse = np.full((6, 6), np.nan)
@@ -110,30 +92,7 @@ def represent(
     *,
     level: int,
 ) -> Dataset:
-    r"""Average volumes, and say how well they represent their material.
-
-    Parameters
-    ----------
-    volumes : Dataset
-        Follows ``RVE_VOLUMES``; with the share 1 representative volumes, with less smaller ones.
-    image : VoxelImage, the first representative volume
-    youngs_modulus, poissons_ratio : float, moduli of the solid, Pa and dimensionless
-    level : int, see :func:`~.sections.section_normals`
-
-    Returns
-    -------
-    Dataset
-        Follows ``RVE``. Intervals of the stiffness count the scatter of the volumes, the distance
-        to the bounds by the sides, and the change on elements twice as large, which bounds their
-        error as it falls at least linearly; causes that are not known make them NaN. If there is
-        one volume alone, its scatter comes from parts that do not overlap, by the law of large
-        numbers, :math:`s \propto V^{-1/2}`.
-
-    Raises
-    ------
-    ConvergenceError
-        If no representative volume has a periodic stiffness.
-    """
+    r"""Average volumes, and say how well they represent their material."""
     normals = section_normals(image.size, level)
     C = volumes["apparent_stiffness"].to_numpy()
     E = np.full((*C.shape[:2], len(normals)), np.nan)

@@ -22,24 +22,7 @@ ELEMENTS_PER_CIRCLE = 14  # smallest number of elements around a full circle of 
 
 
 def mesh_cavities(rve: Cavities, element_size: float) -> CrackedMesh:
-    """Mesh the solid of a periodic volume, with equal meshes on opposite faces.
-
-    Parameters
-    ----------
-    rve : Cavities, bodies may reach through the faces of the box, and cracks may meet
-    element_size : float, edge of the elements, m; smaller at the fronts of cracks
-
-    Returns
-    -------
-    CrackedMesh
-        Both sides of a flat crack have their own corners, except at its front.
-
-    Raises
-    ------
-    CaseError
-        If the element size is not positive or too large for the cracks, a crack lies in a face of
-        the box, the solid cannot be meshed, or gmsh cannot be loaded.
-    """
+    """Mesh the solid of a periodic volume, with equal meshes on opposite faces."""
     if not (element_size > 0.0 and np.isfinite(element_size)):
         raise CaseError(f"element_size must be positive (m), got {element_size:g}")
     for kind in rve.images:

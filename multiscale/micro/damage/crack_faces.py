@@ -44,18 +44,6 @@ def open_cracks(
     through common faces that are no crack. At a front the chain goes around the crack, so that the
     corner is not duplicated. Opposite faces of the box count as common faces, which makes the
     corners periodic and separates the sides of a crack that crosses a face of the box.
-
-    Parameters
-    ----------
-    points : ndarray, shape (3, n), corners, m, all at different places
-    cells : ndarray of int, shape (4, elements), corners of the elements
-    facets : ndarray of int, shape (3, k), corners of the triangles that lie on cracks
-    size : ndarray, shape (3,), lengths of the box, whose opposite faces are meshed alike, m
-
-    Raises
-    ------
-    CaseError
-        If opposite faces are not meshed alike.
     """
     corner = np.arange(cells.size).reshape(cells.shape)  # each corner of each element has a number
     faces = np.concatenate([cells[face] for face in OPPOSITE_FACE], axis=1)

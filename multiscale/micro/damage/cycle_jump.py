@@ -68,16 +68,6 @@ def pass_cycles(
 
     Every inclusion has jumps of its own length.
 
-    Parameters
-    ----------
-    run : FatigueProgress, changed in place
-    once : callable
-        ``once(part)`` computes one pass of some inclusions.
-    count, material
-        Number of passes; volume and inclusion.
-    tolerance : float, bound on the relative error of the change over a jump, dimensionless
-    note : callable, called without arguments after every computed pass and every jump
-
     Notes
     -----
     Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)

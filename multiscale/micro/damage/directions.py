@@ -16,16 +16,6 @@ LARGEST_INDEX = 12
 def sphere_directions(level: int) -> np.ndarray:
     """Spread normals evenly over half a sphere, by halving the edges of an icosahedron.
 
-    Parameters
-    ----------
-    level : int
-        Number of halvings: 0 gives 6, 1 gives 21, 2 gives 81 normals, half of 12, 42, 162 corners.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Unit vectors, one of each opposite pair.
-
     Examples
     --------
     >>> [len(sphere_directions(level)) for level in range(4)]
@@ -48,13 +38,7 @@ def sphere_directions(level: int) -> np.ndarray:
 
 
 def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np.ndarray:
-    """List the normals of the lattice planes of a periodic box.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Unit vectors with Miller indices up to the largest, edges of the box (lengths in m) first.
-    """
+    """List the normals of the lattice planes of a periodic box."""
     span = range(-largest, largest + 1)
     indices = [m for m in product(span, repeat=3) if gcd(*m) == 1]
     indices.sort(key=lambda m: sum(abs(k) for k in m))
@@ -66,11 +50,6 @@ def miller_indices(normal: np.ndarray, size: tuple[float, float, float]) -> tupl
     """Find the Miller indices of a normal in a periodic box.
 
     The normal may have any length but zero.
-
-    Raises
-    ------
-    CaseError
-        If no indices up to :data:`LARGEST_INDEX` fit: the plane does not close.
     """
     ratio = normal * np.asarray(size)
     ratio = ratio / np.abs(ratio).max()
@@ -87,20 +66,7 @@ def miller_indices(normal: np.ndarray, size: tuple[float, float, float]) -> tupl
 
 
 def fit_tensor(normals: np.ndarray, values: np.ndarray) -> np.ndarray:
-    r"""Second-order tensor nearest to a function of the normal.
-
-    Parameters
-    ----------
-    normals : ndarray, shape (n, 3)
-    values : ndarray, shape (n,)
-        :math:`f(n)`, an even function.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        Symmetric :math:`T` with least squares of :math:`n \cdot T n - f(n)`, in the unit of
-        the values.
-    """
+    r"""Second-order tensor nearest to a function of the normal."""
     x, y, z = normals.T
     columns = np.stack([x * x, y * y, z * z, 2 * y * z, 2 * x * z, 2 * x * y], axis=1)
     a, b, c, d, e, f = np.linalg.lstsq(columns, values, rcond=None)[0]

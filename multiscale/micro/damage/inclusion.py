@@ -77,25 +77,7 @@ E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDB
 
 @compiled
 def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-untyped-def]
-    """Follow a closed stress path for a number of cycles.
-
-    Parameters
-    ----------
-    state : ndarray, shape (20,), in the order of ``STATE_SIZE``, changed in place
-    path : ndarray, shape (points, 6)
-        Corners of the path, Pa: xx, yy, zz, yz, xz, xy.
-    cycles, substeps : int
-        Number of cycles, and of steps for the plastic part of each straight piece.
-    material : ndarray, shape (10,)
-        See :meth:`~multiscale.micro.damage.FatigueMaterial.parameters`.
-
-    Returns
-    -------
-    done : float
-        Cycles done, with a fraction if the critical damage was reached.
-    elastic : bool
-        Whether the last cycle was elastic, as all later cycles will be.
-    """
+    """Follow a closed stress path for a number of cycles."""
     points = len(path)
     for cycle in range(cycles):
         p = state[1]

@@ -129,16 +129,7 @@ class SideFields:
 def solve_sides(
     basis: "CellBasis", number: np.ndarray, lame: float | np.ndarray, shear: float | np.ndarray
 ) -> SideFields:
-    """Solve (1) by a factorisation for the six mean strains.
-
-    Parameters
-    ----------
-    basis : CellBasis, element of one displacement component
-    number : ndarray of int, shape (basis.N,)
-        Number of the unknown of every node; -1 where the mean strain gives the displacement.
-    lame, shear : float or ndarray, shape (elements,)
-        Lamé's parameters, Pa.
-    """
+    """Solve (1) by a factorisation for the six mean strains."""
     stiffness = assemble_elasticity(basis, lame, shear)
     count = int(number.max()) + 1
     own = np.flatnonzero(number >= 0)

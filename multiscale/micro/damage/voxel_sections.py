@@ -22,15 +22,7 @@ __all__ = ["box_section", "void_section"]
 def box_section(
     size: tuple[float, float, float], normal: np.ndarray, distance: np.ndarray
 ) -> np.ndarray:
-    """Area of plane sections of a box, m².
-
-    Parameters
-    ----------
-    size : tuple of float, lengths of the box, m
-    normal : ndarray, shape (3,), unit normal
-    distance : ndarray, shape (k,)
-        Distances of the planes from the centre of the box along the normal, m.
-    """
+    """Area of plane sections of a box, m²."""
     a, b, c = np.sort(np.abs(normal) * size)[::-1]
     return np.array(
         [np.prod(size) * _density(d + 0.5 * (a + b + c), a, b, c) for d in distance], dtype=float

@@ -105,15 +105,7 @@ class FreeVoxels(VoxelOperator):
 def traction_stiffness(
     modulus: np.ndarray, lame: float, shear: float, edges: np.ndarray, solve: Solve
 ) -> tuple[np.ndarray, list[Solution]]:
-    """Stiffness (1) of voxels with traction sides, and the solution of each load.
-
-    Parameters
-    ----------
-    modulus : ndarray, shape (nx, ny, nz), Young's modulus over the modulus of the solid
-    lame, shear : float, Lamé's parameters of the solid over its Young's modulus
-    edges : ndarray, shape (3,), edges of a voxel over the longest of them
-    solve : callable
-    """
+    """Stiffness (1) of voxels with traction sides, and the solution of each load."""
     pieces, count = ndimage.label(modulus > 0.0)
     if count > 1:  # pieces apart move freely
         largest = np.argmax(np.bincount(pieces.ravel())[1:]) + 1

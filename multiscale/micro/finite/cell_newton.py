@@ -26,27 +26,7 @@ def solve_increment(
     max_iterations: int = 40,
     tolerance: float = 1e-8,
 ) -> CellState:
-    """Solve one load increment from a state of equilibrium.
-
-    Parameters
-    ----------
-    scene, start, target
-        The cell, its state at the start and the end of the increment.
-    guess : tuple, optional
-        Contact nodes, shape (nx, ny), and approach, m, of the first iterate of an open cell.
-    predicted : tuple, optional
-        Displacement, m, and approach, m, of the first iterate, used if nearer to equilibrium than
-        the start.
-    max_iterations : int
-    tolerance : float
-        Bound on forces out of balance and on violations of the contact equations, relative to the
-        norm of the contact forces; dimensionless.
-
-    Returns
-    -------
-    CellState
-        The last iterate; its status says whether it is in equilibrium.
-    """
+    """Solve one load increment from a state of equilibrium."""
     step = scene.body.begin(start.material, target.time_step)
     equations = CellEquations(scene, step, start, target)
     active, delta = None, start.approach if target.approach is None else target.approach

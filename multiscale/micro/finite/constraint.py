@@ -106,20 +106,7 @@ class Constraint:
     def solve(
         self, residual: Field, missing: float, distance: np.ndarray | None = None
     ) -> tuple[Field, float]:
-        r"""Solve (1).
-
-        Parameters
-        ----------
-        residual : ndarray, shape of a displacement, forces :math:`r`, N
-        missing : float, change :math:`\rho` of the vertical contact force, N
-        distance : ndarray, shape (rows, nx, ny), optional
-            Prescribed motions :math:`d`, m; zero if not given.
-
-        Returns
-        -------
-        displacement, shift
-            :math:`z`, shape of the residual, and the change :math:`\zeta` of the approach, m.
-        """
+        r"""Solve (1)."""
         shift = 0.0
 
         def correct(moved: Field) -> Field:

@@ -281,22 +281,7 @@ class Iterate:
         return change, vertical
 
     def newton_step(self, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
-        """Solve the linear problem of a Newton step.
-
-        Parameters
-        ----------
-        forcing : float, tolerance relative to the residual, dimensionless
-        floor : float, smallest tolerance relative to the contact forces, dimensionless
-
-        Returns
-        -------
-        step : ndarray, shape of the displacement
-            Step of the displacement, m.
-        shift : float
-            Step of the approach, m.
-        iterations : int
-            Number of linear iterations.
-        """
+        """Solve the linear problem of a Newton step."""
         shape, size = self.u.shape, self.u.size
         constraint = self.constraint
         weight = 1.0 / np.sqrt(max(int(self.active.sum()), 1))

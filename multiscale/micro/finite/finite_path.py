@@ -47,28 +47,7 @@ def follow_path(
     tolerance: float,
     checkpoint: Checkpoint | None = None,
 ) -> list[dict[str, Any]]:
-    """Follow a path to its end, or to the first step without an answer.
-
-    Parameters
-    ----------
-    cell : FiniteCell, the cell
-    path : Path
-    fields : bool, whether the result has local pressures and gaps
-    spots : bool, whether the result has contact spots
-    tolerance, checkpoint
-        As of :func:`multiscale.micro.solve_cell`.
-
-    Returns
-    -------
-    list of dict
-        Averages of each step, with ``converged`` 0 for steps without an answer. The step at which
-        the path ended early gives the reason as ``ended``.
-
-    Raises
-    ------
-    CaseError
-        If time is given to a body without viscosity, or the slide is too long.
-    """
+    """Follow a path to its end, or to the first step without an answer."""
     _check(cell, path)
     scene, edges = make_scene(cell), element_edges(cell)
     way = Way(
@@ -207,18 +186,7 @@ def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
 
 
 def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
-    """Return the largest change of the approach in one increment, m.
-
-    Parameters
-    ----------
-    cell : FiniteCell, the cell
-    refinement : int, divisor of the increments
-
-    Returns
-    -------
-    float
-        Infinite for a body without plasticity.
-    """
+    """Return the largest change of the approach in one increment, m."""
     if not cell.flows:
         return np.inf
     heights, obstacle = cell.surface.heights, cell.obstacle

@@ -37,17 +37,7 @@ class RigidMeeting:
     def turn(
         self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
     ) -> np.ndarray | float:
-        """Compute the change of pressure forces, N, as a step turns the normals.
-
-        Parameters
-        ----------
-        x : ndarray, shape of a displacement, displacement of the step, m
-        shift : float, change of the approach, m
-        pressure, force : ndarray, shapes (nx, ny) and (nx, 3, ny)
-            Pressure forces and contact forces, N.
-        out : ndarray, shape of a displacement
-            Gets, in place, the change of the reactions as their points move, N.
-        """
+        """Compute the change of pressure forces, N, as a step turns the normals."""
         if self.curvature is None:
             return 0.0
         xx, xy, yy = self.curvature

@@ -69,20 +69,7 @@ def walk_step(
     tolerance: float,
     largest_approach: float = np.inf,
 ) -> Walk:
-    """Compute a step of a path in increments.
-
-    Parameters
-    ----------
-    scene : CellScene
-    start : CellState, state at the start of the step
-    target : Target
-        End of the step, with the total load, also if the step before prescribed the approach.
-    increments : int, smallest number of increments
-    tolerance : float
-        Tolerance of each increment, relative to the norm of the contact forces; dimensionless.
-    largest_approach : float
-        Largest change of the approach in one increment, m, for path-dependent bodies.
-    """
+    """Compute a step of a path in increments."""
     wanted = 0.0 if target.load in (None, 0.0) else float(target.load or 0.0) - start.load
     # the load alone changes, of a body that flows
     flows = bool(wanted and np.isfinite(largest_approach) and np.all(target.slide == start.slide))

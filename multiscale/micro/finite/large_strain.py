@@ -28,17 +28,7 @@ State = np.ndarray | None
 
 
 def large_strain_body(mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mixed: bool) -> FiniteBody:
-    """Return the layered cell at large strain as a body.
-
-    Parameters
-    ----------
-    mesh : GraphMesh
-    law : NeoHookean, J2 or Prony, bulk law, moduli in Pa
-    mixed : bool
-        Whether the pressure of each element is an unknown, which meets the mean of the volume
-        change over its points. Over :func:`pressure_scale`, it is the fourth component of the
-        displacement, at the node at the upper corner of the element with its indices.
-    """
+    """Return the layered cell at large strain as a body."""
     cell = _LargeStrainCell(mesh, law, mixed)
     begin = {NeoHookean: cell.begin_elastic, J2: cell.begin_plastic, Prony: cell.begin_viscous}
     return FiniteBody(cell.shape, begin[type(law)], cell.rest)

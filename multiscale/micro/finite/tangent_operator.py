@@ -128,33 +128,7 @@ def respond_cell(  # type: ignore[no-untyped-def]
     tangent,
     least,
 ):
-    """Compute the forces and the tangent.
-
-    Parameters
-    ----------
-    heights : ndarray, shape (nx, ny), heights of the surface, m
-    planes, factor : ndarray, shape (layers + 1,)
-        Heights of the node planes of the flat cell, m, and their map factors.
-    dx, dy : float, spacing, m
-    law : int
-        ``NEO_HOOKEAN`` or ``PLASTIC``.
-    moduli : ndarray, shape (6,)
-        Shear modulus and volume modulus, Pa, and four parameters of the hardening.
-    scale : float
-        Pressure over its unknown, Pa/m; 0 if the pressure at each point follows from its volume.
-    u : ndarray, shape (nx, layers, 3 or 4, ny)
-        Displacement, m, and the pressure of the elements over ``scale``, m.
-    state : ndarray, shape (nx, layers, batches, 8, rows, BATCH)
-        Internal variables of J2, or frozen stress of viscous branches, Pa; a single lane if none.
-    out : ndarray, shape of ``u``
-        Gets the forces added, N, and with ``scale`` the residual of the volume, N.
-    tangent : ndarray, shape (nx, layers, batches, rows * BATCH)
-        Gets the stiffness of the elements, ENTRIES rows, and with ``scale`` MOTIONS + 1 rows that
-        couple with the pressure, N/m.
-    least : ndarray, shape (nx, 2)
-        Gets the smallest det F of each strip of elements, and the number of flowing points. A
-        nearly inverted element has no forces and sets det F to -1.
-    """
+    """Compute the forces and the tangent."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     shear, volume = moduli[0], moduli[1]

@@ -50,16 +50,7 @@ def evaluate_friction(
     bound: np.ndarray,
     weight: float,
 ) -> Tangential:
-    r"""Find the nodes that slip, and the directions of their slip.
-
-    Parameters
-    ----------
-    tangential : ndarray, shape (nx, 3, ny), tangential part of the forces, N
-    slip, normal : ndarray, shape (nx, 3, ny)
-        Tangential motion past the obstacle in the increment, m, and unit normals.
-    active, bound : ndarray, shape (nx, ny), contact nodes, and largest friction forces, N
-    weight : float, factor :math:`\rho_t` between slip and force, N/m
-    """
+    r"""Find the nodes that slip, and the directions of their slip."""
     pulled = tangential - weight * slip
     size = np.linalg.norm(pulled, axis=1)
     slipping = active & (size > bound)

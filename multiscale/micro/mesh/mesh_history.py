@@ -177,25 +177,7 @@ def follow_mesh_path(
     tolerance: float,
     checkpoint: Checkpoint | None = None,
 ) -> list[dict[str, Any]]:
-    """Follow a path with a cell that flows or has friction.
-
-    Parameters
-    ----------
-    cell : MeshCell
-    path : Path
-    fields, spots, tolerance, checkpoint
-        As of :func:`~multiscale.micro.finite.finite_path.follow_path`.
-
-    Returns
-    -------
-    list of dict
-        Averages of each step.
-
-    Raises
-    ------
-    CaseError
-        If the path has times.
-    """
+    """Follow a path with a cell that flows or has friction."""
     if path.time is not None:
         raise CaseError(
             "the path has times, but the body has no viscosity and its answer no rate; leave out "

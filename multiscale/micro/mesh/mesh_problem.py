@@ -38,14 +38,7 @@ Operator = Callable[[np.ndarray], np.ndarray]
 
 
 def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellProblem:
-    """Set up operators and contact geometry on any mesh.
-
-    Raises
-    ------
-    CaseError
-        If elements are inverted, the nodes of periodic sides do not match, or the contact face
-        comes down to the base.
-    """
+    """Set up operators and contact geometry on any mesh."""
     mesh = assemble_elastic_mesh(cell, cell_basis(cell), recover_stress=recover_stress)
     return give_grid(cell, mesh, mesh.problem)
 
@@ -137,13 +130,7 @@ def give_grid(cell: MeshCell, mesh: ElasticMesh, problem: CellProblem) -> CellPr
 
 
 def cell_basis(cell: MeshCell) -> "CellBasis":
-    """Finite-element space of one displacement component of a cell.
-
-    Raises
-    ------
-    CaseError
-        If elements are inverted.
-    """
+    """Finite-element space of one displacement component of a cell."""
     from skfem import Basis
     from skfem.refdom import RefTet, RefTri
 

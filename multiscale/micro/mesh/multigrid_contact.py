@@ -126,24 +126,7 @@ def solve_large_contact(
     tolerance: float = 1e-8,
     max_iterations: int = 60,
 ) -> ContactState:
-    """Solve (1) with a load or an approach.
-
-    Parameters
-    ----------
-    body : LargeBody
-    gap : ndarray, shape (contacts,), gaps at first touch, m
-    load, approach : float, n, or m; exactly one of them
-    start : ContactState, optional
-        State from which the active sets and the iterations begin.
-    tolerance : float
-        Bound on the norm of the forces out of balance, relative to the norm of the contact forces,
-        and on the error of the load, relative to the load.
-    max_iterations : int, most active sets
-
-    Returns
-    -------
-    ContactState
-    """
+    """Solve (1) with a load or an approach."""
     check_limits(tolerance, max_iterations)
     if (load is None) == (approach is None):
         raise ValueError(f"prescribe either the load or the approach, got {load=} and {approach=}")

@@ -101,14 +101,7 @@ class CellUnknowns:
 
 
 def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
-    """Give numbers to the unknowns of a cell.
-
-    Raises
-    ------
-    CaseError
-        If the cell is periodic and the nodes of opposite sides do not match, or its contact face
-        comes down to its base.
-    """
+    """Give numbers to the unknowns of a cell."""
     points, base = basis.doflocs, basis.get_dofs("base").all()
     face = top_face(cell, basis)
     top = np.unique(face.facets)
@@ -189,17 +182,7 @@ def top_face(cell: MeshCell, basis: "CellBasis") -> TopFace:
 def strained_weight(
     cell: MeshCell, basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarray
 ) -> np.ndarray:
-    r"""Projected area of every contact coefficient of a strained cell, m2.
-
-    Parameters
-    ----------
-    moved : ndarray, shape (3, n), displacements of the nodes, m
-
-    Returns
-    -------
-    ndarray, shape (contacts,)
-        :math:`\int \varphi_i\, (\mathrm{cof} F\, n)_z`, by Nanson's formula.
-    """
+    r"""Projected area of every contact coefficient of a strained cell, m2."""
     from skfem import FacetBasis
 
     face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
@@ -215,15 +198,6 @@ def mean_strain(basis: "CellBasis") -> np.ndarray:
     r"""Integrate :math:`u_1 n_1`, :math:`u_2 n_2` and :math:`u_1 n_2 + u_2 n_1` over the sides.
 
     Periodic displacements have none of these means of the strain in the plane.
-
-    Parameters
-    ----------
-    basis : CellBasis, basis of one displacement component
-
-    Returns
-    -------
-    ndarray, shape (3, 3 n)
-        Integrals of the displacements of all nodes, m2.
     """
     from skfem import FacetBasis
 

@@ -133,11 +133,6 @@ class _Cycled:
         """Stress of the elements of the body in the last cycle, (corners, elements, 6), Pa.
 
         Where the body has a damage of its own, it is the stress of what is left of its sections.
-
-        Raises
-        ------
-        ConvergenceError
-            If a step of the cycle has no answer.
         """
         nodes = np.cumsum([0, *(body.basis.N for body in bodies)])[self.number :][:2]
         moved = result["displacement"].to_numpy()[path.closed()[-1], nodes[0] : nodes[1]]

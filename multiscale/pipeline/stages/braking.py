@@ -61,12 +61,7 @@ MOST_SAMPLES = 20
 
 
 def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
-    """Brake a tread block at every temperature and speed.
-
-    Returns
-    -------
-    Dataset, follows ``MACRO_RESULT``, with temperature and speed along ``step``
-    """
+    """Brake a tread block at every temperature and speed."""
     pressure, elements = case.tread.pressure, case.tread.elements
     fewer = tuple(-(-count // 2) for count in elements)
     tread, coarse = _condense(case, elements), _condense(case, fewer)
@@ -277,13 +272,6 @@ def _tabulate(result: Dataset) -> Table:
 
 def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarray]) -> Dataset:
     """Return the result of a tread block with the error budget of its braking force.
-
-    Parameters
-    ----------
-    result : Dataset, follows ``MACRO_RESULT``, with samples of the force if the law has any
-    law : Dataset, the bell of friction, with its misfit
-    coarser : mapping of float to ndarray, shape (steps,)
-        From the ratio of the elements' sizes to the force, N, on larger ones; may be empty.
 
     Notes
     -----

@@ -44,12 +44,6 @@ FAINT = 0.01
 def fit_friction(case: TyreCase, response: Dataset) -> Dataset:
     r"""Fit the friction of all temperatures at once.
 
-    Returns
-    -------
-    Dataset
-        Follows ``INTERFACE_LAW``: a bell over the speed at the reference temperature;
-        :func:`~multiscale.upscaling.friction_at` makes the law of another one of it.
-
     Notes
     -----
     Rubber at a temperature T answers to a speed :math:`v` as at the reference to :math:`a_T v`,

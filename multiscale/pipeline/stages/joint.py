@@ -96,19 +96,7 @@ ANSWERS = (
 
 
 def solve_joint(case: Case, law: Dataset) -> Dataset:
-    """Press two blocks together through the law and its samples.
-
-    Parameters
-    ----------
-    case : Case, with blocks, and cells of its own or a law from a file
-    law : Dataset
-        Follows ``INTERFACE_LAW``. Its budget, if it carries one, tells the sampling error of the
-        joint where the law has no samples.
-
-    Returns
-    -------
-    Dataset, follows ``MACRO_RESULT``, with the budget of ``STIFFNESSES`` if the law has one
-    """
+    """Press two blocks together through the law and its samples."""
     blocks = cast(Blocks, case.structure)
     lower, upper = (
         macro.Block(blocks.height, body.youngs_modulus, body.poissons_ratio) for body in case.bodies

@@ -35,12 +35,7 @@ def make_roads(case: TyreCase) -> list[Surface]:
 
 
 def slide_road(case: TyreCase, road: Surface) -> PlainDataset:
-    """Slide rubber over one road at every temperature, pressure and speed, in this order.
-
-    Returns
-    -------
-    PlainDataset, follows ``MICRO_RESPONSE``, with temperature and speed along ``step``
-    """
+    """Slide rubber over one road at every temperature, pressure and speed, in this order."""
     slides = case.sliding
     steps = list(product(slides.temperatures, slides.pressures, slides.speeds))
     found, times, start = [], [], None

@@ -28,11 +28,6 @@ def make_pair(case: Case, surfaces: tuple[Surface, Surface] | None = None) -> Fi
     """Build the cell of two deformable bodies, of the first realisation if no surfaces are given.
 
     A body with a hardness flows (J2), another one is neo-Hookean, whose small strain is Hooke's.
-
-    Raises
-    ------
-    CaseError
-        If a surface cannot be made or read.
     """
     if surfaces is None:
         micro = case.micro.model_copy(update={"realisations": 1})
