@@ -17,10 +17,10 @@ from scipy.sparse import block_array, csr_array, diags_array
 from multiscale.convergence import Solution
 from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.elements import sum_blocks
+from multiscale.fe.rigid_motion import count_free_motions
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
 from multiscale.macro.continuum.interface import Coupling
 from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
-from multiscale.macro.discrete.checks import free_rigid_motions
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -243,7 +243,7 @@ class _Step:
         loose = [
             name
             for name, part in zip(names, map(slice, first[:-1], first[1:]), strict=True)
-            if free_rigid_motions(x[part], held[part])
+            if count_free_motions(x[part], held[part])
         ]
         if not loose:
             return ConvergenceError(

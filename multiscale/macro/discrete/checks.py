@@ -3,12 +3,11 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.linalg import matrix_rank
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.fe.rigid_motion import rigid_motions
+from multiscale.fe.rigid_motion import count_free_motions
 
 if TYPE_CHECKING:
     from multiscale.macro.discrete.link_system import LinkSystem
@@ -18,7 +17,6 @@ __all__ = [
     "check_links",
     "check_nodes",
     "check_supports",
-    "free_rigid_motions",
     "nodal_masses",
     "nodal_pull",
     "out_of_balance",
@@ -148,28 +146,13 @@ def check_supports(system: "LinkSystem") -> None:
     parts, part = connected_components(graph, directed=False)
     for k in range(parts):
         inside = np.flatnonzero(part == k)
-        freedom = free_rigid_motions(system.position[inside], np.asarray(system.fixed)[inside])
+        freedom = count_free_motions(system.position[inside], np.asarray(system.fixed)[inside])
         if freedom:
             whole = "the structure" if parts == 1 else f"the part with node {inside[0]}"
             raise CaseError(
                 f"{whole} ({inside.size} nodes) is not supported: {freedom} of its rigid motions "
                 f"are free; fix more directions of its nodes"
             )
-
-
-def free_rigid_motions(points: np.ndarray, fixed: np.ndarray) -> int:
-    """Return the number of rigid motions of points that their supports leave free."""
-    n, components = fixed.shape
-    size = float(np.abs(points - points.mean(axis=0)).max()) or 1.0
-    places = np.repeat(points / size, components, axis=0)
-    motion = rigid_motions(places, np.tile(np.arange(components), n)).reshape(n, components, 6)
-    motion[:, range(3, components), range(3, components)] = 1.0  # rotations of nodes
-
-    def rank(rows: np.ndarray) -> int:
-        tol = 1e-10 * len(rows)
-        return int(matrix_rank(rows.T @ rows, tol=tol, hermitian=True)) if len(rows) else 0
-
-    return rank(motion.reshape(-1, 6)) - rank(motion[fixed])
 
 
 def nodal_masses(system: "LinkSystem", mass: np.ndarray | float, free: np.ndarray) -> np.ndarray:

@@ -9,14 +9,11 @@ from scipy.linalg import null_space
 from scipy.sparse import block_array, coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
-from multiscale.fe.rigid_motion import rigid_motions
+from multiscale.fe.rigid_motion import free_motions, rigid_motions
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import stack_parts
 
 __all__ = ["Slide", "find_slide", "say_free_motions"]
-
-FREE = 1e-9
-"""Energy of a rigid motion that is none, relative to its energy on the diagonal stiffness."""
 
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 """Directions in which the slip is measured at first, and how often its own are added, until that
@@ -171,10 +168,7 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
         motions = np.zeros((owner.size, 6))
         motions[mine] = rigid_motions(position[mine], component[mine])
         motions /= np.abs(motions).max(axis=0)
-        energy, size = motions.T @ (K @ motions), K.diagonal() @ motions**2
-        value, vector = np.linalg.eigh(energy / np.sqrt(np.outer(size, size)))
-        free = vector[:, value < FREE] / np.sqrt(size)[:, None]
-        free = motions @ free
+        free = free_motions(K, motions)
         found.append(free / np.abs(free).max(axis=0))
     modes = np.concatenate(found, axis=1)
     if shanks:

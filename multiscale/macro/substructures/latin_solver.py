@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.convergence import Status, check_limits
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.checks import free_rigid_motions
+from multiscale.fe.rigid_motion import count_free_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
 from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import indicate_error
@@ -143,7 +143,7 @@ def _refuse_floating(problem: CutProblem) -> None:
     held = (np.diff(problem.expansion.indptr) == 0).reshape(len(problem.position), -1)
     if problem.joints or held.shape[1] < 3:
         return
-    if freedom := free_rigid_motions(problem.position, held):
+    if freedom := count_free_motions(problem.position, held):
         raise MultiscaleError(
             f"{freedom} rigid motions of the substructures together can move without resistance; "
             f"add supports"

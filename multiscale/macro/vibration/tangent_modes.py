@@ -11,16 +11,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import assemble_mass
-from multiscale.fe.rigid_motion import rigid_motions
+from multiscale.fe.rigid_motion import free_motions, rigid_motions
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.factorisation import factorise
 
 __all__ = ["FreeMotions", "TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
-
-FREE = 1e-9
-"""Energy of a rigid motion that is none, relative to its energy on the diagonal stiffness."""
 
 FEW = 600
 """Unknowns up to which all modes are found at once."""
@@ -64,18 +61,18 @@ class FreeMotions:
 def find_free_motions(problem: CutProblem, stiffness: csr_array) -> FreeMotions:
     """Find the rigid motions of all bodies together that the stiffness does not resist."""
     rigid = rigid_motions(*problem.places())
-    rigid /= norm(rigid, axis=0)
-    size = np.sqrt(stiffness.diagonal() @ rigid**2)
-    energy = rigid.T @ (stiffness @ rigid) / np.outer(size, size)
-    value, vector = np.linalg.eigh(0.5 * (energy + energy.T))
-    motion = rigid @ (vector[:, np.abs(value) < FREE] / size[:, None])
+    motion = free_motions(stiffness, rigid)
     if not motion.shape[1]:
         return FreeMotions(motion, np.zeros(0, dtype=int), ())
     pins = qr(motion.T, mode="r", pivoting=True)[1][: motion.shape[1]]
-    alone = [name for name, one in zip(NAMES, energy.diagonal(), strict=True) if abs(one) < FREE]
-    others = motion.shape[1] - len(alone)
-    joined = [f"{others} that turn and move at once"] if others else []
-    return FreeMotions(motion, pins, (*alone, *joined))
+    names = [
+        name
+        for name, single in zip(NAMES, rigid.T, strict=True)
+        if free_motions(stiffness, single[:, None]).size
+    ]
+    others = motion.shape[1] - len(names)
+    screws = [f"{others} that turn and move at once"] if others else []
+    return FreeMotions(motion, pins, (*names, *screws))
 
 
 def structure_mass(
