@@ -1,4 +1,4 @@
-r"""Coulomb's law as equations, and the verifier that alone calls a friction problem solved.
+r"""Coulomb's law as equations, and the verifier of friction problems.
 
 Arrays of contact vectors have the component axis first: shape (d, contacts), normal in row 0.
 """
@@ -74,7 +74,7 @@ def natural_map(
 
 @dataclass(frozen=True)
 class Verdict:
-    """What an independent look at an answer found; every number is dimensionless.
+    """Errors of an answer, measured from the data only; every number is dimensionless.
 
     Attributes
     ----------
@@ -104,8 +104,8 @@ class Verdict:
     @property
     def residual(self) -> float:
         """The worst of the four numbers, NaN if one is."""
-        found = (self.error, self.penetration, self.cone_violation, self.equilibrium)
-        return float(np.max(found))
+        errors = (self.error, self.penetration, self.cone_violation, self.equilibrium)
+        return float(np.max(errors))
 
 
 def verify_friction(
@@ -117,7 +117,7 @@ def verify_friction(
     tolerance: float = 1e-8,
     motion: tuple[csr_array, csr_array, np.ndarray, np.ndarray] | None = None,
 ) -> Verdict:
-    r"""Check an answer of a friction problem without trusting the method that gave it.
+    r"""Check an answer of a friction problem from the data only.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def verify_friction(
 
     Returns
     -------
-    Verdict, ``accepted`` says whether the answer stands
+    Verdict, with ``accepted`` true if all numbers are within the tolerance
 
     Notes
     -----

@@ -1,4 +1,4 @@
-r"""Coulomb friction: one function over all methods, and the verifier has the last word."""
+r"""Coulomb friction: one function for all methods; the verifier decides on the status."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,14 +16,12 @@ from multiscale.nonsmooth.coulomb import (
     unit_step,
     verify_friction,
 )
-from multiscale.nonsmooth.friction_problem import ScaledFriction, scale_friction
+from multiscale.nonsmooth.friction_interior_point import friction_interior_point
+from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, scale_friction
 from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
 from multiscale.nonsmooth.jamming import jamming
-from multiscale.nonsmooth.magnitudes import refuse_out_of_range
-from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.refusals import THOROUGH, refuse_indefinite, refuse_out_of_range
 from multiscale.nonsmooth.semismooth_newton import semismooth_newton
-from multiscale.nonsmooth.spectrum import THOROUGH, refuse_indefinite
-from multiscale.nonsmooth.split_interior_point import split_interior_point
 
 __all__ = ["FRICTION_METHODS", "solve_friction"]
 
@@ -47,7 +45,7 @@ def _interior_point(
     problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 60
 ) -> np.ndarray:
     """Finish the interior point, which needs no start, by Newton's method."""
-    split_interior_point(problem, progress, max_iterations)
+    friction_interior_point(problem, progress, max_iterations)
     if progress.best is None or progress.smallest <= progress.target:
         return reaction
     return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
@@ -95,13 +93,13 @@ def solve_friction(
     velocity : ndarray, shape (d * contacts,)
         :math:`q`, the relative velocity without impulses, m/s; opening positive.
     friction : ndarray, shape (contacts,), :math:`\mu \ge 0`, dimensionless
-    method : str, ``"auto"``, or one of ``FRICTION_METHODS`` alone
+    method : str, ``"auto"``, or the only method, one of ``FRICTION_METHODS``
     tolerance : float
         Bound on the natural-map error, the penetration and the cone violation, relative to the
         data as :func:`multiscale.nonsmooth.coulomb.verify_friction` defines it; dimensionless.
     start : ndarray, shape (d * contacts,), optional
         First :math:`r`, N s; zero if not given. Interior points start from their centre.
-    max_iterations : int, optional, iteration limit of each method; each has its own if not given
+    max_iterations : int, optional, iteration limit of each method; a default of each if not given
     callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
@@ -177,13 +175,13 @@ def solve_friction(
             FRICTION_METHODS[method](problem, first, progress, **options)
 
     best = progress.best if progress.best is not None else np.zeros_like(first)
-    found = (best * problem.reaction_unit)[:, :dim].T
+    reaction = (best * problem.reaction_unit)[:, :dim].T
     # into the cone, unless that costs more accuracy elsewhere than it brings
-    within = project_friction_cone(found, friction)
+    within = project_friction_cone(reaction, friction)
     solution = min(
         (
             _conclude(delassus, velocity, friction, impulse * answer.T.ravel(), tolerance, progress)
-            for answer in (within, found)
+            for answer in (within, reaction)
         ),
         key=lambda solution: np.nan_to_num(solution.residuals[-1], nan=np.inf),
     )
@@ -225,7 +223,7 @@ def _run_schedule(
     # interior points from the centre of the cones; other centres where W is small
     for centre in CENTRES[:1] if large else CENTRES:
         progress.trail.append("interior_point")
-        split_interior_point(problem, progress, min(60, max_iterations), centre)
+        friction_interior_point(problem, progress, min(60, max_iterations), centre)
         if progress.smallest <= progress.target or newton(1e-10):
             return
 
@@ -275,7 +273,7 @@ def _conclude(
     tolerance: float,
     progress: Progress | None = None,
 ) -> Solution:
-    """Let the verifier name the status."""
+    """Return the solution with the status of the verifier."""
     verdict = verify_friction(delassus, velocity, friction, reaction, tolerance=tolerance)
     status = Status.STALLED
     if verdict.accepted:

@@ -1,15 +1,34 @@
-r"""The friction problem in dimensionless 3x3 blocks: what every method of this folder works on."""
+r"""Friction problems in dimensionless 3x3 blocks: scaling, products, factors, record of a run.
 
-from dataclasses import dataclass
+A friction method takes a dimensionless problem, impulses to start from, shape (contacts, 3), a
+:class:`Progress` that measures the error every few iterations and returns whether to stop, and the
+limit of its iterations; it returns its last impulses.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from time import perf_counter
 
 import numpy as np
 from numpy.linalg import norm
-from scipy.sparse import bsr_array, csr_array
+from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.sparse import bsr_array, csc_matrix, csr_array
+from scipy.sparse.linalg import splu
 
 from multiscale.nonsmooth.coulomb import ROUND_OFF, closing_norm, contact_mass
 from multiscale.numerics.compiled import compiled
+from multiscale.numerics.factorisation import Solve
 
-__all__ = ["ScaledFriction", "scale_friction"]
+__all__ = ["Progress", "ScaledFriction", "factorise_blocks", "scale_friction"]
+
+SMALL = 100
+"""Unknowns up to which a matrix is treated as full."""
+
+DENSE = 0.25
+"""Share of blocks from which on a matrix is treated as full."""
+
+PIVOT = 0.01
+"""Least diagonal pivot that is accepted, relative to its column: others cost fill-in."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +70,13 @@ class ScaledFriction:
 
     def error(self, reaction: np.ndarray) -> float:
         """Natural-map error of the user's problem as the verifier defines it."""
-        squares = natural_map_squares(
+        weighted, plain = natural_map_norms(
             self.respond(reaction) * self.velocity_unit,
             reaction * self.reaction_unit,
             *self.measure,
         )
-        slack = ROUND_OFF * float(norm(reaction * self.reaction_unit)) / self.measure[2]
-        return max(float(squares[0]), float(squares[1]) - slack) / self.size
+        rounding = ROUND_OFF * float(norm(reaction * self.reaction_unit)) / self.measure[2]
+        return max(float(weighted), float(plain) - rounding) / self.size
 
 
 def scale_friction(
@@ -96,26 +115,26 @@ def scale_friction(
     carries[:, dim:] = False
 
     mobility = np.einsum("iaa->ia", data[diagonal])
-    own = np.abs(mobility[:, :dim])
-    mean = own.mean(axis=1)
-    # a direction that nothing moves is measured by the others
+    size = np.abs(mobility[:, :dim])
+    mean = size.mean(axis=1)
+    # a direction without mobility takes the mean of the contact
     normal, tangent = (
-        np.where(one > 1e-12 * mean, one, mean) for one in (own[:, 0], own[:, 1:].mean(axis=1))
+        np.where(part > 1e-12 * mean, part, mean) for part in (size[:, 0], size[:, 1:].mean(axis=1))
     )
     both = np.column_stack([normal, tangent, tangent])
-    unit = 1.0 / np.sqrt(np.where(both > 0.0, both, own.max(initial=0.0) or 1.0))  # D
+    unit = 1.0 / np.sqrt(np.where(both > 0.0, both, size.max(initial=0.0) or 1.0))  # D
     _rescale(data, columns, starts, diagonal, unit, carries)
     full = np.where(carries, full * unit, 0.0)
-    size = float(norm(full)) or 1.0
+    data_size = float(norm(full)) or 1.0
     return ScaledFriction(
         blocks=data,
         columns=columns,
         starts=starts,
         diagonal=diagonal,
-        velocity=full / size,
+        velocity=full / data_size,
         friction=np.where(friction > 0.0, friction, 1.0) * unit[:, 0] / unit[:, 1],  # (1)
-        reaction_unit=unit * size,
-        velocity_unit=size / unit,
+        reaction_unit=unit * data_size,
+        velocity_unit=data_size / unit,
         measure=(
             np.ascontiguousarray(friction, dtype=float),
             contact_mass(mobility[:, :dim]),
@@ -125,17 +144,90 @@ def scale_friction(
     )
 
 
+@dataclass
+class Progress:
+    """Record of a run, updated by the methods through :meth:`note`.
+
+    Attributes
+    ----------
+    problem : ScaledFriction, which measures the errors
+    target : float, error at which the run may stop; dimensionless
+    callback : callable, optional, called as ``callback(iteration, residual)``
+    started : float, start on the clock, s
+    residuals, seconds : list of float, error and time, s, of every noted iterate
+    trail : list of str, methods in their order
+    best : ndarray, shape (contacts, 3), or None, best iterate so far, dimensionless
+    smallest : float, error of it
+    """
+
+    problem: ScaledFriction
+    target: float
+    callback: Callable[[int, float], None] | None = None
+    started: float = field(default_factory=perf_counter)
+    residuals: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    trail: list[str] = field(default_factory=list)
+    best: np.ndarray | None = None
+    smallest: float = np.inf
+
+    def note(self, reaction: np.ndarray) -> bool:
+        """Record the error of impulses, shape (contacts, 3); return whether the target is met."""
+        error = self.problem.error(reaction)
+        if self.callback is not None:
+            self.callback(len(self.residuals), error)
+        self.residuals.append(error)
+        self.seconds.append(perf_counter() - self.started)
+        if error < self.smallest:
+            self.smallest, self.best = error, reaction.copy()
+        return self.smallest <= self.target
+
+
+def factorise_blocks(
+    problem: ScaledFriction, added: np.ndarray, left: np.ndarray | None = None
+) -> Solve | None:
+    r"""Factorise :math:`A W + B`, ``left`` W + ``added``, with block-diagonal A and B.
+
+    The matrix may be singular up to round-off where the impulses are not unique: the methods judge
+    the solution, and a pivot of exactly zero returns None.
+    """
+    contacts = problem.friction.size
+    n = 3 * contacts
+    shape = (contacts, 3)
+    blocks = problem.blocks
+    if left is not None:
+        blocks = _times_left(blocks, problem.starts, left)
+    system = (problem.columns, problem.starts, problem.diagonal, blocks, added)
+    if n <= SMALL or problem.columns.size > DENSE * contacts**2:
+        full = np.zeros((n, n))
+        _fill_full(*system, full)
+        factors, pivots, info = dgetrf(full.T, overwrite_a=True)
+        if info != 0:
+            return None
+        return lambda b: np.asarray(dgetrs(factors, pivots, b.ravel(), trans=1)[0]).reshape(shape)
+
+    values, indices, pointers = _scalar_rows(*system)
+    try:  # compressed rows of A W + B are compressed columns of its transpose
+        sparse = splu(
+            csc_matrix((values, indices, pointers), shape=(n, n)),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=PIVOT,
+        )
+    except RuntimeError:
+        return None
+    return lambda b: np.asarray(sparse.solve(b.ravel(), "T")).reshape(shape)
+
+
 @compiled
 def _with_diagonal(data, indices, indptr):  # type: ignore[no-untyped-def]
     """Copy block rows into 3x3 blocks, adding diagonal blocks that are missing."""
     contacts, dim = indptr.size - 1, data.shape[1]
     starts = np.zeros(contacts + 1, np.int64)
     for i in range(contacts):
-        found = 1
+        missing = 1
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] == i:
-                found = 0
-        starts[i + 1] = starts[i] + indptr[i + 1] - indptr[i] + found
+                missing = 0
+        starts[i + 1] = starts[i] + indptr[i + 1] - indptr[i] + missing
     columns = np.empty(starts[-1], np.int64)
     diagonal = np.full(contacts, -1, np.int64)
     blocks = np.zeros((starts[-1], 3, 3))
@@ -190,7 +282,7 @@ def add_product(blocks, columns, starts, reaction, velocity):  # type: ignore[no
 
 
 @compiled
-def natural_map_squares(velocity, reaction, friction, mass, unit):  # type: ignore[no-untyped-def]
+def natural_map_norms(velocity, reaction, friction, mass, unit):  # type: ignore[no-untyped-def]
     """Norms of the natural map over its step, m/s: the contact mass, and the mass unit."""
     weighted, plain = 0.0, 0.0
     for i in range(friction.size):
@@ -214,3 +306,53 @@ def natural_map_squares(velocity, reaction, friction, mass, unit):  # type: igno
             else:
                 plain += square / (step * step)
     return np.sqrt(weighted), np.sqrt(plain)
+
+
+@compiled
+def _times_left(blocks, starts, left):  # type: ignore[no-untyped-def]
+    """Multiply the block rows of W by A."""
+    out = np.empty_like(blocks)
+    for i in range(starts.size - 1):
+        for k in range(starts[i], starts[i + 1]):
+            for a in range(3):
+                for b in range(3):
+                    out[k, a, b] = (
+                        left[i, a, 0] * blocks[k, 0, b]
+                        + left[i, a, 1] * blocks[k, 1, b]
+                        + left[i, a, 2] * blocks[k, 2, b]
+                    )
+    return out
+
+
+@compiled
+def _fill_full(columns, starts, diagonal, blocks, added, full):  # type: ignore[no-untyped-def]
+    """Write the blocks, with ``added`` on the diagonal, into a full matrix."""
+    for i in range(starts.size - 1):
+        for k in range(starts[i], starts[i + 1]):
+            j = columns[k]
+            for a in range(3):
+                for b in range(3):
+                    full[3 * i + a, 3 * j + b] = blocks[k, a, b]
+                    if k == diagonal[i]:
+                        full[3 * i + a, 3 * j + b] += added[i, a, b]
+
+
+@compiled
+def _scalar_rows(columns, starts, diagonal, blocks, added):  # type: ignore[no-untyped-def]
+    """Compressed rows of the blocks with ``added`` on the diagonal."""
+    contacts = starts.size - 1
+    values = np.empty(9 * starts[-1])
+    indices = np.empty(9 * starts[-1], np.int32)
+    pointers = np.zeros(3 * contacts + 1, np.int32)
+    place = 0
+    for i in range(contacts):
+        for a in range(3):
+            for k in range(starts[i], starts[i + 1]):
+                for b in range(3):
+                    indices[place] = 3 * columns[k] + b
+                    values[place] = blocks[k, a, b]
+                    if k == diagonal[i]:
+                        values[place] += added[i, a, b]
+                    place += 1
+            pointers[3 * i + a + 1] = place
+    return values, indices, pointers

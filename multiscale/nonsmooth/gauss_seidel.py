@@ -1,26 +1,14 @@
-r"""Nonlinear Gauss-Seidel: contact after contact, each solved exactly with the others held.
-
-The kernels take 3x3 blocks in compressed rows, so that a simulation of many bodies can call them
-on blocks that it builds itself, with the impulses of the last time step as start.
-"""
-
-from time import perf_counter
+r"""Nonlinear Gauss-Seidel: each contact solved exactly in turn, with the impulses of the others."""
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.one_contact import solve_one_contact
-from multiscale.nonsmooth.progress import Progress
-from multiscale.numerics.compiled import compiled, prange, thread_count
+from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction
+from multiscale.numerics.compiled import compiled
 
-__all__ = ["colour_contacts", "gauss_seidel", "sweep", "sweep_coloured"]
+__all__ = ["gauss_seidel", "solve_one_contact", "sweep"]
 
 BURST = 20
-"""Sweeps between two looks at the error."""
-
-MANY = 3000
-"""Contacts from which on the threads are worth starting."""
+"""Sweeps between two measurements of the error."""
 
 
 def gauss_seidel(
@@ -28,107 +16,122 @@ def gauss_seidel(
 ) -> np.ndarray:
     r"""Solve a friction problem by sweeps over its contacts.
 
-    Large problems are swept colour by colour. The order depends on the problem alone, and threads
-    do not change the numbers: so they are used after the first 20 sweeps for as long as they are
-    faster than one, which they are not where other programs hold the processors.
-
     References
     ----------
     .. [1] M. Jean, Comput. Methods Appl. Mech. Eng. 177 (1999) 235-257,
        doi:10.1016/S0045-7825(98)00383-1.
     """
     r = reaction.copy()
-    contacts = problem.friction.size
-    rows = (problem.blocks, problem.columns, problem.starts, problem.diagonal)
-    law = (problem.velocity, problem.friction)
-    order, bounds = np.arange(contacts), np.array([0, contacts])
-    if contacts >= MANY:
-        order, bounds = colour_contacts(problem.columns, problem.starts)
-    threaded = contacts >= MANY and thread_count() > 1
-    serial = np.inf  # seconds for a sweep on one thread
     for done in range(0, max_iterations, BURST):
-        sweeps = min(BURST, max_iterations - done)
-        if threaded and done > 0:
-            began = perf_counter()
-            sweep_coloured(*rows, *law, order, bounds, r, sweeps)
-            threaded = perf_counter() - began < serial * sweeps
-        else:
-            began = perf_counter()
-            sweep(*rows, *law, order, r, sweeps)
-            serial = (perf_counter() - began) / sweeps
+        sweep(
+            problem.blocks,
+            problem.columns,
+            problem.starts,
+            problem.diagonal,
+            problem.velocity,
+            problem.friction,
+            r,
+            min(BURST, max_iterations - done),
+        )
         if progress.note(r):
             break
     return r
 
 
 @compiled
-def _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i):  # type: ignore[no-untyped-def]
-    """Solve contact i with the others held."""
-    q0, q1, q2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-    own = diagonal[i]
-    for k in range(starts[i], starts[i + 1]):
-        if k != own:
-            j = columns[k]
-            x, y, z = reaction[j, 0], reaction[j, 1], reaction[j, 2]
-            q0 += blocks[k, 0, 0] * x + blocks[k, 0, 1] * y + blocks[k, 0, 2] * z
-            q1 += blocks[k, 1, 0] * x + blocks[k, 1, 1] * y + blocks[k, 1, 2] * z
-            q2 += blocks[k, 2, 0] * x + blocks[k, 2, 1] * y + blocks[k, 2, 2] * z
-    r0, r1, r2 = solve_one_contact(blocks[own], q0, q1, q2, friction[i])
-    reaction[i, 0], reaction[i, 1], reaction[i, 2] = r0, r1, r2
+def sweep(blocks, columns, starts, diagonal, velocity, friction, reaction, sweeps):  # type: ignore[no-untyped-def]
+    """Solve the contacts one after another, ``sweeps`` times, in place."""
+    for _ in range(sweeps):
+        for i in range(friction.size):
+            # velocity without the impulse of contact i
+            q0, q1, q2 = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+            for k in range(starts[i], starts[i + 1]):
+                if k != diagonal[i]:
+                    j = columns[k]
+                    x, y, z = reaction[j, 0], reaction[j, 1], reaction[j, 2]
+                    q0 += blocks[k, 0, 0] * x + blocks[k, 0, 1] * y + blocks[k, 0, 2] * z
+                    q1 += blocks[k, 1, 0] * x + blocks[k, 1, 1] * y + blocks[k, 1, 2] * z
+                    q2 += blocks[k, 2, 0] * x + blocks[k, 2, 1] * y + blocks[k, 2, 2] * z
+            r0, r1, r2 = solve_one_contact(blocks[diagonal[i]], q0, q1, q2, friction[i])
+            reaction[i, 0], reaction[i, 1], reaction[i, 2] = r0, r1, r2
 
 
 @compiled
-def sweep(blocks, columns, starts, diagonal, velocity, friction, order, reaction, sweeps):  # type: ignore[no-untyped-def]
-    """Solve the contacts one after another in the given order, ``sweeps`` times, in place."""
-    for _ in range(sweeps):
-        for i in order:
-            _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i)
+def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
+    r"""Solve the friction problem of one contact.
 
+    Notes
+    -----
+    Open if :math:`q_N \ge 0`; stuck if :math:`r = -W^{-1} q` lies in the cone. Otherwise the
+    contact slides with :math:`u_T = -\alpha r_T`, :math:`\alpha > 0`, and :math:`u_N = 0` leaves
 
-@compiled(parallel=True)
-def sweep_coloured(  # type: ignore[no-untyped-def]
-    blocks, columns, starts, diagonal, velocity, friction, order, colours, reaction, sweeps
-):
-    """Run :func:`sweep` with the contacts of one colour side by side; the same numbers.
+    .. math::
+        r_T(\alpha) = -(S + \alpha I)^{-1} b, \qquad
+        r_N(\alpha) = -\frac{q_N + W_{NT} r_T}{W_{NN}}, \qquad
+        g(\alpha) = \frac{\mu r_N}{\|r_T\|} - 1 = 0    \tag{1}
 
-    ``order[colours[c] : colours[c + 1]]`` are contacts of colour c, no two of which share a block.
+    with :math:`S = W_{TT} - W_{TN} W_{NT} / W_{NN}` and :math:`b = q_T - W_{TN} q_N / W_{NN}`.
+    Every root of :math:`g` solves the law. As stick has failed :math:`g(0) < 0`, and :math:`g > 0`
+    beyond
+
+    .. math:: \alpha_1 = \|b\| \frac{W_{NN} + \mu \|W_{NT}\|}{-\mu q_N},    \tag{2}
+
+    so that a bracketed Newton iteration always finds one; :math:`g` is nearly linear, as in
+    trust-region methods.
     """
-    for _ in range(sweeps):
-        for c in range(colours.size - 1):
-            for k in prange(colours[c], colours[c + 1]):
-                i = order[k]
-                _update(blocks, columns, starts, diagonal, velocity, friction, reaction, i)
+    if q0 >= 0.0:
+        return 0.0, 0.0, 0.0
+    w = block[0, 0]
+    n1, n2 = block[0, 1], block[0, 2]
+    t1, t2 = block[1, 0] / w, block[2, 0] / w
+    s11, s12 = block[1, 1] - t1 * n1, block[1, 2] - t1 * n2
+    s21, s22 = block[2, 1] - t2 * n1, block[2, 2] - t2 * n2
+    b1, b2 = q1 - t1 * q0, q2 - t2 * q0
+    size = np.sqrt(b1 * b1 + b2 * b2)
+    noise = abs(q1) + abs(q2) + (abs(t1) + abs(t2)) * -q0
+    if mu == 0.0 or size <= 1e-15 * noise:
+        return -q0 / w, 0.0, 0.0
+
+    low, high = 0.0, size * (w + mu * np.sqrt(n1 * n1 + n2 * n2)) / (-mu * q0)  # (2)
+    mobility = block[1, 1] + block[2, 2]
+    floor = 1e-14 * (mobility if mobility > 0.0 else w)
+    alpha = 0.0
+    if (s11 + s22) * floor >= s11 * s22 - s12 * s21:
+        alpha = min(floor, 0.5 * high)  # S is singular: b needs a spring to lean on
+    r0, r1, r2 = 0.0, 0.0, 0.0
+    for turn in range(60):
+        r1, r2 = _solve_pair(s11 + alpha, s12, s21, s22 + alpha, -b1, -b2)
+        r0 = -(q0 + n1 * r1 + n2 * r2) / w
+        length = np.sqrt(r1 * r1 + r2 * r2)
+        if turn == 0 and length <= mu * r0:
+            return r0, r1, r2  # stuck
+        g = mu * r0 / length - 1.0  # (1)
+        if abs(g) <= 1e-15:
+            break
+        if g < 0.0:
+            low = alpha
+        else:
+            high = alpha
+        d1, d2 = _solve_pair(s11 + alpha, s12, s21, s22 + alpha, -r1, -r2)
+        slope = -mu * (n1 * d1 + n2 * d2) / w / length
+        slope -= mu * r0 * (r1 * d1 + r2 * d2) / length**3
+        step = -g / slope if slope > 0.0 else np.inf
+        if abs(step) <= 1e-15 * alpha or high - low <= 1e-15 * high:
+            break
+        alpha += step
+        if not low < alpha < high:
+            alpha = 0.5 * (low + high) if low > 0.0 else 0.1 * high
+    shrink = mu * r0 / np.sqrt(r1 * r1 + r2 * r2) if r0 > 0.0 else 0.0
+    return max(r0, 0.0), shrink * r1, shrink * r2
 
 
-def colour_contacts(columns: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Colour contacts so that no two of one colour share a block of W.
-
-    Examples
-    --------
-    >>> colour_contacts(np.array([0, 1, 0, 1, 2, 1, 2]), np.array([0, 2, 5, 7]))
-    (array([0, 2, 1]), array([0, 2, 3]))
-    """
-    contacts = starts.size - 1
-    rows = csr_array((np.ones(columns.size), columns, starts), shape=(contacts, contacts))
-    both = csr_array(rows + rows.T)  # a block on one side of the diagonal is enough to couple
-    colour = _greedy_colours(both.indices, both.indptr)
-    order = np.argsort(colour, kind="stable")
-    bounds = np.concatenate([[0], np.cumsum(np.bincount(colour))])
-    return order, bounds
-
-
-@compiled
-def _greedy_colours(columns, starts):  # type: ignore[no-untyped-def]
-    """Give every contact the smallest colour that none of its neighbours has yet."""
-    contacts = starts.size - 1
-    colour = np.full(contacts, -1, np.int64)
-    seen = np.full(contacts + 1, -1, np.int64)
-    for i in range(contacts):
-        for k in range(starts[i], starts[i + 1]):
-            if colour[columns[k]] >= 0:
-                seen[colour[columns[k]]] = i
-        c = 0
-        while seen[c] == i:
-            c += 1
-        colour[i] = c
-    return colour
+@compiled(inline="always")
+def _solve_pair(a11, a12, a21, a22, b1, b2):  # type: ignore[no-untyped-def]
+    """Solve two equations by elimination with pivoting: backward stable, unlike Cramer's rule."""
+    if abs(a11) >= abs(a21):
+        factor = a21 / a11
+        x2 = (b2 - factor * b1) / (a22 - factor * a12)
+        return (b1 - a12 * x2) / a11, x2
+    factor = a11 / a21
+    x2 = (b1 - factor * b2) / (a12 - factor * a22)
+    return (b2 - a22 * x2) / a21, x2

@@ -1,23 +1,26 @@
 r"""Certificates that impulses cannot open contacts, where a friction problem stays unsolved."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import bsr_array, csc_array, diags_array, eye_array, vstack
 
 from multiscale.convergence import Status
-from multiscale.nonsmooth.conic import solve_conic
 from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.infeasibility import FARTHEST
+from multiscale.nonsmooth.refusals import FARTHEST
 
-__all__ = ["jamming"]
+__all__ = ["jamming", "solve_conic"]
 
 LARGEST_PROGRAM = 20_000
 """Number of blocks of W up to which a conic program looks for the certificate."""
 
+TOLERANCE = 1e-12
+"""Gap and feasibility asked of clarabel, on scaled data."""
+
 
 def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
-    r"""Say why a problem has, or may have, no solution; None if no certificate is found.
+    r"""Return why a problem has, or may have, no solution; None without a certificate.
 
     Notes
     -----
@@ -31,8 +34,8 @@ def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
 
     If y is normal, no solution exists: :math:`u_N = (W r + q)_N \ge 0` fails by (1). (By Farkas'
     lemma such a y exists if and only if no impulses open the contacts: :math:`-W y` in the dual
-    cone, together with :math:`y^T W y \ge 0`, is :math:`W y = 0`.) If y has friction, (2) says how
-    much has to slide, and existence is open: the condition of [1]_ for it fails.
+    cone, together with :math:`y^T W y \ge 0`, is :math:`W y = 0`.) If y has friction, (2) bounds
+    the sliding from below, and existence is open: the condition of [1]_ for it fails.
 
     Both are conic programs, :math:`\min q^T y` under :math:`W y = 0` and :math:`\sum y_N \le 1`.
     An answer y counts if the impulses that could undo (1), at least
@@ -91,3 +94,34 @@ def _least_work(problem: ScaledFriction, rubs: bool) -> np.ndarray:
     y.reshape(-1)[slice(None) if rubs else carries] = answer.x
     y[:, 0] = np.maximum(y[:, 0], 0.0)
     return y / (np.max(y[:, 0]) or 1.0)
+
+
+def solve_conic(
+    quadratic: csc_array,
+    linear: np.ndarray,
+    constraints: csc_array,
+    limits: np.ndarray,
+    *,
+    zero: int = 0,
+    positive: int = 0,
+    friction: int = 0,
+    tolerance: float = TOLERANCE,
+) -> Any:
+    r"""Return clarabel's answer to a conic program.
+
+    .. math:: \min_x \tfrac12 x^T P x + q^T x, \qquad b - A x \in \{0\} \times R_+ \times K,
+
+    P given by its upper triangle; the first ``zero`` rows are equations, the next ``positive`` ones
+    inequalities, and the rest ``friction`` second-order cones of three rows each.
+    """
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    cones = [clarabel.ZeroConeT(zero)] if zero else []
+    cones += [clarabel.NonnegativeConeT(positive)] if positive else []
+    cones += [clarabel.SecondOrderConeT(3)] * friction
+    return clarabel.DefaultSolver(
+        csc_array(quadratic), linear, csc_array(constraints), limits, cones, settings
+    ).solve()

@@ -1,34 +1,36 @@
-"""Linear complementarity problems: one call for all methods."""
+"""Linear complementarity problems: one function for all methods."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
-from multiscale.nonsmooth.complementarity import lcp_verifier
-from multiscale.nonsmooth.infeasibility import infeasibility_detail
-from multiscale.nonsmooth.lcp_interior_point import iterate_interior_point
-from multiscale.nonsmooth.lcp_problem import ScaledLCP, scale_lcp
-from multiscale.nonsmooth.newton_min import iterate_newton_min
-from multiscale.nonsmooth.pivoting import iterate_pivoting
-from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
-from multiscale.nonsmooth.spectrum import FIRST_LOOK, SMALL, THOROUGH, refuse_indefinite
+from multiscale.nonsmooth.lcp_methods import (
+    iterate_interior_point,
+    iterate_newton_min,
+    iterate_pivoting,
+)
+from multiscale.nonsmooth.lcp_problem import ScaledLCP, lcp_verifier, scale_lcp
+from multiscale.nonsmooth.refusals import (
+    FIRST_LOOK,
+    SMALL,
+    THOROUGH,
+    infeasibility_detail,
+    refuse_indefinite,
+)
 
-__all__ = ["solve_lcp"]
+__all__ = ["LCP_METHODS", "solve_lcp"]
 
 LCP_METHODS: dict[str, Callable[[ScaledLCP, np.ndarray], Iterator[np.ndarray]]] = {
-    "projected_gradient": iterate_projected_gradient,
     "newton_min": iterate_newton_min,
     "interior_point": iterate_interior_point,
     "pivoting": iterate_pivoting,
 }
-
-PATIENCE = 100
-"""Iterates without a residual cut to a half after which a method that is alone gives up."""
+"""Methods that can be asked for by name; ``"auto"`` uses all of them."""
 
 INDEFINITE = (
     "matrix is symmetric but indefinite: its smallest eigenvalue, with the diagonal scaled to one, "
@@ -42,24 +44,18 @@ NEGATIVE = 1e-6
 LARGEST_PIVOTING = 1000
 """Number of constraints up to which ``auto`` tries pivoting."""
 
+PATIENCE = 100
+"""Iterates without a residual cut to a half after which a method asked for by name gives up."""
 
-@dataclass(frozen=True)
-class _Stage:
-    """A method, and the progress that it must make to stay."""
+
+class _Stage(NamedTuple):
+    """A method that ends when no iterate of a window halves the smallest residual before it."""
 
     method: str
     window: int
-    factor: float = 0.5
 
 
-GRADIENTS = _Stage("projected_gradient", window=40, factor=0.3)
-ACTIVE_SETS = _Stage("newton_min", window=4)
-MONOTONE_SETS = _Stage("newton_min", window=20)
-INTERIOR = _Stage("interior_point", window=80)
-PIVOTS = _Stage("pivoting", window=1000)
-
-
-@np.errstate(all="ignore")  # an overflow shows in the residual
+@np.errstate(all="ignore")  # overflow makes the residual infinite
 def solve_lcp(
     matrix: csr_array | np.ndarray,
     vector: np.ndarray,
@@ -83,15 +79,12 @@ def solve_lcp(
         singular (redundant constraints, hyperstatic stacks).
     vector : ndarray, shape (n,), :math:`q`, in the unit of w
     method : str
-        ``"auto"`` takes conjugate projected gradients (if M is symmetric), Newton-min (active
-        sets), an interior point that ends with active sets, and for up to 1000 constraints
-        pivoting, in this order, each for as long as the residual falls.
-        ``"projected_gradient"``, ``"newton_min"``, ``"interior_point"`` and ``"pivoting"`` take
-        only this method.
+        ``"auto"`` takes Newton-min (active sets), an interior point that ends with active sets,
+        and for up to 1000 constraints pivoting, in this order, each for as long as the residual
+        falls. ``"newton_min"``, ``"interior_point"`` and ``"pivoting"`` take only this method.
     start : ndarray, shape (n,), optional, first z, in the unit of z; zero if not given
     max_iterations : int
-        Limit on the number of residuals: one per ten gradient steps, per
-        factorisation, or per n / 20 pivots.
+        Limit on the number of residuals: one per factorisation, or per n / 20 pivots.
     tolerance : float
         Bound on the residual of :func:`verify_lcp`, relative to the data; dimensionless.
     callback : callable, optional, called as ``callback(iteration, residual)``
@@ -99,15 +92,14 @@ def solve_lcp(
     Returns
     -------
     Solution
-        ``value`` is the z with the smallest residual, shape (n,). ``CONVERGED`` is what the
-        verifier says, ``INFEASIBLE`` comes with a certificate in ``detail``.
+        ``value`` is the z with the smallest residual, shape (n,). ``CONVERGED`` follows the
+        verifier, ``INFEASIBLE`` comes with a certificate in ``detail``.
 
     Raises
     ------
     CaseError
         If the matrix is not square, the vector does not fit, an entry is not finite, the matrix
-        is symmetric but indefinite (``"pivoting"`` takes it), or the method does not exist or
-        requires a symmetric matrix.
+        is symmetric but indefinite (``"pivoting"`` takes it), or the method does not exist.
     ValueError
         If ``start`` does not fit.
 
@@ -143,8 +135,9 @@ def solve_lcp(
 
     status, detail = Status.CONVERGED, ""
     if not smallest <= tolerance:
+        # what went wrong: no admissible point, an indefinite matrix, or none of both
         status = Status.MAX_ITERATIONS if len(residuals) > max_iterations else Status.STALLED
-        if detail := infeasibility_detail(problem, list(last.values())):
+        if detail := infeasibility_detail(problem.matrix, problem.vector, last.values()):
             status = Status.INFEASIBLE
         elif method != "pivoting":
             _refuse_indefinite(problem, THOROUGH)
@@ -158,22 +151,21 @@ def _stages(problem: ScaledLCP, method: str) -> list[_Stage]:
     if method != "auto":
         if method not in LCP_METHODS:
             raise CaseError(f"method {method!r} does not exist; known: {['auto', *LCP_METHODS]}")
-        if method == "projected_gradient" and not problem.is_symmetric:
-            raise CaseError(
-                f"method {method!r} needs a symmetric matrix, but mirrored entries differ; use "
-                f"method='interior_point'"
-            )
         return [_Stage(method, PATIENCE)]
-    gradients = [GRADIENTS] if problem.is_symmetric else []
-    sets = MONOTONE_SETS if problem.has_negative_couplings else ACTIVE_SETS
-    pivots = [PIVOTS] if problem.vector.size <= LARGEST_PIVOTING else []
-    return [*gradients, sets, INTERIOR, *pivots]
+    # active sets converge from anywhere where all couplings are negative
+    stages = [
+        _Stage("newton_min", 20 if problem.has_negative_couplings else 4),
+        _Stage("interior_point", 80),
+    ]
+    if problem.vector.size <= LARGEST_PIVOTING:
+        stages.append(_Stage("pivoting", 1000))
+    return stages
 
 
 def _iterates(
     problem: ScaledLCP, start: np.ndarray, stages: list[_Stage], residuals: list[float]
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield method and iterate; the caller appends its residual, which decides what follows."""
+    """Yield method and iterate; the caller appends its residual, which decides on the next one."""
     yield stages[0].method, start
     best, smallest = start, residuals[-1]
     for stage in stages:
@@ -182,16 +174,15 @@ def _iterates(
             yield stage.method, x
             if residuals[-1] < smallest:
                 best, smallest = x, residuals[-1]
-            own = [before, *residuals[entry:]]  # the latest have to fall well below the earlier
-            if len(own) > stage.window and not (
-                min(own[-stage.window :]) <= stage.factor * min(own[: -stage.window])
+            history = [before, *residuals[entry:]]
+            if len(history) > stage.window and not (
+                min(history[-stage.window :]) <= 0.5 * min(history[: -stage.window])
             ):
                 break
 
 
 def _refuse_indefinite(problem: ScaledLCP, steps: int) -> None:
-    """Refuse a symmetric matrix of given entries with a clearly negative eigenvalue."""
+    """Refuse a symmetric matrix with a clearly negative eigenvalue."""
     size = problem.vector.size
     if problem.is_symmetric and size > 0:
-        matrix = problem.entries.matrix
-        refuse_indefinite(lambda x: matrix @ x, size, steps, INDEFINITE, atol=NEGATIVE)
+        refuse_indefinite(lambda x: problem.matrix @ x, size, steps, INDEFINITE, atol=NEGATIVE)

@@ -1,12 +1,8 @@
-"""Linear complementarity problems: checked data, and the dimensionless form for every method.
-
-A method takes the problem and a start x, shape (n,), and yields its iterates x, shape (n,), at
-which the residual is evaluated.
-"""
+"""Linear complementarity problems: checked data, the form without units, and the verifier."""
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
@@ -14,10 +10,10 @@ from scipy.sparse import csc_array, csr_array, diags_array, issparse
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import CaseError
-from multiscale.nonsmooth.magnitudes import refuse_out_of_range
+from multiscale.nonsmooth.refusals import refuse_out_of_range
 from multiscale.numerics.factorisation import Solve, symmetric_lu
 
-__all__ = ["Entries", "ScaledLCP", "data_size", "lcp_entries", "scale_lcp"]
+__all__ = ["ScaledLCP", "Verification", "lcp_verifier", "scale_lcp", "verify_lcp"]
 
 DENSE = 0.2
 """Fraction of nonzero entries above which a matrix is factorised as a dense matrix."""
@@ -25,59 +21,48 @@ DENSE = 0.2
 SYMMETRY = 1e-6
 """Difference of mirrored entries of the scaled matrix up to which it counts as symmetric."""
 
+SMALLEST_ROW = 1e-6
+"""Smallest reference for the error of a row, relative to the data."""
+
+ROUNDING = 32.0 * np.finfo(float).eps
+"""Error of a row, relative to its terms, that is attributed to rounding."""
+
+LARGEST_ROUNDING = 1e-6
+"""Error, relative to the data, above which nothing is attributed to rounding."""
+
 
 @dataclass(frozen=True)
-class Entries:
-    """A matrix given entry by entry.
+class ScaledLCP:
+    r"""The problem :math:`0 \le A x + b \perp x \ge 0`, without units.
+
+    A method takes the problem and a start x, shape (n,), and yields its iterates, shape (n,).
 
     Attributes
     ----------
-    matrix : csr_array or ndarray, shape (n, n), the entries
+    matrix : csr_array or ndarray, shape (n, n), :math:`A = D M D` with a diagonal of ones
+    vector : ndarray, shape (n,)
+        :math:`b = D q / \delta`, where :math:`\delta` is the size of the data.
+    unit : ndarray, shape (n,), :math:`\delta D`, so that :math:`z = \delta D x`
+    is_symmetric : bool, whether mirrored entries of A agree
     """
 
     matrix: csr_array | np.ndarray
+    vector: np.ndarray
+    unit: np.ndarray
+    is_symmetric: bool
 
-    @cached_property
-    def rows(self) -> csr_array:
-        """The matrix by rows, without stored zeros; numbered alike, for one kernel."""
+    def slack(self, x: np.ndarray) -> np.ndarray:
+        """Return A x + b."""
+        return np.asarray(self.matrix @ x + self.vector)
+
+    @property
+    def has_negative_couplings(self) -> bool:
+        """Whether no entry off the diagonal is positive, as in membranes (a Z-matrix)."""
         rows = csr_array(self.matrix)
-        rows.indices = rows.indices.astype(np.int32, copy=False)
-        rows.indptr = rows.indptr.astype(np.int32, copy=False)
-        return rows
+        return bool(np.count_nonzero(rows.data > 0.0) <= np.count_nonzero(rows.diagonal()))
 
-    def scaled(self, scale: np.ndarray) -> "Entries":
-        """Return D M D; kept as a dense array if it has few zeros."""
-        if not issparse(self.matrix):
-            return Entries(scale[:, None] * self.matrix * scale)
-        scaled = csr_array(diags_array(scale) @ self.matrix @ diags_array(scale))
-        return Entries(scaled.toarray() if scaled.nnz > DENSE * scale.size**2 else scaled)
-
-    def scale(self) -> np.ndarray:
-        """Scale d of every unknown that makes the diagonal one.
-
-        An unknown with a zero on the diagonal takes the scale that makes its largest coupling
-        with the others one, and an empty row the median of all.
-        """
-        diagonal = np.abs(self.matrix.diagonal())
-        with np.errstate(divide="ignore"):
-            scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)
-        if scale.all():
-            return scale
-        coupling = abs(self.rows)
-        coupling = csr_array(coupling.maximum(coupling.T))
-        while not scale.all():
-            missing = np.flatnonzero(scale == 0.0)
-            reach = (coupling[missing] @ diags_array(scale)).max(axis=1).toarray().ravel()
-            if not reach.any():
-                largest = coupling[missing][:, missing].max()
-                known = scale[scale > 0.0]
-                usual = float(np.median(known)) if known.size else 1.0
-                scale[missing] = 1.0 / np.sqrt(largest) if largest > 0.0 else usual
-            scale[missing[reach > 0.0]] = 1.0 / reach[reach > 0.0]
-        return scale
-
-    def solver(self, active: np.ndarray, shift: np.ndarray, symmetric: bool) -> Solve:
-        """Factorise the active block of M + diag(shift)."""
+    def factorise(self, active: np.ndarray, shift: np.ndarray) -> Solve:
+        """Factorise the active block of A + diag(shift); a RuntimeError if it is singular."""
         if not issparse(self.matrix):
             block = self.matrix[np.ix_(active, active)]
             block[np.diag_indices_from(block)] += shift
@@ -88,15 +73,139 @@ class Entries:
                 except LinAlgWarning as warning:
                     raise RuntimeError("the block is singular") from warning
             return lambda rhs: np.asarray(lu_solve(dense, rhs, check_finite=False))
-        block = self.matrix[active][:, active] if not active.all() else self.matrix
+        block = self.matrix if active.all() else self.matrix[active][:, active]
         shifted = csc_array(block + diags_array(shift))
         # a definite matrix needs no pivoting
-        factors = symmetric_lu(shifted) if symmetric else splu(shifted)
+        factors = symmetric_lu(shifted) if self.is_symmetric else splu(shifted)
         return lambda rhs: np.asarray(factors.solve(rhs))
 
 
-def lcp_entries(matrix: csr_array | np.ndarray, vector: np.ndarray) -> tuple[Entries, np.ndarray]:
-    """Check the data of a problem and wrap its matrix."""
+def scale_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray) -> ScaledLCP:
+    """Check the data and remove the units."""
+    matrix, vector = _checked(matrix, vector)
+    scale = _unit_diagonal(matrix)
+    refuse_out_of_range(vector, np.square(1.0 / scale))
+    size = _data_size(scale * vector) or 1.0
+    if issparse(matrix):
+        scaled = csr_array(diags_array(scale) @ matrix @ diags_array(scale))
+        if scaled.nnz > DENSE * scale.size**2:
+            scaled = scaled.toarray()
+    else:
+        scaled = scale[:, None] * matrix * scale
+    asymmetry = 0.0
+    if vector.size:
+        difference = abs(scaled - scaled.T)
+        asymmetry = difference.max() if issparse(difference) else np.max(difference)
+    return ScaledLCP(scaled, scale * vector / size, size * scale, bool(asymmetry <= SYMMETRY))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Errors of a solution, measured from the data only.
+
+    Attributes
+    ----------
+    error : float, largest natural-map error relative to the data, dimensionless
+    worst : int, constraint with that error; -1 if there are no constraints
+    penetration : float, largest negative part of w = M z + q, in the unit of q
+    adhesion : float, largest negative part of z, in the unit of z
+    """
+
+    error: float
+    worst: int
+    penetration: float
+    adhesion: float
+
+    @property
+    def residual(self) -> float:
+        """Number to compare with a tolerance, dimensionless."""
+        return self.error
+
+
+def verify_lcp(
+    matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.ndarray
+) -> Verification:
+    r"""Measure how well :math:`z` solves :math:`0 \le M z + q \perp z \ge 0`.
+
+    Parameters
+    ----------
+    matrix : csr_array or ndarray, shape (n, n), :math:`M`
+    vector : ndarray, shape (n,), :math:`q`
+    value : ndarray, shape (n,), :math:`z`
+
+    Returns
+    -------
+    Verification, its ``residual`` is compared with the tolerance
+
+    Raises
+    ------
+    CaseError
+        If the data are not finite or their shapes do not agree.
+
+    Notes
+    -----
+    With :math:`d_i = |M_{ii}|^{-1/2}`, the pairs :math:`z_i / d_i` and :math:`d_i w_i` have one
+    unit, and the error is
+
+    .. math::
+        \max_i \frac{|\min(z_i / d_i,\, d_i w_i)| - \rho_i}{s_i}, \qquad
+        r_i = d_i \Bigl(|q_i| + \sum_j |M_{ij}| |z_j|\Bigr), \qquad
+        \delta = \max_i d_i \max(0, -q_i).    \tag{1}
+
+    :math:`\delta` is the error of :math:`z = 0`, so that a large gap elsewhere does not count
+    as data. :math:`s_i` is :math:`r_i`, so that a row is judged by its own terms however large
+    another load is, but not below :math:`10^{-6} \delta` and not above :math:`\delta`, so that
+    a solution that runs away cannot pass. Where the terms of a row cancel, as with mass ratios
+    and contrasts of 1e8, no computer can do better than :math:`\rho_i`: 32 units of rounding of
+    :math:`r_i`, at most :math:`10^{-6} \delta`.
+
+    Nothing changes under :math:`(M, q, z) \to (E M E, E q, E^{-1} z)` with a positive diagonal
+    :math:`E`, nor under a change of units.
+
+    Examples
+    --------
+    >>> verify_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0]), np.array([1.0, 0.0]))
+    Verification(error=0.0, worst=0, penetration=0.0, adhesion=0.0)
+    """
+    return lcp_verifier(matrix, vector)(value)
+
+
+def lcp_verifier(
+    matrix: csr_array | np.ndarray, vector: np.ndarray
+) -> Callable[[np.ndarray], Verification]:
+    """Prepare :func:`verify_lcp` for many values of one problem."""
+    matrix, vector = _checked(matrix, vector)
+    scale, absolute = _unit_diagonal(matrix), abs(matrix)
+
+    def verify(value: np.ndarray) -> Verification:
+        if value.shape != vector.shape:
+            raise ValueError(f"value must have shape {vector.shape}, got {value.shape}")
+        if value.size == 0:
+            return Verification(0.0, -1, 0.0, 0.0)
+        slack = matrix @ value + vector
+        z, w, q = value / scale, scale * slack, scale * vector
+        r = scale * (absolute @ np.abs(value))
+        size = _data_size(q) or float(np.max(r)) or 1.0  # delta
+        row = np.abs(q) + r
+        rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
+        error = np.maximum(0.0, np.abs(np.minimum(z, w)) - rounding)  # (1)
+        error /= np.clip(row, SMALLEST_ROW * size, size)
+        error = np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)
+        worst = int(np.argmax(error))
+        return Verification(
+            float(error[worst]),
+            worst,
+            max(0.0, -float(np.min(slack))),
+            max(0.0, -float(np.min(value))),
+        )
+
+    return verify
+
+
+def _checked(
+    matrix: csr_array | np.ndarray, vector: np.ndarray
+) -> tuple[csr_array | np.ndarray, np.ndarray]:
+    """Return the data as arrays of floats, or refuse them."""
     vector = np.asarray(vector, dtype=float)
     shape = np.shape(matrix)
     if len(shape) != 2 or shape[0] != shape[1]:
@@ -108,13 +217,13 @@ def lcp_entries(matrix: csr_array | np.ndarray, vector: np.ndarray) -> tuple[Ent
             f"vector must have shape ({shape[0]},) to match the matrix, got {vector.shape}; give "
             f"one entry per constraint"
         )
-    entries = csr_array(matrix, dtype=float) if issparse(matrix) else np.asarray(matrix, float)
-    if not np.all(np.isfinite(entries.data if issparse(entries) else entries)):
-        coordinates = csr_array(entries).tocoo()
-        first = int(np.flatnonzero(~np.isfinite(coordinates.data))[0])
-        row, column = (int(index[first]) for index in coordinates.coords)
+    matrix = csr_array(matrix, dtype=float) if issparse(matrix) else np.asarray(matrix, float)
+    if not np.all(np.isfinite(matrix.data if issparse(matrix) else matrix)):
+        entries = csr_array(matrix).tocoo()
+        first = int(np.flatnonzero(~np.isfinite(entries.data))[0])
+        row, column = (int(index[first]) for index in entries.coords)
         raise CaseError(
-            f"matrix must be finite, but entry ({row}, {column}) is {coordinates.data[first]}; "
+            f"matrix must be finite, but entry ({row}, {column}) is {entries.data[first]}; "
             f"check masses, stiffnesses and units"
         )
     if not np.all(np.isfinite(vector)):
@@ -123,52 +232,35 @@ def lcp_entries(matrix: csr_array | np.ndarray, vector: np.ndarray) -> tuple[Ent
             f"vector must be finite, but entry {first} is {vector[first]}; check the load and "
             f"the gaps"
         )
-    return Entries(entries), vector
+    return matrix, vector
 
 
-@dataclass(frozen=True)
-class ScaledLCP:
-    r"""The problem :math:`0 \le A x + b \perp x \ge 0`, without units.
-
-    Attributes
-    ----------
-    entries : Entries, shape (n, n), :math:`A = D M D` with a diagonal of ones
-    vector : ndarray, shape (n,)
-        :math:`b = D q / \delta`, where :math:`\delta` is the size of the data.
-    unit : ndarray, shape (n,), :math:`\delta D`, so that :math:`z = \delta D x`
-    is_symmetric : bool, whether mirrored entries of A agree
-    """
-
-    entries: Entries
-    vector: np.ndarray
-    unit: np.ndarray
-    is_symmetric: bool
-
-    def slack(self, x: np.ndarray) -> np.ndarray:
-        """Return A x + b."""
-        return np.asarray(self.entries.matrix @ x + self.vector)
-
-    @property
-    def has_negative_couplings(self) -> bool:
-        """Whether no entry off the diagonal is positive, as in membranes (a Z-matrix)."""
-        rows = self.entries.rows
-        return bool(np.count_nonzero(rows.data > 0.0) <= np.count_nonzero(rows.diagonal()))
-
-
-def scale_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray) -> ScaledLCP:
-    """Check the data and remove the units."""
-    entries, vector = lcp_entries(matrix, vector)
-    scale = entries.scale()
-    refuse_out_of_range(vector, np.square(1.0 / scale))
-    size = data_size(scale * vector) or 1.0
-    scaled = entries.scaled(scale)
-    largest = 0.0  # difference of mirrored entries
-    if vector.size:
-        difference = abs(scaled.matrix - scaled.matrix.T)
-        largest = difference.max() if issparse(difference) else np.max(difference)
-    return ScaledLCP(scaled, scale * vector / size, size * scale, bool(largest <= SYMMETRY))
-
-
-def data_size(vector: np.ndarray) -> float:
+def _data_size(vector: np.ndarray) -> float:
     """Size of a scaled q: the error of z = 0, or its largest entry where z = 0 is the solution."""
     return float(np.max(-vector, initial=0.0)) or float(np.max(vector, initial=0.0))
+
+
+def _unit_diagonal(matrix: csr_array | np.ndarray) -> np.ndarray:
+    """Scale d of every unknown that makes the diagonal one.
+
+    An unknown with a zero on the diagonal takes the scale that makes its largest coupling
+    with the others one, and an empty row the median of all.
+    """
+    diagonal = np.abs(matrix.diagonal())
+    with np.errstate(divide="ignore"):
+        scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)
+    if scale.all():
+        return scale
+    coupling = abs(csr_array(matrix))
+    coupling = csr_array(coupling.maximum(coupling.T))
+    while not scale.all():
+        missing = np.flatnonzero(scale == 0.0)
+        reach = (coupling[missing] @ diags_array(scale)).max(axis=1).toarray().ravel()
+        if not reach.any():
+            # no unknown with a scale reaches the missing ones
+            largest = coupling[missing][:, missing].max()
+            known = scale[scale > 0.0]
+            usual = float(np.median(known)) if known.size else 1.0
+            scale[missing] = 1.0 / np.sqrt(largest) if largest > 0.0 else usual
+        scale[missing[reach > 0.0]] = 1.0 / reach[reach > 0.0]
+    return scale

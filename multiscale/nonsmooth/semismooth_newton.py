@@ -2,12 +2,10 @@ r"""Semismooth Newton on the residual of Alart and Curnier, regularised for sing
 
 import numpy as np
 
-from multiscale.nonsmooth.block_system import factorise_blocks
-from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, factorise_blocks
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["semismooth_newton"]
+__all__ = ["linearise", "semismooth_newton"]
 
 SMALLEST, LARGEST = 1e-14, 1.0
 """Range of the regularisation, relative to the diagonal of W."""
@@ -40,12 +38,13 @@ def semismooth_newton(
     merit, alpha, failures = float(np.sum(residual**2)), regularisation, 0
     smallest = merit
     for _ in range(max_iterations):
+        # direction, and the largest of 1, 1/2, 1/4 ... that lowers the merit enough
         solve = factorise_blocks(problem, B + alpha * A + SMALLEST * np.eye(3), A)  # (1)
         step = np.full_like(r, np.nan) if solve is None else -solve(residual)
         length = 0.0
         if np.all(np.isfinite(step)):
             change = problem.respond(step) - problem.velocity
-            length = 1.0  # the largest of 1, 1/2, 1/4 ... that lowers the merit enough
+            length = 1.0
             for _ in range(12):
                 trial = linearise(u + length * change, r + length * step, problem.friction)[0]
                 if float(np.sum(trial**2)) <= (1.0 - 1e-4 * length) * merit:
@@ -53,6 +52,7 @@ def semismooth_newton(
                 length *= 0.5
             else:
                 length = 0.0
+        # step and regularisation of the next direction
         if length == 0.0:
             alpha = min(max(100.0 * alpha, 1e-8), LARGEST)
             failures += 1

@@ -5,14 +5,11 @@ import pytest
 from scipy.sparse import csr_array
 
 from multiscale.bench.friction_scenes import block_tower, sphere_pile, wedged_block
-from multiscale.nonsmooth import split_interior_point as split_module
+from multiscale.nonsmooth import friction_interior_point as interior_point
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import FRICTION_METHODS, solve_friction
-from multiscale.nonsmooth.friction_problem import scale_friction
-from multiscale.nonsmooth.lorentz import apply, lorentz_problem
-from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.friction_problem import Progress, scale_friction
 from multiscale.nonsmooth.semismooth_newton import linearise
-from multiscale.nonsmooth.split_interior_point import split_interior_point
 from tests.nonsmooth.friction_problems import (
     body_velocity,
     plane_stack,
@@ -164,22 +161,23 @@ def test_an_interior_point_ends_as_fast_as_newton(bodies):
     # 6 to 8 steps; an error in De Saxcé's term leaves the answer right and doubles the path
     problem = scale_friction(*bodies.condensed())
     progress = Progress(problem, 1e-9)
-    split_interior_point(problem, progress)
+    interior_point.friction_interior_point(problem, progress)
     assert progress.smallest <= 1e-9
     assert len(progress.residuals) <= 11
 
 
 def test_a_step_of_the_interior_point_solves_the_linearised_equations():
     rng = np.random.default_rng(seed=11)
-    lorentz, _ = lorentz_problem(scale_friction(*wedged_block(0.5).condensed()))
+    lorentz, _ = interior_point.lorentz_problem(scale_friction(*wedged_block(0.5).condensed()))
     z, y = rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
     for point in (z, y):
         point[:, 0] = 0.5 + np.hypot(point[:, 1], point[:, 2])
     g = rng.uniform(0.5, 1.0, 8)
-    newton = split_module._newton(lorentz, split_module._Point(z, y, g))
+    newton = interior_point._newton(lorentz, interior_point._Point(z, y, g))
     k, h = rng.normal(size=(8, 3)), rng.normal(size=8)
     dz, dy, dg = newton.direction(k, h)
     F, inverse, square = newton.scaling
+    apply = interior_point.apply
     change = lorentz.respond(dz) - lorentz.velocity - np.column_stack([dg, dy[:, 1:]])
     np.testing.assert_allclose(change, -newton.defect, atol=1e-10)
     np.testing.assert_allclose(z[:, 0] * dg + g * dz[:, 0], h, atol=1e-10)

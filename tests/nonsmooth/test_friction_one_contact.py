@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.nonsmooth.coulomb import natural_map, project_friction_cone
-from multiscale.nonsmooth.friction_problem import natural_map_squares
-from multiscale.nonsmooth.one_contact import solve_one_contact
+from multiscale.nonsmooth.friction_problem import natural_map_norms
+from multiscale.nonsmooth.gauss_seidel import solve_one_contact
 from tests.support import alart_curnier
 
 
@@ -73,7 +73,7 @@ def test_both_residuals_vanish_together_and_the_kernel_agrees():
     u, r = rng.normal(size=(3, 50)), rng.normal(size=(3, 50))
     mu, mass = rng.uniform(0.0, 2.0, 50), rng.uniform(0.1, 10.0, 50)
     mu[:5] = 0.0
-    weighted, plain = natural_map_squares(
+    weighted, plain = natural_map_norms(
         np.ascontiguousarray(u.T), np.ascontiguousarray(r.T), mu, mass, 3.0
     )
     assert plain == pytest.approx(np.linalg.norm(natural_map(u, r, mu, 3.0) / 3.0), rel=1e-13)

@@ -15,11 +15,9 @@ from multiscale.bench.lcp_scenes import (
     tensegrity,
 )
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.nonsmooth.complementarity import verify_lcp
 from multiscale.nonsmooth.lcp import LCP_METHODS, solve_lcp
-from multiscale.nonsmooth.lcp_problem import scale_lcp
-from multiscale.nonsmooth.newton_min import iterate_newton_min
-from multiscale.nonsmooth.projected_gradient import iterate_projected_gradient
+from multiscale.nonsmooth.lcp_methods import iterate_newton_min
+from multiscale.nonsmooth.lcp_problem import scale_lcp, verify_lcp
 
 
 def grains(count, **options):
@@ -121,21 +119,6 @@ def test_newton_min_leaves_a_cycle():
     assert not iterates[-1].any()
 
 
-def test_projected_gradients_are_conjugate():
-    # all 200 unknowns are free: conjugate directions need at most 200 steps, others thousands
-    matrix = 2.0 * np.eye(200) - np.eye(200, k=1) - np.eye(200, k=-1)
-    solution = solve_lcp(matrix, np.full(200, -1.0), method="projected_gradient")
-    assert solution.converged
-    assert len(solution.residuals) <= 30
-
-
-def test_projected_gradients_end_on_a_ray():
-    problem = scale_lcp(np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([-1.0, -1.0]))
-    iterates = list(islice(iterate_projected_gradient(problem, np.zeros(2)), 50))
-    assert len(iterates) < 50
-    assert np.min(iterates[-1]) > 1e9
-
-
 def test_pivoting_does_not_cycle_on_a_degenerate_problem():
     matrix = np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 2.0], [2.0, 0.0, 1.0]])
     for tied in (matrix, matrix.T):
@@ -222,12 +205,11 @@ def test_the_solution_itself_is_accepted_as_a_start():
     assert len(solve_lcp(matrix, vector, start=start).residuals) == 1
 
 
-@pytest.mark.parametrize("method", ["projected_gradient", "newton_min"])
-def test_a_warm_start_saves_iterations(method):
+def test_a_warm_start_saves_iterations():
     matrix, vector = membrane(20)
     start = solve_lcp(matrix, vector, tolerance=1e-12).unwrap()
-    cold = solve_lcp(matrix, 1.0001 * vector, method=method)
-    warm = solve_lcp(matrix, 1.0001 * vector, method=method, start=start)
+    cold = solve_lcp(matrix, 1.0001 * vector, method="newton_min")
+    warm = solve_lcp(matrix, 1.0001 * vector, method="newton_min", start=start)
     assert cold.converged
     assert warm.converged
     assert len(warm.residuals) < len(cold.residuals)
@@ -316,11 +298,6 @@ def test_a_large_indefinite_matrix_is_refused_with_its_eigenvalue():
 def test_bad_data_are_refused_in_one_sentence(matrix, vector, options, sentence):
     with pytest.raises(CaseError, match=sentence):
         solve_lcp(matrix, vector, **options)
-
-
-def test_projected_gradients_refuse_a_matrix_without_symmetry():
-    with pytest.raises(CaseError, match="'projected_gradient' needs a symmetric matrix"):
-        solve_lcp(*p_matrix(5), method="projected_gradient")
 
 
 @pytest.mark.parametrize(("unit", "size"), [(1e300, 1e-300), (1e-200, 1e200), (1.0, 1e305)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.bench.lcp_scenes import condensed, granular, loaded_column
-from multiscale.nonsmooth.complementarity import verify_lcp
+from multiscale.nonsmooth.lcp_problem import verify_lcp
 
 
 def test_a_known_error_is_measured():

@@ -6,7 +6,7 @@ from scipy.sparse import csc_array, diags_array, vstack
 from multiscale.convergence import Solution, Status
 from multiscale.macro.discrete.compatibility import LinkEquations
 from multiscale.macro.discrete.link_state import LinkState, force_scale
-from multiscale.nonsmooth.conic import solve_conic
+from multiscale.nonsmooth.jamming import solve_conic
 
 __all__ = ["solve_dual_program"]
 

@@ -1,41 +1,39 @@
-r"""Primal-dual interior point for Coulomb friction, with the normal apart from the cone."""
+r"""Primal-dual interior point for Coulomb friction, with the normal apart from the cone.
 
-from dataclasses import dataclass
+The cone is :math:`\{x : \|x_T\| \le x_0\}` at every contact; arrays have the shape (contacts, 3)
+with its axis in column 0.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from multiscale.nonsmooth.block_system import factorise_blocks
-from multiscale.nonsmooth.friction_problem import ScaledFriction
-from multiscale.nonsmooth.lorentz import (
-    apply,
-    axis,
-    divide,
-    jordan_product,
-    longest_positive,
-    longest_step,
-    lorentz_problem,
-    nesterov_todd,
-    spin,
-    stalled,
-)
-from multiscale.nonsmooth.progress import Progress
+from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, factorise_blocks
+from multiscale.nonsmooth.lcp_methods import LONGEST, longest_positive
 from multiscale.numerics.factorisation import Solve
 
-__all__ = ["split_interior_point"]
+__all__ = ["friction_interior_point"]
 
 REGULARISATION = 1e-12
-"""Added to the diagonal of W, relative to it, in the tangent matrix alone."""
+"""Added to the diagonal of W, relative to it, in the tangent matrix only."""
+
+PATIENCE = 25
+"""Steps in which the mean product has to fall by a tenth."""
+
+REFLECTION = np.diag([1.0, -1.0, -1.0])
+
+Change = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def split_interior_point(
+def friction_interior_point(
     problem: ScaledFriction, progress: Progress, max_iterations: int = 60, centre: float = 1.0
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
     Notes
     -----
-    With the sliding speed as an unknown :math:`s` of its own, Coulomb's law is a complementarity
-    of numbers and one of cones. For :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
+    With the sliding speed as an unknown :math:`s`, Coulomb's law is a complementarity of numbers
+    and a complementarity of cones. For :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
     :math:`y = (s, u_T)`,
 
     .. math::
@@ -60,7 +58,8 @@ def split_interior_point(
     for _ in range(max_iterations):
         newton = _newton(lorentz, point)
         means.append(point.mean)
-        if newton is None or stalled(means):
+        stalled = len(means) > PATIENCE and means[-1] > 0.9 * means[-1 - PATIENCE]
+        if newton is None or stalled:
             break
         change, step = newton.step()
         if not step > 1e-6:
@@ -69,9 +68,6 @@ def split_interior_point(
         if progress.note(unit * point.z):
             break
     return np.asarray(unit * point.z)
-
-
-Change = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -136,12 +132,14 @@ class _Newton:
         F, inverse, _ = self.scaling
         scaled = apply(F, point.z)
         squared, product = jordan_product(scaled, scaled), point.z[:, 0] * point.g
-        change = self.direction(-scaled, -product)  # predictor
+        # predictor: no centring
+        change = self.direction(-scaled, -product)
         if not np.all(np.isfinite(change[0])):
             return change, 0.0
         left = point.moved(change, self.length(change)).mean
         sigma = min(1.0, max((left / mean) ** 3, 1e-6)) if left > 0.0 else 1e-3
 
+        # corrector with second-order terms; towards the centre if its step is short
         e = axis(len(product))
         dz, dy, dg = change
         second = jordan_product(apply(F, dz), apply(inverse, dy))
@@ -155,7 +153,7 @@ class _Newton:
                 return change, 0.0
             length = self.length(change)
             if length >= 0.1:
-                break  # otherwise once more, towards the centre
+                break
         return change, length
 
 
@@ -173,3 +171,81 @@ def _newton(lorentz: ScaledFriction, point: _Point) -> _Newton | None:
         return None
     solve = factorise_blocks(lorentz, added)
     return None if solve is None else _Newton(point, scaling, defect, solve)
+
+
+def lorentz_problem(problem: ScaledFriction) -> tuple[ScaledFriction, np.ndarray]:
+    r"""Write a friction problem in the coordinates of the cone."""
+    stretch = np.ones((problem.friction.size, 3))
+    stretch[:, 0] /= problem.friction
+    rows = np.repeat(np.arange(len(stretch)), np.diff(problem.starts))
+    blocks = problem.blocks * stretch[rows][:, :, None] * stretch[problem.columns][:, None, :]
+    mobility = float(np.mean(np.abs(np.einsum("iaa->ia", blocks[problem.diagonal]))))
+    velocity = problem.velocity * stretch
+    speed = float(np.max(np.abs(velocity)))
+    scaled = replace(problem, blocks=blocks / mobility, velocity=velocity / speed)
+    return scaled, stretch * speed / mobility
+
+
+def apply(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Matrix times vector at every contact."""
+    return np.asarray(np.einsum("iab,ib->ia", matrices, vectors))
+
+
+def axis(contacts: int) -> np.ndarray:
+    """Return the unit of the Jordan product, (1, 0, 0) at every contact."""
+    e = np.zeros((contacts, 3))
+    e[:, 0] = 1.0
+    return e
+
+
+def spin(x: np.ndarray) -> np.ndarray:
+    """Product of the two eigenvalues, x_0² - ‖x_T‖²: positive inside the cone."""
+    return np.asarray(x[:, 0] ** 2 - x[:, 1] ** 2 - x[:, 2] ** 2)
+
+
+def jordan_product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    r"""Jordan product :math:`x \circ y = (x^T y,\ x_0 y_T + y_0 x_T)`."""
+    out: np.ndarray = x[:, :1] * y + y[:, :1] * x
+    out[:, 0] = np.sum(x * y, axis=1)
+    return out
+
+
+def divide(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    r"""Solution z of :math:`x \circ z = y`."""
+    out = np.empty_like(y)
+    out[:, 0] = (x[:, 0] * y[:, 0] - x[:, 1] * y[:, 1] - x[:, 2] * y[:, 2]) / spin(x)
+    out[:, 1:] = (y[:, 1:] - out[:, :1] * x[:, 1:]) / x[:, :1]
+    return out
+
+
+def longest_step(x: np.ndarray, direction: np.ndarray) -> float:
+    """Longest step along a direction for which all points stay inside their cones."""
+    a = spin(direction)
+    b = x[:, 0] * direction[:, 0] - np.sum(x[:, 1:] * direction[:, 1:], axis=1)
+    c = np.maximum(spin(x), 0.0)
+    root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+    with np.errstate(all="ignore"):
+        # smallest positive root of a t² + 2 b t + c, without cancellation
+        q = -(b + np.where(b >= 0.0, root, -root))
+        roots = np.stack([q / a, c / q])
+    real = (b * b >= a * c) & (roots > 0.0)
+    return min(
+        float(np.min(np.where(real, roots, np.inf), initial=LONGEST)),
+        longest_positive(x[:, 0], direction[:, 0]),
+    )
+
+
+def nesterov_todd(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Scaling matrices of Nesterov and Todd."""
+    size_x, size_y = spin(x), spin(y)
+    xbar, ybar = x / np.sqrt(size_x)[:, None], y / np.sqrt(size_y)[:, None]
+    gamma = np.sqrt(0.5 * (1.0 + np.sum(xbar * ybar, axis=1)))
+    w = (ybar + xbar @ REFLECTION) / (2.0 * gamma)[:, None]
+    v = (w + axis(len(w))) / np.sqrt(2.0 * (w[:, 0] + 1.0))[:, None]
+    eta = np.sqrt(np.sqrt(size_y / size_x))[:, None, None]
+    mirrored = v @ REFLECTION
+    return (
+        eta * (2.0 * v[:, :, None] * v[:, None, :] - REFLECTION),
+        (2.0 * mirrored[:, :, None] * mirrored[:, None, :] - REFLECTION) / eta,
+        eta**2 * (2.0 * w[:, :, None] * w[:, None, :] - REFLECTION),
+    )

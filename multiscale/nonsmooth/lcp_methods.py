@@ -1,0 +1,328 @@
+"""Methods for linear complementarity problems: active sets, interior point, pivoting.
+
+Each takes a :class:`ScaledLCP` and a start and yields its iterates x, shape (n,).
+"""
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from multiscale.nonsmooth.lcp_problem import ScaledLCP
+from multiscale.numerics.compiled import compiled
+from multiscale.numerics.factorisation import Solve
+
+__all__ = ["iterate_interior_point", "iterate_newton_min", "iterate_pivoting", "longest_positive"]
+
+SHIFT = 1e-13
+"""Added to the unit diagonal of an active block, so that redundant constraints share."""
+
+REFINEMENTS = 1
+"""Corrections of the active unknowns after the first."""
+
+ROUNDING = 1e-14
+"""Negative part of an unknown or slack that does not count as a violation."""
+
+FULL_STEPS = 8
+"""Full steps without fewer violations before constraints are exchanged one at a time."""
+
+SETTLED = 1e-3
+"""Part of the constraints that may change sides in a step if the active set is to be tried."""
+
+NEXT_TRIAL = 1e-2
+"""Factor by which the gap must fall from one trial of the active set to the next."""
+
+POLISH_STEPS = 3
+"""Active sets in one trial."""
+
+SMALLEST_GAP, SHORTEST_STEP = 1e-24, 1e-10
+"""Complementarity gap and step length below which the interior point ends."""
+
+CORRECTIONS = 2
+"""Corrections of the centrality per factorisation, each for one more solve."""
+
+LONGEST = 1e10
+"""Length of a step without a limit."""
+
+SMALLEST_PIVOT = 1e-10
+"""Entry of an entering column, relative to its largest one, that counts as zero."""
+
+TIE = 1e-12
+"""Relative difference up to which two entries of the ratio test count as equal."""
+
+FAR = 1e12
+"""Distance along a ray at which its last point lies."""
+
+
+def iterate_newton_min(
+    problem: ScaledLCP, start: np.ndarray, active: np.ndarray | None = None
+) -> Iterator[np.ndarray]:
+    r"""Yield one x per active set: Newton's method on :math:`\min(x, A x + b)`.
+
+    On the active set :math:`\mathcal A` the slack is zero, elsewhere x is:
+
+    .. math::
+        A_{\mathcal A \mathcal A}\, x_{\mathcal A} = -b_{\mathcal A}, \qquad
+        \mathcal A \leftarrow \{i : x_i > (A x + b)_i\}.
+
+    As long as the number of violated signs falls, all of them change the set at once (that is
+    Newton's method). When it does not fall for eight steps, or a set comes back, only the last
+    violated constraint changes, until the number falls below the least one met: for a P-matrix
+    this ends at the solution. The iterates are without their negative parts; the last one has no
+    violation, unless the block was singular: the start gives the parts of its active unknowns
+    that the block does not determine, and the first active set if not given.
+
+    References
+    ----------
+    .. [1] M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
+       doi:10.1137/S1052623401383558. Newton's method and active sets.
+    .. [2] J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596. The exchange of
+       single constraints.
+    """
+    x = start
+    if active is None:
+        active = x > problem.slack(x)
+    fewest, left, met = active.size + 1, FULL_STEPS, set[bytes]()
+    while True:
+        # active unknowns, corrected until their slack is zero; the others are zero
+        try:
+            x = np.where(active, x, 0.0)
+            if active.any():
+                solve = problem.factorise(active, np.full(np.count_nonzero(active), SHIFT))
+                for _ in range(1 + REFINEMENTS):
+                    x[active] -= solve(problem.slack(x)[active])
+        except RuntimeError:  # SuperLU met a pivot that is exactly zero
+            return
+        slack = problem.slack(x)
+        yield np.maximum(x, 0.0)
+
+        # next set: all violations change sides, or only the last after too many steps
+        wrong = np.where(active, x, slack) < -ROUNDING
+        violations = int(np.count_nonzero(wrong))
+        if violations == 0 or not np.all(np.isfinite(x)):
+            return
+        left = FULL_STEPS if violations < fewest else left - 1
+        fewest = min(fewest, violations)
+        key = np.packbits(active).tobytes()
+        if key in met:
+            left = min(left, 0)
+        met.add(key)
+        if left <= 0:
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        active = active ^ wrong
+
+
+def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
+    r"""Yield the x of Mehrotra's interior iterates, and of the active sets that they suggest.
+
+    A Newton step towards :math:`w = A x + b,\ x_i w_i = t_i` is, with
+    :math:`T = \mathrm{diag}(w_i / x_i)` and the complementarity :math:`c` that the step leaves,
+
+    .. math::
+        (A + T)\, \Delta x = c / x - w - (A x + b - w), \qquad
+        \Delta w = c / x - w - T \Delta x.    \tag{1}
+
+    The predictor has :math:`c = 0`; its step gives :math:`\sigma = (\mu^a / \mu)^3` and the
+    corrector :math:`c = \sigma\mu - \Delta x^a \Delta w^a`; then products that a longer step
+    would leave far from :math:`\sigma\mu` are drawn back. All share one factorisation, and both
+    unknowns one step length, because the matrix couples them. The iteration ends where the gap
+    :math:`\mu = x^T w / n` or the step vanishes. The problem is monotone: the symmetric part of the
+    matrix has no negative eigenvalue. The start is not used: an iterate near the boundary is a bad
+    start for an interior method.
+
+    References
+    ----------
+    .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
+    .. [2] J. Gondzio, Comput. Optim. Appl. 6 (1996) 137-156, doi:10.1007/BF00249643. The
+       corrections of centrality.
+    """
+    n, everywhere = start.size, np.ones(start.size, dtype=bool)
+    x, w = np.ones(n), np.ones(n)
+    active, gap, next_trial = x > w, 1.0, np.inf
+    while gap > SMALLEST_GAP:
+        yield x
+        # try the active set once few constraints change sides
+        changed = np.count_nonzero(active != (x > w))
+        active = x > w
+        if active.any() and changed <= SETTLED * n and gap < next_trial:
+            next_trial = NEXT_TRIAL * gap
+            yield from islice(iterate_newton_min(problem, x, active), POLISH_STEPS)
+
+        # Newton step that stops short of the boundary
+        try:
+            solve = problem.factorise(everywhere, w / x)
+        except RuntimeError:  # SuperLU met a pivot that is exactly zero
+            return
+        dx, dw = _mehrotra_direction(problem, x, w, gap, solve)
+        step = min(1.0, max(0.9, 1.0 - gap) * _longest(x, w, dx, dw))
+        if not step > SHORTEST_STEP:
+            return
+        x, w = x + step * dx, w + step * dw
+        gap = float(x @ w) / n
+
+
+def _mehrotra_direction(
+    problem: ScaledLCP, x: np.ndarray, w: np.ndarray, gap: float, solve: Solve
+) -> tuple[np.ndarray, np.ndarray]:
+    """Predictor, corrector and corrections of centrality with one factorisation."""
+    mismatch = problem.slack(x) - w
+
+    def newton(complementarity: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        target_w = complementarity / x - w
+        change = solve(target_w - mismatch)
+        return change, target_w - w / x * change  # (1)
+
+    # predictor
+    dx, dw = newton(0.0)
+    step = min(1.0, _longest(x, w, dx, dw))
+    target = ((x + step * dx) @ (w + step * dw) / (x.size * gap)) ** 3 * gap
+
+    # corrector
+    complementarity = target - dx * dw
+    dx, dw = newton(complementarity)
+    step = min(1.0, _longest(x, w, dx, dw))
+
+    # corrections of centrality, as long as they lengthen the step
+    for _ in range(CORRECTIONS):
+        trial = min(1.0, 1.08 * step + 0.08)  # intended step length
+        products = (x + trial * dx) * (w + trial * dw)
+        drawn = np.clip(products, 0.1 * target, 10.0 * target) - products
+        corrected = complementarity + np.maximum(drawn, -10.0 * target)
+        dx_new, dw_new = newton(corrected)
+        step_new = min(1.0, _longest(x, w, dx_new, dw_new))
+        if step_new < step + 0.01:
+            break
+        dx, dw, step, complementarity = dx_new, dw_new, step_new, corrected
+    return dx, dw
+
+
+def _longest(x: np.ndarray, w: np.ndarray, dx: np.ndarray, dw: np.ndarray) -> float:
+    """Longest step for which x and w stay positive."""
+    return min(longest_positive(x, dx), longest_positive(w, dw))
+
+
+def longest_positive(x: np.ndarray, direction: np.ndarray) -> float:
+    """Longest step along a direction for which positive numbers stay positive."""
+    falling = direction < 0.0
+    return float(np.min(-x[falling] / direction[falling], initial=LONGEST))
+
+
+def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarray]:
+    r"""Yield x along Lemke's path of almost complementary bases, with the lexicographic rule.
+
+    The path starts on the ray of a large :math:`x_0` in
+
+    .. math:: w = A x + b + x_0 e \ge 0, \qquad x \ge 0, \qquad w^T x = 0,
+
+    with :math:`e = 1`, and ends where :math:`x_0 = 0` or on a second ray. Ties of the ratio
+    test, which a degenerate problem has, are broken by the rows of the inverse basis
+    (lexicographically), so that no basis can come back. It ends at a solution for P-matrices,
+    positive semidefinite and copositive matrices, whenever there is an admissible x.
+
+    The start is not used. The method yields x after every n / 20 pivots; in the end the solution,
+    solved afresh from its active set, or a point far out on the second ray. Work and memory grow
+    with the cube and the square of n.
+
+    References
+    ----------
+    .. [1] C. E. Lemke, Manage. Sci. 11 (1965) 681-689, doi:10.1287/mnsc.11.7.681.
+    .. [2] R. W. Cottle, J.-S. Pang and R. E. Stone, The Linear Complementarity Problem, SIAM
+       2009, doi:10.1137/1.9780898719000. Sections 4.4 and 4.9.
+    """
+    n = start.size
+    yield np.zeros(n)
+    if np.all(problem.vector >= 0.0):
+        return
+    # columns: w, x, the artificial variable, the right-hand side
+    matrix = problem.matrix
+    tableau = np.empty((n, 2 * n + 2))
+    tableau[:, :n] = np.eye(n)
+    tableau[:, n : 2 * n] = -(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())
+    tableau[:, 2 * n] = -1.0
+    tableau[:, 2 * n + 1] = problem.vector
+    basis = np.arange(n)
+    leaving = n - 1 - int(np.argmin(problem.vector[::-1]))  # the last of equal ones: lexicographic
+    entering = _exchange(tableau, basis, leaving, 2 * n)
+
+    while entering >= 0 and 2 * n in basis:
+        entering = _follow(tableau, basis, entering, max(1, n // 20))
+        yield _point(tableau[:, -1], basis, n)
+    if entering >= 0:
+        active = np.isin(np.arange(n, 2 * n), basis)
+        yield from islice(iterate_newton_min(problem, _point(tableau[:, -1], basis, n), active), 3)
+    else:
+        column = -1 - entering
+        change = np.append(-tableau[:, column], 1.0)  # of the basic and the entering variable
+        yield FAR * _point(change, np.append(basis, column), n)
+
+
+def _point(values: np.ndarray, basis: np.ndarray, n: int) -> np.ndarray:
+    """Put the values of the basic variables into x, without rounding below zero."""
+    x = np.zeros(n)
+    chosen = (basis >= n) & (basis < 2 * n)
+    x[basis[chosen] - n] = np.maximum(values[chosen], 0.0)
+    return x
+
+
+@compiled
+def _follow(tableau, basis, entering, pivots):  # type: ignore[no-untyped-def]
+    """Change tableau and basis by some pivots; return what enters next, or -1 - it on a ray."""
+    artificial = 2 * basis.size
+    for _ in range(pivots):
+        row = _leaving_row(tableau, basis, entering)
+        if row < 0:
+            return -1 - entering
+        last = basis[row] == artificial
+        entering = _exchange(tableau, basis, row, entering)
+        if last:
+            break
+    return entering
+
+
+@compiled
+def _leaving_row(tableau, basis, entering):  # type: ignore[no-untyped-def]
+    """Row of the lexicographically smallest ratio; -1 if the entering variable is unbounded."""
+    n = basis.size
+    largest = 0.0
+    for i in range(n):
+        largest = max(largest, abs(tableau[i, entering]))
+    best = -1
+    for i in range(n):
+        if tableau[i, entering] <= SMALLEST_PIVOT * largest:
+            continue
+        if best < 0:
+            best = i
+            continue
+        for step in range(-1, n):  # the right-hand side first, then the inverse basis
+            column = step if step >= 0 else 2 * n + 1
+            mine = tableau[i, column] / tableau[i, entering]
+            other = tableau[best, column] / tableau[best, entering]
+            if abs(mine - other) <= TIE * (abs(mine) + abs(other)):
+                if step < 0 and basis[i] == 2 * n:  # a tie with the artificial one ends the path
+                    best = i
+                    break
+                if step < 0 and basis[best] == 2 * n:
+                    break
+                continue
+            if mine < other:
+                best = i
+            break
+    return best
+
+
+@compiled
+def _exchange(tableau, basis, row, entering):  # type: ignore[no-untyped-def]
+    """Pivot and return the complement of the variable that left."""
+    n = basis.size
+    columns, pivot = tableau.shape[1], tableau[row, entering]
+    for k in range(columns):  # a slice would have the compiler write its error message
+        tableau[row, k] /= pivot
+    for i in range(n):
+        factor = tableau[i, entering]
+        if i != row and factor != 0.0:
+            for k in range(columns):
+                tableau[i, k] -= factor * tableau[row, k]
+            tableau[i, entering] = 0.0
+    left = basis[row]
+    basis[row] = entering
+    return left + n if left < n else left - n
