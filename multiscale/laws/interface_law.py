@@ -1,4 +1,7 @@
-"""Base classes of interface laws, which map a jump to a traction."""
+"""Base classes of interface laws, which map a jump to a traction.
+
+Constructors refuse parameters outside their range with a :class:`CaseError`.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
@@ -12,7 +15,15 @@ from multiscale.units import html_table
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["InterfaceLaw", "NormalLaw", "Response", "Sliding", "newton_from_the_left"]
+__all__ = [
+    "GapLaw",
+    "InterfaceLaw",
+    "NormalLaw",
+    "Response",
+    "Sliding",
+    "check_parameter",
+    "newton_from_the_left",
+]
 
 MAX_ITERATIONS = 300
 TOLERANCE = 1e-13
@@ -88,13 +99,13 @@ class InterfaceLaw(ABC):
         """Return traction, tangent and new state for a jump of shape (d, ...), m."""
 
     def _repr_html_(self) -> str:
-        rows = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        rows = {part.name: getattr(self, part.name) for part in fields(self)}  # type: ignore[arg-type]
         with np.printoptions(precision=4, threshold=6):
             return html_table(type(self).__name__, rows)
 
     @property
     def normal_law(self) -> "InterfaceLaw":
-        """Law of the gap alone; the law itself if it has no tangential traction."""
+        """Law of the gap only; the law itself if it has no tangential traction."""
         return self
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
@@ -110,7 +121,7 @@ class InterfaceLaw(ABC):
         return state
 
     def shaken_down(self) -> "InterfaceLaw":
-        """Return the law, with the same state, of further loads that flow no more.
+        """Return the law, with the same state, of further loads without plastic flow.
 
         It is the law itself if it unloads as it loads.
         """
@@ -119,7 +130,8 @@ class InterfaceLaw(ABC):
     def from_here(self, state: np.ndarray) -> np.ndarray:
         """Return the state for tangential jumps that count from the last committed one.
 
-        The traction depends on their changes alone, which long slips round away on stiff laws.
+        The traction depends only on their changes, which rounding loses in long slips on stiff
+        laws.
         """
         return state
 
@@ -129,7 +141,7 @@ class InterfaceLaw(ABC):
         return Sliding(none + 1.0, none, none, self.respond(jump, state).state)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Share of the pressure whose contacts slip as a shear reaches a jump, from a state.
+        """Share of the pressure of contacts that slip as a shear reaches a jump, from a state.
 
         The shear has not been larger, and the pressure has been the same. All slips without
         friction.
@@ -173,13 +185,34 @@ class InterfaceLaw(ABC):
         return newton_from_the_left(self, source, stiffness, state, source[0] / stiffness[0])
 
 
-class NormalLaw(InterfaceLaw):
+class GapLaw(InterfaceLaw):
+    """Law of the gap only, with or without memory; a bed of sliders can be laid on it."""
+
+    unloading_ratio: float | None = None
+    """Stiffness at the start of unloading over the stiffness of loading; none if elastic."""
+
+    @property
+    @abstractmethod
+    def first_loading(self) -> "NormalLaw":
+        """Law of the first loading."""
+
+    @abstractmethod
+    def elastic_curve(self, low: float, high: float) -> tuple["NormalLaw", float, float]:
+        """Return the curve of elastic unloading, and the range of its pressures, Pa."""
+
+    @abstractmethod
+    def on_curve(
+        self, gap: np.ndarray, state: np.ndarray
+    ) -> tuple[np.ndarray, float | np.ndarray, float | np.ndarray]:
+        """Return the gap on the elastic curve at a local gap, m, and scales of force and length."""
+
+
+class NormalLaw(GapLaw):
     r"""Frictionless law whose pressure is a positive, decreasing, convex function of the gap.
 
-    A subclass has the field ``gap``, the initial gap :math:`g_0`, m, zero by default, so that the
-    local gap is :math:`g = [\![u_N]\!] + g_0`; ``pressure_range`` if it is fitted, the lowest and
-    highest pressure of the data, Pa, outside of which it extrapolates; and defines pressure and
-    stiffness. Then
+    A subclass is a dataclass with the fields ``gap``, initial gap :math:`g_0`, m, and, if it is
+    fitted, ``pressure_range``, pressures of the data, Pa, outside of which it extrapolates. It
+    defines pressure and stiffness over the local gap :math:`g = [\![u_N]\!] + g_0`:
 
     .. math:: t_N = -p(g), \qquad t_T = 0, \qquad \mathrm{d}t_N / \mathrm{d}g = K(g).    \tag{2}
     """
@@ -220,14 +253,19 @@ class NormalLaw(InterfaceLaw):
         ax.set(yscale="log", xlabel="gap (µm)", ylabel="pressure (MPa)")
         return ax
 
+    @property
+    def first_loading(self) -> "NormalLaw":
+        """The law itself."""
+        return self
+
     def elastic_curve(self, low: float, high: float) -> tuple["NormalLaw", float, float]:
-        """Return the curve of elastic unloading, and the range of its pressures, Pa."""
+        """Return the law itself, which unloads as it loads."""
         return self, low, high
 
     def on_curve(
         self, gap: np.ndarray, state: np.ndarray
     ) -> tuple[np.ndarray, float | np.ndarray, float | np.ndarray]:
-        """Return the gap on the elastic curve at a local gap, m, and scales of force and length."""
+        """Return the gap, which needs no scales."""
         return gap, 1.0, 1.0
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
@@ -291,3 +329,16 @@ def newton_from_the_left(
         f"the resolvent of {type(law).__name__} found no jump on the search direction (last "
         f"relative residual {residual:.1e}); the law must be decreasing and convex in the gap"
     )
+
+
+def check_parameter(
+    law: object, name: str, unit: str = "1", *, lowest: float | None = None
+) -> None:
+    """Refuse a parameter of a law outside its range; positive without a lowest value."""
+    value = np.asarray(getattr(law, name), dtype=float)
+    allowed = np.isfinite(value) & (value > 0.0 if lowest is None else value >= lowest)
+    if allowed.all():
+        return
+    bound = {None: "be positive and", 0.0: "not be negative, but"}
+    asked = bound.get(lowest, f"be at least {lowest:g} and" if lowest else "")
+    raise CaseError(f"{name} must {asked} finite ({unit}), got {float(value[~allowed].flat[0]):g}")

@@ -1,4 +1,4 @@
-"""Laws of several interfaces as one law over the points of all."""
+"""Several interfaces as a single law over the points of all, and the step of their state."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -12,19 +12,19 @@ from multiscale.laws.interface_law import InterfaceLaw, Response, Sliding
 __all__ = ["SideBySide", "advance_state", "lay_side_by_side"]
 
 GAIN = 1e-12
-"""Energy that rounding may win in a step, relative to the largest that a point has stored."""
+"""Energy gained by rounding in a step, relative to the largest that a point has stored."""
 
 
 @dataclass(frozen=True, eq=False)
 class SideBySide(InterfaceLaw):
-    """Laws of interfaces side by side, each at its points, with as many state rows as any has.
+    """Laws of interfaces side by side, each at its points, with the most state rows of all.
 
     Attributes
     ----------
     laws : sequence of InterfaceLaw
     points : sequence of slice, points of each law, among the points of all
     spacing : ndarray, shape (points,)
-        Initial gap of every point beside the gap of its law, m, from which its normal jump counts.
+        Initial gap of every point in addition to the gap of its law, m.
 
     Examples
     --------
@@ -49,74 +49,73 @@ class SideBySide(InterfaceLaw):
         return max((law.n_state for law in self.laws), default=0)
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
-        """Let every law answer at its points."""
+        """Evaluate every law at its points."""
         traction, tangent = np.zeros_like(jump), np.zeros((jump.shape[0], *jump.shape))
         jump = self.opened(jump)
         new = np.zeros_like(state)
         for law, at in zip(self.laws, self.points, strict=True):
-            found = law.respond(jump[:, at], state[: law.n_state, at])
-            traction[:, at], tangent[..., at] = found.traction, found.tangent
-            new[: law.n_state, at] = found.state
+            response = law.respond(jump[:, at], state[: law.n_state, at])
+            traction[:, at], tangent[..., at] = response.traction, response.tangent
+            new[: law.n_state, at] = response.state
         return Response(traction, tangent, new)
 
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Let every law find the jump at its points."""
+        """Find the jump of every law at its points."""
         k = np.broadcast_to(stiffness, source.shape)
         apart = self.opened(np.zeros_like(source))
         moved = source + k * apart  # t(j) + k j = b + k s for the opened jump j
-        found = self._each(
+        opened = self._each(
             len(source),
             lambda law, at: law.resolvent(moved[:, at], k[:, at], state[: law.n_state, at]),
         )
-        return np.asarray(found - apart)
+        return np.asarray(opened - apart)
 
     def at_rest(self, jump: np.ndarray) -> np.ndarray:
-        """Let every law rest at its points."""
+        """Return the state at rest of every law at its points."""
         jump = self.opened(jump)
         return self._each(self.n_state, lambda law, at: law.at_rest(jump[:, at]))
 
     def from_here(self, state: np.ndarray) -> np.ndarray:
-        """Let every law count tangential jumps from the last."""
+        """Return the state for tangential jumps from the last one."""
         return self._each(self.n_state, lambda law, at: law.from_here(state[: law.n_state, at]))
 
     def unsheared(self, state: np.ndarray) -> np.ndarray:
-        """Let no law have a tangential traction."""
+        """Return the state without tangential traction."""
         return self._each(self.n_state, lambda law, at: law.unsheared(state[: law.n_state, at]))
 
     def shaken_down(self) -> "SideBySide":
-        """Let no law flow any more."""
+        """Return the laws without plastic flow."""
         return replace(self, laws=[law.shaken_down() for law in self.laws])
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Let every law say what a shear makes slip at its points."""
+        """Share of the pressure that slips, of every law at its points."""
         jump = self.opened(jump)
         return self._each(
             1, lambda law, at: law.slipping_load(jump[:, at], state[: law.n_state, at])
         ).ravel()
 
     def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
-        """Let every law bound the shear at its points."""
+        """Friction limit of every law at its points, Pa."""
         return self._each(1, lambda law, at: law.friction_limit(pressure[at])).ravel()
 
     def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
-        """Let every law say what a step does at its points, which may not win energy."""
+        """Slip and energy of every law at its points; no point may gain energy."""
         shares, new = np.zeros(jump.shape), np.zeros_like(state)
         jump = self.opened(jump)
         for law, at in zip(self.laws, self.points, strict=True):
-            own = state[: law.n_state, at]
-            new[: law.n_state, at], done = advance_state(law, jump[:, at], own)
-            shares[:, at] = done.slipping, done.dissipated, done.stored
+            new[: law.n_state, at], step = advance_state(law, jump[:, at], state[: law.n_state, at])
+            shares[:, at] = step.slipping, step.dissipated, step.stored
         return Sliding(shares[0], shares[1], shares[2], new)
 
-    def _each(self, rows: int, answer: Callable[[InterfaceLaw, slice], np.ndarray]) -> np.ndarray:
-        """Put what every law answers at its points side by side, shape (rows, points)."""
-        found = np.zeros((rows, self.points[-1].stop if self.points else 0))
+    def _each(self, rows: int, evaluate: Callable[[InterfaceLaw, slice], np.ndarray]) -> np.ndarray:
+        """Evaluate every law at its points, shape (rows, points)."""
+        values = np.zeros((rows, self.points[-1].stop if self.points else 0))
         for law, at in zip(self.laws, self.points, strict=True):
-            own = np.atleast_2d(answer(law, at))
-            found[: len(own), at] = own
-        return found
+            part = np.atleast_2d(evaluate(law, at))
+            values[: len(part), at] = part
+        return values
 
 
 def lay_side_by_side(
@@ -126,9 +125,9 @@ def lay_side_by_side(
     joined, points, start = [], [], 0
     pairs = zip(laws, counts, strict=True)
     for _, group in groupby(pairs, key=lambda pair: id(pair[0])):
-        own = list(group)
-        joined.append(own[0][0])
-        points.append(slice(start, start + sum(count for _, count in own)))
+        neighbours = list(group)
+        joined.append(neighbours[0][0])
+        points.append(slice(start, start + sum(count for _, count in neighbours)))
         start = points[-1].stop
     return SideBySide(joined, points, spacing)
 
@@ -136,12 +135,12 @@ def lay_side_by_side(
 def advance_state(
     law: InterfaceLaw, jump: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, Sliding]:
-    """State after a step of a joint, and what the step did."""
+    """State after a step of a joint, and its slip and energy; a step may not gain energy."""
     account = law.sliding(jump, state)
-    won, most = -account.dissipated.min(initial=0.0), account.stored.max(initial=0.0)
-    if won > GAIN * most:
+    gain, most = -account.dissipated.min(initial=0.0), account.stored.max(initial=0.0)
+    if gain > GAIN * most:
         raise ConvergenceError(
-            f"a step wins {won:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
+            f"a step wins {gain:.3g} J/m2 at a point of a joint that stores {most:.3g} J/m2 at "
             f"most: {type(law).__name__} is wrong, as is every answer of the path; report the case"
         )
     return account.state, account

@@ -1,23 +1,29 @@
 """Bed of springs and sliders on a normal law: tangential stiffness, micro-slip and friction."""
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, Sliding
-from multiscale.laws.parameters import check_parameter
-from multiscale.laws.unloading import HystereticLaw
+from multiscale.laws.interface_law import (
+    GapLaw,
+    InterfaceLaw,
+    NormalLaw,
+    Response,
+    Sliding,
+    check_parameter,
+)
 
-__all__ = ["Sliders"]
+__all__ = ["SliderBed", "Sliders"]
 
 STICKING_SLIP = 1e-3
 """Slip in a step up to which a slab counts as sticking, relative to its elastic displacement at
 the friction limit."""
 
 LEAST = 1e-9
-"""Pressure, relative to its whole, that sticks at least where all is said to slip."""
+"""Least pressure of sticking contacts, relative to the whole, where all would slip."""
 
 CURVE_SAMPLES = 2000
 """Number of pressures at which the elastic curve is sampled to find the edges."""
@@ -29,13 +35,151 @@ LAST_EDGE = 1e300
 """Gap of the last edge, m: the last slab is unbounded."""
 
 
+class SliderBed(InterfaceLaw):
+    """Law of the gap below a bed of tangential springs, each with a Coulomb slider.
+
+    The state is the history of the normal part; force, two components, and stiffness of every
+    spring over the stiffness ratio; and the last jump.
+    """
+
+    friction: float
+
+    @property
+    @abstractmethod
+    def _layout(self) -> tuple[int, int, float]:
+        """Rows of the normal history, number of springs, tangential over normal stiffness."""
+
+    @abstractmethod
+    def _press(self, jump: np.ndarray, history: np.ndarray) -> tuple[Response, np.ndarray]:
+        """Return the normal response, and the springs at the end of the step (``end`` of slabs)."""
+
+    @abstractmethod
+    def _springs(self, jump: np.ndarray, history: np.ndarray) -> np.ndarray:
+        """Return the springs at a committed normal jump (``start`` of slabs)."""
+
+    @abstractmethod
+    def _resolve_normal(self, source: np.ndarray, k: np.ndarray, history: np.ndarray) -> np.ndarray:
+        """Return the jump on a search direction without friction."""
+
+    @property
+    def _edges(self) -> np.ndarray:
+        """Upper edges of slabs; none for springs without a common curve."""
+        return np.zeros((3, 0))
+
+    def _slope(
+        self, jump: np.ndarray, history: np.ndarray, start: np.ndarray, end: np.ndarray
+    ) -> np.ndarray:
+        """Return ``slope`` of :func:`respond_slabs`; empty for springs without a common curve."""
+        return np.zeros((3, 0))
+
+    @property
+    def n_state(self) -> int:  # type: ignore[override]
+        """Number of rows of the state."""
+        rows, springs, _ = self._layout
+        return rows + 3 * springs + 3
+
+    def at_rest(self, jump: np.ndarray) -> np.ndarray:
+        """Return the state of an interface pressed to a jump, m, without shear."""
+        state = np.zeros((self.n_state, *jump.shape[1:]))
+        rows = self._layout[0]
+        state[:rows] = self._press(jump, state[:rows])[0].state
+        state[-3:] = jump
+        return state
+
+    def unsheared(self, state: np.ndarray) -> np.ndarray:
+        """Return the state with the same pressure and no force in the sliders."""
+        rows = self._layout[0]
+        return np.concatenate([state[:rows], np.zeros_like(state[rows:-3]), state[-3:]])
+
+    def from_here(self, state: np.ndarray) -> np.ndarray:
+        """Return the state with a last tangential jump of zero."""
+        return np.concatenate([state[:-2], np.zeros((2, *state.shape[1:]))])
+
+    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
+        """Return Coulomb's limit, Pa, at a pressure, Pa."""
+        return self.friction * pressure
+
+    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
+        """Evaluate the law with its consistent tangent."""
+        return self._step(jump, state)[0]
+
+    def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
+        """Return slip and energy of a step; see :class:`InterfaceLaw`."""
+        if not self.friction:
+            return super().sliding(jump, state)
+        response, (work, before, after, slipping) = self._step(jump, state)
+        return Sliding(slipping, work - (after - before), after, response.state)
+
+    def _step(self, jump: np.ndarray, state: np.ndarray) -> tuple[Response, np.ndarray]:
+        """Return response, and work, stored energy before and after, and slipping share."""
+        from multiscale.laws.slabs import respond_slabs
+
+        (rows, springs, kappa), shape = self._layout, jump.shape[1:]
+        history = state[:rows]
+        normal, end = self._press(jump, history)
+        if not self.friction:  # no springs
+            new = np.concatenate([normal.state, np.zeros((3 * springs, *shape)), jump])
+            return replace(normal, state=new), np.zeros((4, *shape))
+        start = self._springs(state[-3], history)
+        shear, slopes, bed, account = respond_slabs(
+            _flat(jump),
+            _flat(state[rows:]),
+            start,
+            end,
+            self._slope(_flat(jump), _flat(history), start, end),
+            self._edges,
+            self.friction,
+            kappa,
+            STICKING_SLIP,
+        )
+        traction, tangent = normal.traction.copy(), normal.tangent.copy()
+        traction[1:] = shear.reshape(2, *shape)
+        tangent[1:] = slopes.reshape(2, 3, *shape)
+        new = np.concatenate([normal.state, bed.reshape(len(bed), *shape)])
+        return Response(traction, tangent, new), account.reshape(4, *shape)
+
+    def resolvent(
+        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
+    ) -> np.ndarray:
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+
+        The normal row does not depend on the tangential jump. With the gap known, the sliders and
+        the direction are the gradient of a strictly convex function of the tangential jump, which
+        has one root.
+        """
+        from multiscale.laws.slabs import resolve
+
+        rows, _, kappa = self._layout
+        history, k = state[:rows], np.full(source.shape, stiffness, dtype=float)
+        jump = self._resolve_normal(source, k, history)
+        if not self.friction:
+            return jump
+        tangential, failed = resolve(
+            _flat(source),
+            _flat(k),
+            _flat(state[rows:]),
+            self._springs(state[-3], history),
+            self._press(jump, history)[1],
+            self._edges,
+            self.friction,
+            kappa,
+        )
+        if np.any(failed):
+            raise ConvergenceError(
+                f"the resolvent of {type(self).__name__} found no tangential jump at "
+                f"{np.sum(failed)} of {failed.size} points; check that the source is finite (Pa)"
+            )
+        jump[1:] = tangential.reshape(2, *jump.shape[1:])
+        return jump
+
+
 @dataclass(frozen=True, eq=False)
-class Sliders(InterfaceLaw):
+class Sliders(SliderBed):
     r"""Frictional law: a normal law as a bed of springs, each with a Coulomb slider.
 
     Parameters
     ----------
-    normal : NormalLaw or HystereticLaw, law of the pressure p and normal stiffness K at a gap
+    normal : GapLaw, law of the pressure p and normal stiffness K at a gap
     friction : float, friction coefficient :math:`\mu \ge 0`, dimensionless
     stiffness_ratio : float
         Tangential over normal stiffness, :math:`\kappa > 0`; :math:`2(1-\nu)/(2-\nu)` for contact
@@ -50,12 +194,6 @@ class Sliders(InterfaceLaw):
         amplitude :math:`a = \mu p / (\kappa K)` over two decades is too large by at most 14, 7, 5
         and 2 %, for 2a by 4, 2, 1.2 and .6 %; for a/2 by 9 % with 48 slabs, and it is zero if no
         slab slips.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, the normal law has another type, such as
-        :class:`RigidContact`, or it has no data and no pressures are given.
 
     Notes
     -----
@@ -116,7 +254,7 @@ class Sliders(InterfaceLaw):
     array([   8000., 3000000.])
     """
 
-    normal: NormalLaw | HystereticLaw
+    normal: GapLaw
     friction: float
     stiffness_ratio: float = 0.8
     pressures: tuple[float, float] | None = None
@@ -125,7 +263,7 @@ class Sliders(InterfaceLaw):
     def __post_init__(self) -> None:
         check_parameter(self, "friction", lowest=0.0)
         check_parameter(self, "stiffness_ratio")
-        if not isinstance(self.normal, NormalLaw | HystereticLaw):
+        if not isinstance(self.normal, GapLaw):
             raise CaseError(
                 f"sliders need a law of the gap alone, got the type "
                 f"{type(self.normal).__name__}; give a NormalLaw or a HystereticLaw"
@@ -140,62 +278,37 @@ class Sliders(InterfaceLaw):
             raise CaseError(f"a bed of sliders needs one slab or more, got {self.slabs}")
 
     @property
-    def n_state(self) -> int:  # type: ignore[override]
-        """Number of rows of the state: normal law, A, l and the last jump."""
-        return self.normal.n_state + 3 * self.slabs + 3
+    def _layout(self) -> tuple[int, int, float]:
+        return self.normal.n_state, self.slabs, self.stiffness_ratio
 
     @property
-    def normal_law(self) -> NormalLaw | HystereticLaw:
-        """Law of the gap alone."""
+    def normal_law(self) -> GapLaw:
+        """Law of the gap only."""
         return self.normal
-
-    def at_rest(self, jump: np.ndarray) -> np.ndarray:
-        """Return the state of an interface pressed to a jump, m, without shear."""
-        state = np.zeros((self.n_state, *jump.shape[1:]))
-        own = self.normal.n_state
-        state[:own] = self.normal.respond(jump, state[:own]).state
-        state[-3:] = jump
-        return state
-
-    def unsheared(self, state: np.ndarray) -> np.ndarray:
-        """Return the state with the same pressure and no force in the sliders."""
-        own, bed = self.normal.n_state, 3 * self.slabs
-        return np.concatenate([state[:own], np.zeros_like(state[own : own + bed]), state[-3:]])
 
     def shaken_down(self) -> "Sliders":
         """Return the bed on the curve of unloading; see :class:`InterfaceLaw`."""
         return replace(self, normal=self.normal.shaken_down())  # type: ignore[arg-type]  # of one kind
 
-    def from_here(self, state: np.ndarray) -> np.ndarray:
-        """Return the state whose last tangential jump is zero."""
-        return np.concatenate([state[:-2], np.zeros((2, *state.shape[1:]))])
+    def _press(self, jump: np.ndarray, history: np.ndarray) -> tuple[Response, np.ndarray]:
+        response = self.normal.respond(jump, history)
+        end = self._springs(jump[0], response.state) if self.friction else np.zeros((5, 1, 0))
+        return response, end
 
-    def friction_limit(self, pressure: np.ndarray) -> np.ndarray:
-        """Return Coulomb's limit, Pa, at a pressure, Pa."""
-        return self.friction * pressure
-
-    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
-        """Evaluate (a) to (d) with their consistent tangent."""
-        return self._step(jump, state)[0]
-
-    def sliding(self, jump: np.ndarray, state: np.ndarray) -> Sliding:
-        """Return slip and energy of a step; see :class:`InterfaceLaw`."""
-        if not self.friction:
-            return super().sliding(jump, state)
-        response, (work, before, after, slipping) = self._step(jump, state)
-        return Sliding(slipping, work - (after - before), after, response.state)
+    def _resolve_normal(self, source: np.ndarray, k: np.ndarray, history: np.ndarray) -> np.ndarray:
+        return self.normal.resolvent(source, k, history)
 
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         r"""Share of the pressure of slipping springs; see :class:`InterfaceLaw`.
 
         Springs shorter than :math:`g' = g + \kappa u / \mu` slip, which carry
-        :math:`p(g) - p(g') - K(g') (g' - g)`; :math:`p(g') = p - |t| / \mu` tells :math:`g'`.
+        :math:`p(g) - p(g') - K(g') (g' - g)`, with :math:`p(g') = p - |t| / \mu`.
         Unlike the slabs that slip in a step, it is continuous.
         """
         if not self.friction:
             return super().slipping_load(jump, state)
         shear = np.linalg.norm(self.respond(jump, state).traction[1:], axis=0).reshape(-1)
-        gap, p, _, force, _ = self._place(jump[0], state[: self.normal.n_state])
+        gap, p, _, force, _ = self._springs(jump[0], state[: self.normal.n_state])
         held = np.maximum(
             p - shear / (self.friction * np.where(force > 0.0, force, 1.0)), LEAST * p
         )
@@ -204,69 +317,6 @@ class Sliders(InterfaceLaw):
         stuck = held + self._curve.stiffness(edge) * np.maximum(edge - gap, 0.0)
         share = 1.0 - stuck / np.where(closed, p, 1.0)
         return np.asarray(np.where(closed, np.maximum(share, 0.0), 1.0).reshape(jump.shape[1:]))
-
-    def _step(self, jump: np.ndarray, state: np.ndarray) -> tuple[Response, np.ndarray]:
-        """Return response, and work, stored energy before and after, and slipping share."""
-        from multiscale.laws.slabs import respond_slabs
-
-        own = self.normal.n_state
-        response = self.normal.respond(jump, state[:own])
-        if not self.friction:  # no springs
-            bed = np.zeros((3 * self.slabs, *jump.shape[1:]))
-            new = np.concatenate([response.state, bed, jump])
-            return replace(response, state=new), np.zeros((4, *jump.shape[1:]))
-        start, end = self._place(state[-3], state[:own]), self._place(jump[0], response.state)
-        shear, tangent, bed, account = respond_slabs(
-            _flat(jump),
-            _flat(state[own:]),
-            start,
-            end,
-            self._slope(_flat(jump), _flat(state[:own]), start[:, 0], end[:, 0]),
-            self._edges,
-            self.friction,
-            self.stiffness_ratio,
-            STICKING_SLIP,
-        )
-        shape = jump.shape[1:]
-        traction, whole = response.traction.copy(), response.tangent.copy()
-        traction[1:] = shear.reshape(2, *shape)
-        whole[1:] = tangent.reshape(2, 3, *shape)
-        new = np.concatenate([response.state, bed.reshape(len(bed), *shape)])
-        return Response(traction, whole, new), account.reshape(4, *shape)
-
-    def resolvent(
-        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
-    ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
-
-        The normal row does not depend on the tangential jump. With the gap known, (c) and the
-        direction are the gradient of a strictly convex function of the tangential jump, which has
-        one root.
-        """
-        from multiscale.laws.slabs import resolve
-
-        own, k = self.normal.n_state, np.full(source.shape, stiffness, dtype=float)
-        jump = self.normal.resolvent(source, k, state[:own])
-        if not self.friction:
-            return jump
-        now = self.normal.respond(jump, state[:own]).state
-        found, failed = resolve(
-            _flat(source),
-            _flat(k),
-            _flat(state[own:]),
-            self._place(state[-3], state[:own]),
-            self._place(jump[0], now),
-            self._edges,
-            self.friction,
-            self.stiffness_ratio,
-        )
-        if np.any(failed):
-            raise ConvergenceError(
-                f"the resolvent of Sliders found no tangential jump at {np.sum(failed)} of "
-                f"{failed.size} points; check that the source is finite (Pa)"
-            )
-        jump[1:] = found.reshape(2, *jump.shape[1:])
-        return jump
 
     @property
     def _pressures(self) -> tuple[float, float]:
@@ -299,9 +349,9 @@ class Sliders(InterfaceLaw):
         """Elastic curve of the normal law."""
         return self.normal.elastic_curve(*self._pressures)[0]
 
-    def _place(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+    def _springs(self, jump: np.ndarray, history: np.ndarray) -> np.ndarray:
         """Return gap, pressure, stiffness on the elastic curve, and its scales, (5, 1, points)."""
-        gap, force, length = self.normal.on_curve(jump + self.normal.gap, state)
+        gap, force, length = self.normal.on_curve(jump + self.normal.gap, history)
         place = np.empty((5, *jump.shape))
         place[:3] = gap, self._curve.pressure(gap), self._curve.stiffness(gap)
         place[3], place[4] = force, length
@@ -309,11 +359,11 @@ class Sliders(InterfaceLaw):
 
     @np.errstate(invalid="ignore")  # a trial jump may be where the law has no numbers
     def _slope(
-        self, jump: np.ndarray, state: np.ndarray, start: np.ndarray, end: np.ndarray
+        self, jump: np.ndarray, history: np.ndarray, start: np.ndarray, end: np.ndarray
     ) -> np.ndarray:
         """Return ``slope`` of :func:`respond_slabs` by central differences."""
-        gap, p, K, force, length = end
-        slope, flows = np.zeros((3, gap.size)), force != start[3]
+        gap, p, K, force, length = end[:, 0]
+        slope, flows = np.zeros((3, gap.size)), force != start[3, 0]
         decay = np.where(K > 0.0, p / np.where(K > 0.0, K, 1.0), 1e-9)
         step = np.maximum(DIFFERENCE_STEP * decay, 1e-9 * np.abs(gap))
         bend = self._curve.stiffness(gap + step) - self._curve.stiffness(gap - step)
@@ -323,7 +373,7 @@ class Sliders(InterfaceLaw):
         if np.any(flows):
             step, sides = DIFFERENCE_STEP * length[flows], []
             for sign in (1.0, -1.0):
-                moved, before = jump[:, flows], state[:, flows]
+                moved, before = jump[:, flows], history[:, flows]
                 moved[0] += sign * step
                 now = self.normal.respond(moved, before).state
                 _, F, L = self.normal.on_curve(moved[0] + self.normal.gap, now)

@@ -19,7 +19,7 @@ FINE = 4001  # points at which the energy of a law is summed
 
 @dataclass(frozen=True, eq=False)
 class Softening:
-    """Stress that a crack transmits against its opening.
+    """Stress that a crack transmits at its opening.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Softening:
     stress: np.ndarray
 
     def __post_init__(self) -> None:
-        w, s = (np.array(one, dtype=float) for one in (self.opening, self.stress))
+        w, s = np.array(self.opening, float), np.array(self.stress, float)
         if w.shape != s.shape or w.ndim != 1 or w.size < 2:
             raise CaseError(f"a crack has one stress for each opening, got {w.shape} and {s.shape}")
         if w[0] != 0.0 or np.any(w[1:] <= w[:-1]):

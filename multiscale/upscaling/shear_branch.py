@@ -3,7 +3,7 @@
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import HystereticLaw, NormalLaw, Sliders
+from multiscale.laws import GapLaw, Sliders
 from multiscale.schema import INTERFACE_LAW, SLIDING_RESPONSE, Dataset, with_cautions
 from multiscale.upscaling.fit import told_branches, with_branch
 from multiscale.upscaling.misfit import list_pressures
@@ -179,7 +179,7 @@ def sliders_from_dataset(
     dataset: Dataset,
     sample: int | None = None,
     *,
-    normal: NormalLaw | HystereticLaw | None = None,
+    normal: GapLaw | None = None,
     along: int | None = None,
     pressures: tuple[float, float] | None = None,
     slabs: int = 48,
@@ -191,7 +191,7 @@ def sliders_from_dataset(
     dataset : Dataset, follows ``INTERFACE_LAW``; of :func:`with_shear` or :func:`assume_shear`
     sample : int, optional
         Which bootstrap sample of the normal and of the tangential branch; the mean if not given.
-    normal : NormalLaw or HystereticLaw, optional
+    normal : GapLaw, optional
         Instead of the normal law of the dataset, such as its law with unloading.
     along : {0, 1}, optional, direction whose stiffness is taken, x or y; the mean if not given
     pressures : tuple of float, optional, where the bed is fine, Pa; the data if not given

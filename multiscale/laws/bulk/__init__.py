@@ -1,11 +1,9 @@
 """Bulk laws, which map a deformation gradient to a stress with its consistent tangent."""
 
-from multiscale.laws.bulk.anisotropic import AnisotropicElastic
 from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, respond_bulk
-from multiscale.laws.bulk.elastic import Elastic, GradedElastic
+from multiscale.laws.bulk.elastic import AnisotropicElastic, Elastic, GradedElastic
 from multiscale.laws.bulk.j2 import J2
-from multiscale.laws.bulk.neo_hookean import NeoHookean
-from multiscale.laws.bulk.prony import Prony
+from multiscale.laws.bulk.rubber import NeoHookean, Prony
 
 __all__ = [
     "J2",

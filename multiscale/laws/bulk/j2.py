@@ -29,11 +29,6 @@ class J2(BulkLaw):
         not given.
     saturation_rate : float, default 0.0, rate :math:`\delta \ge 0` of saturation, dimensionless
 
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
-
     Notes
     -----
     With the trial :math:`b = F C_p^{-1} F^T = \sum_a b_a\, n_a \otimes n_a`, the elastic

@@ -9,8 +9,8 @@ from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.laws import RigidContact
 from multiscale.laws.bulk import Elastic
+from multiscale.laws.friction_laws import SteadySliding
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.laws.steady_sliding import SteadySliding
 from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body

@@ -4,15 +4,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, newton_from_the_left
-from multiscale.laws.parameters import check_parameter
-from multiscale.laws.power import PowerLaw
+from multiscale.laws.interface_law import (
+    GapLaw,
+    InterfaceLaw,
+    NormalLaw,
+    Response,
+    check_parameter,
+    newton_from_the_left,
+)
+from multiscale.laws.normal import PowerLaw
 
 __all__ = ["HystereticLaw", "ShakenDownLaw"]
 
 
 @dataclass(frozen=True)
-class HystereticLaw(InterfaceLaw):
+class HystereticLaw(GapLaw):
     r"""Frictionless law with a stiffer unloading branch.
 
     Parameters
@@ -22,11 +28,6 @@ class HystereticLaw(InterfaceLaw):
         Ratio :math:`\beta \ge 1` of the stiffnesses at the start of unloading and of loading,
         dimensionless.
     exponent : float, exponent :math:`n \ge 1` of the unloading branch, dimensionless
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
 
     Notes
     -----
@@ -88,6 +89,16 @@ class HystereticLaw(InterfaceLaw):
         """Pressure above which data contradict the loading law, Pa."""
         return self.loading.pressure_limit
 
+    @property
+    def first_loading(self) -> NormalLaw:
+        """Law of the first loading."""
+        return self.loading
+
+    @property
+    def unloading_ratio(self) -> float:  # type: ignore[override]
+        """Ratio of the stiffnesses at the start of unloading and of loading."""
+        return self.stiffness_ratio
+
     def elastic_curve(self, low: float, high: float) -> tuple[NormalLaw, float, float]:
         r"""Return :math:`\langle 1 - x\rangle_+^n` of (1), and its range between two pressures."""
         return PowerLaw(1.0, 1.0, self.exponent), low / high, 1.0
@@ -110,8 +121,8 @@ class HystereticLaw(InterfaceLaw):
         peak = np.asarray(peak_pressure, dtype=float)
         corner = self.loading.gap_at(peak)
         length = self.exponent * peak / (self.stiffness_ratio * self.loading.stiffness(corner))
-        own = self.loading.gap - corner
-        return PowerLaw(peak, length, self.exponent, own)  # type: ignore[arg-type]  # point by point
+        gap = self.loading.gap - corner
+        return PowerLaw(peak, length, self.exponent, gap)  # type: ignore[arg-type]  # point by point
 
     def recovery(self, pressure: np.ndarray, peak_pressure: np.ndarray) -> np.ndarray:
         """Return the recovery :math:`g - g_m`, m, of (1) at a pressure, Pa."""
@@ -137,13 +148,13 @@ class HystereticLaw(InterfaceLaw):
 
         The pressure decreases with the gap on both branches, so that the root is unique: it lies on
         the loading branch if its pressure there is at least the largest pressure so far, otherwise
-        on the unloading branch, whose Newton iteration starts from the corner.
+        on the unloading branch.
         """
         k = np.broadcast_to(stiffness, source.shape)
         jump = self.loading.resolvent(source, k, state)
         back = self.loading.pressure(jump[0] + self.loading.gap) < state[0]
         if np.any(back):
-            branch = self.branch(state[0][back])
+            branch = self.branch(state[0][back])  # from the corner of both branches
             jump[:, back] = newton_from_the_left(
                 branch, source[:, back], k[:, back], state[:, back], -np.asarray(branch.gap)
             )
@@ -154,9 +165,9 @@ class HystereticLaw(InterfaceLaw):
 class ShakenDownLaw(HystereticLaw):
     r"""Law that follows the unloading branch (1) of its largest pressure, below and above it.
 
-    It is what :class:`HystereticLaw` becomes under small changes of its load, which flow no more
-    after the first of them. The parameters and the state are the same, and the state does not
-    change. Where nothing has pressed yet the loading branch is elastic, and carries no shear.
+    :class:`HystereticLaw` becomes this law under small changes of its load, which do not flow after
+    the first of them. The parameters and the state are the same, and the state does not change.
+    Before the first pressure the loading branch is elastic, and carries no shear.
 
     Examples
     --------
@@ -179,11 +190,11 @@ class ShakenDownLaw(HystereticLaw):
         """Evaluate (1) on both sides of the largest pressure."""
         peak = state[0]
         pressed = peak > 0.0
-        own = self.branch(np.where(pressed, peak, 1.0)).respond(jump, state)
+        branch = self.branch(np.where(pressed, peak, 1.0)).respond(jump, state)
         virgin = self.loading.respond(jump, state)
         return Response(
-            np.where(pressed, own.traction, virgin.traction),
-            np.where(pressed, own.tangent, virgin.tangent),
+            np.where(pressed, branch.traction, virgin.traction),
+            np.where(pressed, branch.tangent, virgin.tangent),
             state,
         )
 

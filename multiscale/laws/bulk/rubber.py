@@ -1,4 +1,4 @@
-"""Viscoelastic rubber: a neo-Hookean solid with shear relaxation by a Prony series."""
+"""Rubber: a compressible neo-Hookean solid, and its shear relaxation by a Prony series."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -6,10 +6,77 @@ from typing import Self
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.bulk_law import PAIRS, BulkLaw, BulkResponse
-from multiscale.laws.bulk.neo_hookean import NeoHookean
+from multiscale.laws.bulk.bulk_law import (
+    PAIRS,
+    BulkLaw,
+    BulkResponse,
+    cofactor,
+    cofactor_derivative,
+    logarithmic_volume,
+)
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
-__all__ = ["Prony"]
+__all__ = ["NeoHookean", "Prony"]
+
+
+@dataclass(frozen=True)
+class NeoHookean(BulkLaw):
+    r"""Neo-Hookean elasticity, which is Hooke's law at small strain.
+
+    Parameters
+    ----------
+    youngs_modulus : float, Young's modulus :math:`E > 0` of the undeformed body, Pa
+    poissons_ratio : float
+        Poisson's ratio :math:`-1 < \nu < 1/2` of the undeformed body, dimensionless.
+
+    Notes
+    -----
+    With Lamé's parameters as in :class:`~multiscale.laws.bulk.Elastic` and :math:`J = \det F`,
+
+    .. math:: P = \mu (F - F^{-T}) + \lambda \ln J\, F^{-T},    \tag{1}
+
+    where the last term is :math:`U'(J)\,\partial J/\partial F` with
+    :math:`U = \tfrac{\lambda}{2}\ln^2 J`.
+
+    References
+    ----------
+    .. [1] J. Bonet and R. D. Wood, Nonlinear Continuum Mechanics for Finite Element Analysis,
+       2nd ed., Cambridge University Press, 2008: the compressible neo-Hookean material.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+
+    def __post_init__(self) -> None:
+        check_moduli(self.youngs_modulus, self.poissons_ratio)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus, Pa."""
+        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[1])
+
+    @property
+    def volume_modulus(self) -> float:
+        """Factor of the volume energy, Pa: Lamé's first parameter."""
+        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[0])
+
+    def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
+        """Evaluate mu (F - F^-T), Pa."""
+        mu = self.shear_modulus
+        cof = cofactor(gradient)
+        J = np.sum(gradient[0] * cof[0], axis=0)
+        inverse = cof / J  # F^-T
+        # d(F^-T) = d(cof)/J - F^-T (F^-T : dF)
+        change = cofactor_derivative(gradient) / J - inverse[:, :, None, None] * inverse
+        tangent = -mu * change
+        for i in range(3):
+            for j in range(3):
+                tangent[i, j, i, j] += mu
+        return BulkResponse(mu * (gradient - inverse), tangent, state)
+
+    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return U' and U'' of the logarithmic volume energy, Pa."""
+        return logarithmic_volume(self.volume_modulus, dilatation)
 
 
 @dataclass(frozen=True)
@@ -25,11 +92,6 @@ class Prony(BulkLaw):
     times : tuple of float, relaxation times :math:`\tau_i > 0`, s
     time_step : float, default 0.0
         Time :math:`\Delta t \ge 0` from the committed to the new state, s; see :meth:`over`.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
 
     Notes
     -----
@@ -138,10 +200,10 @@ class Prony(BulkLaw):
         return float(1.0 - sum(self.weights) + self.uptake.sum())
 
     def frozen_stress(self, state: np.ndarray) -> np.ndarray:
-        """Return the part of (2) that depends on the committed state alone, shape (6, ...), Pa."""
+        """Return the part of (2) from the committed state only, shape (6, ...), Pa."""
         branches = state.reshape(len(self.times) + 1, 6, *state.shape[1:])
-        kept = np.tensordot(self.decay, branches[1:], 1)
-        return np.asarray(kept - self.uptake.sum() * branches[0])
+        relaxed = np.tensordot(self.decay, branches[1:], 1)
+        return np.asarray(relaxed - self.uptake.sum() * branches[0])
 
     def advance(self, state: np.ndarray, elastic_stress: np.ndarray) -> np.ndarray:
         """Return the state at the end of a step with the elastic stress S, shape (6, ...), Pa."""
@@ -156,14 +218,15 @@ class Prony(BulkLaw):
         """Return the stress F S_s of (2), its tangent and the new state."""
         F = gradient
         elastic = self.solid.respond_shape(F, state[:0])
-        frozen = self.frozen_stress(state)
-        kept = np.empty_like(F)
-        for row, (i, j) in zip(frozen, PAIRS, strict=True):
-            kept[i, j] = kept[j, i] = row
-        stress = self.share * elastic.stress + np.einsum("ik...,kj...->ij...", F, kept)
+        # part from the committed state, a second Piola-Kirchhoff stress
+        frozen = np.empty_like(F)
+        for row, (i, j) in zip(self.frozen_stress(state), PAIRS, strict=True):
+            frozen[i, j] = frozen[j, i] = row
+        stress = self.share * elastic.stress + np.einsum("ik...,kj...->ij...", F, frozen)
         tangent = self.share * elastic.tangent
         for i in range(3):
-            tangent[i, :, i, :] += kept
+            tangent[i, :, i, :] += frozen
+        # new state: S = F^-1 P of the elastic solid
         inverse = np.moveaxis(np.linalg.inv(np.moveaxis(F, (0, 1), (-2, -1))), (-2, -1), (0, 1))
         second = np.einsum("ik...,kj...->ij...", inverse, elastic.stress)
         rows = np.stack([second[i, j] for i, j in PAIRS])
