@@ -8,9 +8,9 @@ import pytest
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.continuum.contact_steps import solve_contact
-from multiscale.macro.discrete.statics import solve_static
 from multiscale.macro.joint.joint_solver import rough_joint
 from multiscale.macro.joint.tread import slide_tread
+from multiscale.macro.links.statics import solve_static
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures.assembly_methods import (
     AssembledNewton,

@@ -71,7 +71,7 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
     Forces are relative to the largest force, and to the force of a stretch of ``SHORT``.
     """
     from multiscale.macro import simulate, solve_static
-    from multiscale.macro.discrete.compatibility import compatibility
+    from multiscale.macro.links.link_equations import compatibility
 
     grid, mass = _grid(bar_over_cable, prestress), 2.0
     loaded = solve_static(grid, 1.0)["displacement"].values

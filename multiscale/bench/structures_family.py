@@ -14,7 +14,7 @@ import numpy as np
 
 from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial
 from multiscale.macro import LinkSystem, solve_static, tensegrity_grid
-from multiscale.macro.discrete.compatibility import compatibility
+from multiscale.macro.links.link_equations import compatibility
 
 __all__ = [
     "GRID_METHODS",
@@ -60,7 +60,7 @@ class GridMethod:
 GRID_METHODS: Mapping[str, GridMethod] = {
     "Newton, PARDISO": GridMethod("newton", 256, pardiso=True),
     "Newton, SuperLU": GridMethod("newton", 64),
-    "dual program, clarabel": GridMethod("dual", 32),
+    "interior point": GridMethod("interior_point", 32),
 }
 
 
@@ -134,8 +134,8 @@ def plan_structures(*, quick: bool) -> BenchFamily:
     *Residuals* are found by :func:`verify` in the answer, and alone decide on ``converged``.
 
     *Errors* are distances, by :func:`distance`, of the tensions, which are unique, from the
-    tensions by Newton's method. For the dual program, which shares neither the unknowns nor the
-    algorithm, the distance is an independent check of both. For Newton's method it is the distance
+    tensions by Newton's method. For the interior-point method, which shares only the operators, the
+    distance is a check of both. For Newton's method it is the distance
     between both factorisations, which is the effect of rounding. It is NaN where the other
     factorisation is missing, as on the largest grids; there the residual stands alone.
 
@@ -169,7 +169,7 @@ def plan_structures(*, quick: bool) -> BenchFamily:
         trials,
         partial(_judge, trials),
         title="statics of tensegrity grids: growth of time and memory",
-        packages=("scipy", "clarabel", "pypardiso"),
+        packages=("scipy", "pypardiso"),
         attributes={
             "wall_time_counts": f"median, above {REPEATED} x {REPEATED} modules one run; without "
             f"start of the process, imports and compilation"

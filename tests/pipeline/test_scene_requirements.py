@@ -19,21 +19,21 @@ from multiscale.macro import (
     solve_latin,
     solve_static,
     tensegrity_grid,
-    truss,
 )
-from multiscale.macro import dynamics as dynamics_module
-from multiscale.macro import limited_motion as motion_module
-from multiscale.macro.discrete.link_needs import link_needs
-from multiscale.macro.discrete.link_tangent import Tangent
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
 from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_needs import grain_needs
 from multiscale.macro.granulate.grain_state import initial_state
+from multiscale.macro.links import dynamics as dynamics_module
+from multiscale.macro.links import limited_motion as motion_module
+from multiscale.macro.links.link_equations import Tangent
+from multiscale.macro.links.link_needs import link_needs
 from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline import load_case, requirements
+from tests.link_structures import truss
 from tests.support import joints_of, run_python, write_law
 
 SCENES = sorted((Path(__file__).parents[2] / "workflows" / "scenes").glob("*.toml"))
@@ -355,7 +355,7 @@ def test_explaining_a_scene_prints_its_needs_and_solves_nothing(tmp_path, monkey
     write(GRID, tmp_path / "scene.toml")
     result = CliRunner().invoke(app, ["macro", "scene.toml", "--explain"])
     assert result.exit_code == 0, result.output
-    assert "leaves out geometric stiffness  displacements count as small" in result.output
+    assert "leaves out geometric stiffness  of the tensions, for the tangent" in result.output
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 

@@ -8,11 +8,12 @@ from typer.testing import CliRunner
 from multiscale.cli import app
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
-from multiscale.macro import cable_net, quadruplex_module, simulate, solve_static, tensegrity_grid
+from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.settings import KINDS
 from multiscale.pipeline.stages import stages_of
 from multiscale.schema import MACRO_RESULT
+from tests.link_structures import free_module
 from tests.support import SCENES, write_scene
 
 STATIC = (SCENES / "tensegrity_grid.toml").read_text(encoding="utf-8")
@@ -200,7 +201,7 @@ def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hangi
 
 
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
-    monkeypatch.setattr("multiscale.macro.limited_motion.MAX_ITERATIONS", 2)
+    monkeypatch.setattr("multiscale.macro.links.limited_motion.MAX_ITERATIONS", 2)
     scene = load_case(
         write_scene(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))
     ).quick()
@@ -370,7 +371,7 @@ def tables(tmp_path):
 
 
 def test_tables_without_prestress_get_their_state_of_self_stress(tables):
-    module = quadruplex_module(prestress=1.0)
+    module = free_module(prestress=1.0)
     found = load_case(write_scene(tables(module), MODULE)).structure.build()
     scaled = 1000.0 * module.prestress / np.abs(module.prestress).max()
     np.testing.assert_allclose(found.prestress, scaled, rtol=1e-9)
@@ -403,7 +404,7 @@ def test_a_self_stress_that_no_link_can_carry_is_refused(tables, kinds, message)
     text = MODULE.replace('cable = { kind = "cable"', f'cable = {{ kind = "{cable}"')
     text = text.replace('bar = { kind = "bar"', f'bar = {{ kind = "{bar}"')
     with pytest.raises(CaseError, match=message):
-        load_case(write_scene(tables(quadruplex_module()), text)).structure.build()
+        load_case(write_scene(tables(free_module()), text)).structure.build()
 
 
 def test_a_self_stress_needs_a_size_and_a_structure_that_holds_itself(hanging):

@@ -6,7 +6,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable, Strut
 from multiscale.macro import LinkSystem, simulate, solve_static, tensegrity_grid
-from multiscale.macro.mean_tension import mean_tension
+from multiscale.macro.links.dynamics import mean_tension
 from tests.support import observed_rate
 
 GRAVITY = 9.81

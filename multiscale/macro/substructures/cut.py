@@ -5,8 +5,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.compatibility import compatibility, equations
-from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.links.link_equations import compatibility, equations
+from multiscale.macro.links.link_system import LinkSystem
 from multiscale.macro.substructures.problem import CutProblem, Links, Substructure, expand_numbers
 
 __all__ = ["bisect", "cut_links", "split_grid"]

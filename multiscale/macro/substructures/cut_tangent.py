@@ -11,7 +11,6 @@ from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import CondensedStiffness, condense, split
 from multiscale.laws.side_by_side import lay_side_by_side
-from multiscale.macro.discrete.link_newton import SlackStiffness, exact_step
 from multiscale.macro.interface_newton import (
     FLOOR,
     GROWTH,
@@ -20,6 +19,7 @@ from multiscale.macro.interface_newton import (
     soften_tangent,
     tangent_traction,
 )
+from multiscale.macro.links.link_newton import SlackStiffness, exact_step
 from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.coarse import coarse_basis

@@ -1,7 +1,6 @@
 """Vibration of preloaded structures with joints: frequency and damping against amplitude."""
 
 from multiscale.macro.vibration.backbone import Amplitudes, Backbone, follow_backbone
-from multiscale.macro.vibration.free_decay import free_decay
 from multiscale.macro.vibration.preloaded import Preloaded, press_structure, require_joined
 from multiscale.macro.vibration.tangent_modes import TangentModes, structure_mass, tangent_modes
 from multiscale.macro.vibration.vibrate import vibrate
@@ -12,7 +11,6 @@ __all__ = [
     "Preloaded",
     "TangentModes",
     "follow_backbone",
-    "free_decay",
     "press_structure",
     "require_joined",
     "structure_mass",

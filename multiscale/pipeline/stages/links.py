@@ -10,7 +10,7 @@ from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_link_fields
 from multiscale.macro import substructures
-from multiscale.macro.discrete.link_needs import link_needs
+from multiscale.macro.links.link_needs import link_needs
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
@@ -211,7 +211,7 @@ def _at_rest(begin: Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_links(result: Dataset, system: "macro.LinkSystem") -> Dataset:
-    return MACRO_RESULT.assign(result, macro.discrete.describe(system)).assign_coords(end=range(2))
+    return MACRO_RESULT.assign(result, macro.links.describe(system)).assign_coords(end=range(2))
 
 
 def _needs(links: LinkStructure, case: Case) -> Needs:

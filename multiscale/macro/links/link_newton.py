@@ -1,15 +1,22 @@
 """Proximal semismooth Newton method for links that go slack."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.link_state import LinkState, force_scale, round_off, state_of
-from multiscale.macro.discrete.link_tangent import Tangent
-from multiscale.macro.discrete.link_zones import unbalanced_zones
+from multiscale.macro.links.link_equations import (
+    LinkEquations,
+    LinkState,
+    Tangent,
+    force_scale,
+    place_rows,
+    round_off,
+    state_of,
+)
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
@@ -33,8 +40,8 @@ LARGE = 10_000
 zones out of balance are solved before the next one."""
 
 MAX_SOFTENING, KEPT_DECREASE = 1.5, 0.5
-"""Length of the first step up to which factors without slack suit the structure that has slack, \
-and share to which every step with them must reduce the work of the forces out of balance."""
+"""Length of the first step up to which the factors without slack are kept, and share to which \
+every step with them must reduce the work of the forces out of balance."""
 
 SOFTENED_STIFFNESS = 0.3
 """Stiffness of a slack link in a large structure after a longer first step."""
@@ -47,7 +54,16 @@ ZONE_LIMITS = Limits(max_iterations=8, tolerance=1e-3)
 """Limits for a zone; the tolerance is relative to the largest force out of balance of all zones."""
 
 LOOSEST = 0.999
-"""Largest tolerance of a zone relative to its own load."""
+"""Largest tolerance of a zone relative to its load, which can be small."""
+
+CORE_SHARE = 0.01
+"""Force out of balance from which an unknown is in the core of a zone, relative to the largest."""
+
+MIN_RINGS, MAX_RINGS = 2, 20
+"""Rings of links around the cores: fewer confine the change, more gain nothing."""
+
+ZONE_SHARE = 0.1
+"""Share of the unknowns up to which zones cost less than they save."""
 
 MAX_PAIRS = 8
 """Number of last steps whose curvature corrects kept factors."""
@@ -110,13 +126,14 @@ def solve_newton(
     increased while so many are slack that the tangent is singular; they have none in the residual.
     In large structures that few slack links soften, the factors without slack are kept at first and
     corrected by the curvature of the last steps [1]_, until the set of slack links is constant.
-    Elsewhere few links whose change the tangent did not foresee would cut every step: after a whole
-    step the zones around the largest forces out of balance are solved, each alone with the rest
-    held [2]_, and the step goes along the sum of both displacements if that makes it longer.
+    In other large structures a few links with a change that the tangent did not foresee would cut
+    every step: after a whole step the zones around the largest forces out of balance are solved
+    separately, with the other nodes fixed [2]_, and the step follows the sum of both displacements
+    if it becomes longer.
 
-    The elongations are summed step by step beside the displacement, not computed from it: their
-    rounding is then relative to their own size, and equilibrium is met to the rounding of the
-    tensions however stiff the bars are.
+    The elongations are summed step by step, not computed from the displacement: their rounding is
+    then relative to their size, and equilibrium is met to the rounding of the tensions however
+    stiff the bars are.
 
     References
     ----------
@@ -138,6 +155,7 @@ def solve_newton(
     pairs: list[tuple[np.ndarray, np.ndarray]] = []
 
     while True:
+        # residual of (1), and the curvature of the last step with kept factors
         change = np.clip(elastic, lower, upper)  # tau - tau^0
         last, residual = residual, load - imbalance - model.gather(change)
         if kept and step > 0.0:
@@ -149,6 +167,7 @@ def solve_newton(
             run.stop(Status.STALLED)
             break
 
+        # direction: from kept factors while they reduce the work, else from the tangent
         carries = change == elastic
         same = np.array_equal(carries, factored)
         if same:
@@ -169,6 +188,8 @@ def solve_newton(
                     break
                 factored, factored_share = carries, slack_stiffness.share
             direction = solve(residual)
+
+        # exact line search; in large structures also along the relaxed direction
         growth = model.stiffness * model.elongate(direction)
         before, last_work = carries, float(residual @ direction)
         step = exact_step(elastic, growth, model.stiffness, lower, upper, last_work)
@@ -180,6 +201,8 @@ def solve_newton(
             if work > 0.0 and longer > step:
                 direction, growth, step = relaxed, relaxed_growth, longer
         u, elastic = u + step * direction, elastic + step * growth
+
+        # stiffness of slack links for the next step
         kept = kept and (bool(pairs) or step <= MAX_SOFTENING)
         slack_stiffness.adapt(step)
         if large and not run.steps and step > MAX_SOFTENING:
@@ -191,15 +214,82 @@ def solve_newton(
 def relax_zones(
     model: LinkEquations, tangent: Tangent, load: np.ndarray, elastic: np.ndarray
 ) -> np.ndarray:
-    """Return the displacement that balances the zones farthest from equilibrium, each alone, m."""
+    """Return the displacement that balances the zones farthest from equilibrium separately, m."""
     u = np.zeros(model.n)
     for unknowns, part, part_tangent, residual in unbalanced_zones(model, tangent, load, elastic):
         relative = ZONE_LIMITS.tolerance * residual / force_scale(part, part.load)
-        tolerance = min(relative, LOOSEST)  # of a zone with hardly any load
-        limits = replace(ZONE_LIMITS, tolerance=tolerance)
+        limits = replace(ZONE_LIMITS, tolerance=min(relative, LOOSEST))
         state = solve_newton(part, part_tangent, 1.0, u[unknowns], limits)
         u[unknowns] = state.solution.value
     return u
+
+
+def unbalanced_zones(
+    model: LinkEquations, tangent: Tangent, load: np.ndarray, elastic: np.ndarray
+) -> Iterator[tuple[np.ndarray, LinkEquations, Tangent, float]]:
+    """Yield the zones around the largest forces out of balance, which share no unknowns.
+
+    Each zone is given by its unknowns, equations and tangent, and the largest force out of balance.
+    """
+    force = model.prestress + elastic
+    residual = np.abs(load - model.gather(np.clip(force, model.lower, model.upper)))
+    # cores, and rings of neighbours around them
+    zone, rings = residual > CORE_SHARE * residual.max(), 0
+    while rings < MAX_RINGS:
+        larger = _with_neighbours(model.unknown, zone)
+        if np.count_nonzero(larger) > ZONE_SHARE * model.n:
+            break
+        zone, rings = larger, rings + 1
+    if rings < MIN_RINGS:
+        return
+
+    # equations of each connected zone, with the forces of the links as prestress
+    unknowns = np.flatnonzero(zone)
+    graph = tangent.pattern[unknowns][:, unknowns]
+    count, part = connected_components(graph, directed=False)
+    part_of, position = np.full(model.n + 1, -1), np.full(model.n + 1, -1, dtype=np.int32)
+    part_of[unknowns] = part
+    row_part = part_of[model.unknown].max(axis=1)  # -1, a fixed component, selects the last entry
+    for rows, inside in zip(_members(row_part, count), _members(part, count), strict=True):
+        position[unknowns[inside]] = np.arange(inside.size)
+        equations = replace(
+            model,
+            link=model.link[rows],
+            unknown=position[model.unknown[rows]],
+            coefficient=model.coefficient[rows],
+            stiffness=model.stiffness[rows],
+            prestress=force[rows],
+            lower=model.lower[rows],
+            upper=model.upper[rows],
+            load=load[unknowns[inside]],
+            number=model.number[:0],
+        )
+        upper = graph[inside][:, inside]
+        upper.sort_indices()
+        part_tangent = place_rows(equations, upper.indptr, upper.indices)
+        yield unknowns[inside], equations, part_tangent, float(residual.max())
+
+
+def _members(part: np.ndarray, count: int) -> list[np.ndarray]:
+    """Return the indices of the members of each part, from the part of every entry or -1."""
+    order = np.argsort(part, kind="stable")
+    return np.split(order, np.searchsorted(part[order], np.arange(count + 1)))[1:-1]
+
+
+@compiled
+def _with_neighbours(unknown: np.ndarray, zone: np.ndarray) -> np.ndarray:
+    """Add to a set of unknowns, shape (n,), all unknowns that a row of B connects with it."""
+    larger = zone.copy()
+    for row in range(unknown.shape[0]):
+        touched = False
+        for p in range(unknown.shape[1]):
+            if unknown[row, p] >= 0 and zone[unknown[row, p]]:
+                touched = True
+        if touched:
+            for p in range(unknown.shape[1]):
+                if unknown[row, p] >= 0:
+                    larger[unknown[row, p]] = True
+    return larger
 
 
 def secant_direction(

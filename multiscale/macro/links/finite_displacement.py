@@ -1,17 +1,15 @@
 """Equilibrium with geometrically exact elongations."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.checks import nodal_pull
-from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.link_newton import RESIDUAL_STIFFNESS
-from multiscale.macro.discrete.link_state import LinkState, force_scale
-from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.macro.links.link_equations import LinkEquations, LinkState, Tangent, force_scale
+from multiscale.macro.links.link_newton import RESIDUAL_STIFFNESS
+from multiscale.macro.links.link_system import LinkSystem, nodal_pull
 from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
 
 __all__ = ["find_finite_state"]
@@ -21,7 +19,7 @@ MAX_STEP_HALVINGS = 8
 
 LATERAL_STIFFNESS = (0.0, *10.0 ** np.arange(-8.0, 1.0))
 """Least stiffness of a link across its axis in the tangent, relative to its elastic stiffness. The
-next one is taken where a step must be halved more than :data:`FEW_HALVINGS` times."""
+next value follows where a step must be halved more than :data:`FEW_HALVINGS` times."""
 
 FEW_HALVINGS, MAX_HALVINGS = 2, 40
 """Halvings of a Newton step, at most, and with the largest lateral stiffness."""
@@ -48,7 +46,7 @@ def find_finite_state(
     not positive definite, or the step must be cut, links have a stiffness across their axes in the
     tangent, as large as necessary: links without tension, or nearly along the line of their ends,
     resist a lateral load only after a large displacement, which the tangent does not foresee. With
-    the largest lateral stiffness the tangent bounds the exact one at strains below one, and every
+    the largest lateral stiffness the tangent is an upper bound at strains below one, and every
     step lowers the energy. A load step that fails is halved.
     """
     problem = _Problem(system, model, tangent)
@@ -64,17 +62,8 @@ def find_finite_state(
     return LinkState(solution, shape.tension, slack)
 
 
-@dataclass(frozen=True, eq=False)
-class _DeformedLinks:
-    """Links at a displacement.
-
-    Attributes
-    ----------
-    length : ndarray, shape (links,), actual length, m
-    direction : ndarray, shape (links, 3), actual unit vector
-    elastic, tension : ndarray, shape (links,)
-        Tension of the elastic link, and its projection onto the admissible tensions, N.
-    """
+class _DeformedLinks(NamedTuple):
+    """Actual length, m, and unit vector (links, 3); elastic and projected tension, N."""
 
     length: np.ndarray
     direction: np.ndarray
@@ -132,8 +121,9 @@ class _Problem:
         return direction if direction @ residual > 0.0 else None
 
 
-@np.errstate(all="ignore")  # an overflow shows in the residual
+@np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
 def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Limits) -> Solution:
+    """Solve (1) at a load factor."""
     model, u = problem.model, start
     scale = force_scale(model, load_factor * model.load)
     shape = problem.shape(u)
@@ -144,11 +134,11 @@ def _newton(problem: _Problem, load_factor: float, start: np.ndarray, limits: Li
         rounding = 8.0 * np.finfo(float).eps * (float(np.abs(shape.tension).max()) + stiffest)
         if not run.goes_on(float(np.abs(residual).max(initial=0.0)) / scale, rounding / scale):
             break
-        found = _step(problem, load_factor, u, shape, residual)
-        if found is None:
+        step = _step(problem, load_factor, u, shape, residual)
+        if step is None:
             run.stop(Status.STALLED)
             break
-        u, shape, residual = found
+        u, shape, residual = step
     return run.solution(u)
 
 

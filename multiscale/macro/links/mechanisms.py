@@ -1,18 +1,27 @@
-"""Mechanisms and states of self-stress."""
+"""Mechanisms, states of self-stress and stability under load."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import svd
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.macro.discrete.compatibility import LinkEquations, compatibility
-from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.macro.links.link_equations import LinkEquations, LinkState, Tangent, compatibility
+from multiscale.macro.links.link_system import LinkSystem
 from multiscale.numerics.factorisation import Solve
 
-__all__ = ["factorise_taut", "name_mechanism", "name_motion", "prestress_by_itself", "self_stress"]
+__all__ = [
+    "factorise_taut",
+    "geometric_entries",
+    "material_entries",
+    "name_mechanism",
+    "name_motion",
+    "prestress_by_itself",
+    "self_stress",
+    "smallest_eigenvalue",
+]
 
 RANK_TOLERANCE = 1e-10
 """Singular values of the compatibility operator below this share of the largest count as zero."""
@@ -23,8 +32,11 @@ MAX_DENSE_SIZE = 4000
 LARGEST_CONDITION = 1e14
 """Condition number of the tangent without slack above which a structure is a mechanism."""
 
-HOLDING_STIFFNESS = 1e-11
+REGULARISATION = 1e-11
 """Stiffness that regularises the tangent of a mechanism, relative to the diagonal."""
+
+LARGEST_SHIFT = 1e3
+"""Largest shift of eigenvalues to a definite matrix, relative to the largest diagonal entry."""
 
 
 def self_stress(system: LinkSystem) -> np.ndarray:
@@ -46,8 +58,9 @@ def self_stress(system: LinkSystem) -> np.ndarray:
 
     Examples
     --------
-    >>> from multiscale.macro import quadruplex_module
-    >>> tension = self_stress(quadruplex_module())[0]
+    >>> from multiscale.macro import tensegrity_grid
+    >>> module = replace(tensegrity_grid(1), fixed=np.zeros((8, 3), dtype=bool))
+    >>> tension = self_stress(module)[0]
     >>> np.round(tension[[0, 4, 8, 12]] / tension[0], 6)
     array([ 1.      ,  1.414214,  1.414214, -2.44949 ])
     """
@@ -67,14 +80,14 @@ def self_stress(system: LinkSystem) -> np.ndarray:
 
 
 def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
-    r"""Give a structure a state of self-stress that its links can carry.
+    r"""Return a structure with a state of self-stress that its links can carry.
 
-    Where there are several states, the one counts whose least stressed cable or strut carries most,
+    Of several states it is that in which the least stressed cable or strut carries most,
 
     .. math:: \max_{\tau \in \ker B^T} \min_i \sigma_i \tau_i, \qquad |\tau| \le 1,    \tag{1}
 
-    with :math:`\sigma = 1` of cables and -1 of struts; bars bear both signs, and links that no
-    state stresses do not count.
+    with :math:`\sigma = 1` of cables and -1 of struts. Bars carry both signs; they and links that
+    no state stresses are not in the minimum.
 
     Parameters
     ----------
@@ -88,13 +101,14 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     Raises
     ------
     CaseError
-        If the structure has no such state, or no cable or strut says which one is meant, or it has
-        a prestress already.
+        If the structure has no such state, or no cable or strut that selects it, or already has a
+        prestress.
 
     Examples
     --------
-    >>> from multiscale.macro import quadruplex_module
-    >>> module = replace(quadruplex_module(), prestress=np.zeros(16))
+    >>> from multiscale.macro import tensegrity_grid
+    >>> free = np.zeros((8, 3), dtype=bool)
+    >>> module = replace(tensegrity_grid(1), fixed=free, prestress=np.zeros(16))
     >>> module = prestress_by_itself(module, 1000.0)
     >>> module.prestress[[0, 4, 8, 12]].round(3)
     array([  408.248,   577.35 ,   577.35 , -1000.   ])
@@ -115,21 +129,22 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
             "no cable or strut says which state of self-stress is meant; give the prestress of "
             "each link"
         )
+    # (1) as a linear program in the shares of the states and the least tension
     m, signed = len(states), (sign * states)[:, one_sided].T
-    force = np.column_stack([states.T, np.zeros(system.n_links)])  # unknowns: shares, and least
+    force = np.column_stack([states.T, np.zeros(system.n_links)])
     least = np.column_stack([-signed, np.ones(len(signed))])
-    found = linprog(
+    answer = linprog(
         np.append(np.zeros(m), -1.0),
         A_ub=np.vstack([least, force, -force]),
         b_ub=np.concatenate([np.zeros(len(least)), np.ones(2 * system.n_links)]),
         bounds=(None, None),
     )
-    if not (found.success and found.x[m] > RANK_TOLERANCE):  # (1)
+    if not (answer.success and answer.x[m] > RANK_TOLERANCE):
         raise CaseError(
             f"none of the {m} states of self-stress has all cables that it stresses in tension and "
             f"all struts in compression; change the nodes or the kinds of links"
         )
-    tension = found.x[:m] @ states
+    tension = answer.x[:m] @ states
     return replace(system, prestress=largest / np.abs(tension).max() * tension)
 
 
@@ -154,18 +169,19 @@ def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str
     elastic = model.prestress + stiffness * model.elongate(u)
     carries = (elastic >= model.lower) & (elastic <= model.upper)
     entries = tangent.entries(np.where(carries, stiffness, 0.0))
-    hold = HOLDING_STIFFNESS * tangent.entries(stiffness)[tangent.diagonal]
-    hold = np.maximum(hold, 1e-3 * hold.max(initial=0.0))  # directions without links
-    entries[tangent.diagonal] += hold
+    spring = REGULARISATION * tangent.entries(stiffness)[tangent.diagonal]
+    spring = np.maximum(spring, 1e-3 * spring.max(initial=0.0))  # directions without links
+    entries[tangent.diagonal] += spring
     try:
         solve = tangent.factorise(entries)
     except MultiscaleError:
         return ""
+    # power iteration: only the springs resist a free motion
     motion = np.random.default_rng(seed=0).standard_normal(model.n)
     for _ in range(4):
-        motion = solve(hold * motion)
+        motion = solve(spring * motion)
         motion /= norm(motion)
-    if norm(solve(hold * motion)) < 0.5:
+    if norm(solve(spring * motion)) < 0.5:
         return ""
     return name_motion(model, motion)
 
@@ -180,3 +196,53 @@ def name_motion(model: LinkEquations, motion: np.ndarray) -> str:
     named = ", ".join(str(node) for node in order[:5])
     more = f" and {order.size - 5} more" if order.size > 5 else ""
     return f"{'nodes' if order.size > 1 else 'node'} {named}{more} can move without resistance"
+
+
+def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
+    """Return the upper triangle of the tangent B^T k B of the links that are not slack, N/m."""
+    taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
+    return tangent.entries(np.where(taut, model.stiffness, 0.0))
+
+
+def geometric_entries(system: LinkSystem, tangent: Tangent, state: LinkState) -> np.ndarray:
+    r"""Return the upper triangle of the geometric stiffness of the tensions, N/m.
+
+    .. math:: K_g = \sum \frac{\tau}{L} (I - n n^T)    \tag{1}
+
+    Slack links have none. Bending of a beam between its nodes is resolved only if the beam is
+    divided into several.
+    """
+    links = system.n_links
+    across = state.tension[:links] / system.length
+    return np.asarray(tangent.geometric(system.direction, np.zeros(links), across))
+
+
+def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:
+    """Return the smallest eigenvalue of a symmetric matrix, given by its upper triangle, N/m.
+
+    Lanczos on the inverse of the matrix, shifted to be positive definite. The result is NaN if no
+    shift makes it definite, or Lanczos does not converge.
+    """
+    n, diagonal = tangent.start.size - 1, tangent.diagonal
+    matrix = tangent.matrix(entries)
+    if n < 20:
+        return float(np.linalg.eigvalsh(matrix.toarray())[0])
+    shift, largest = 0.0, float(np.abs(entries[diagonal]).max())
+    while not shift > LARGEST_SHIFT * largest:
+        shifted = entries.copy()
+        shifted[diagonal] += shift
+        try:
+            solve = tangent.factorise(shifted, signs=True)
+            break
+        except MultiscaleError:
+            shift = max(10.0 * shift, 1e-10 * largest)
+    else:
+        return float(np.nan)
+    inverse = LinearOperator((n, n), matvec=solve, dtype=float)
+    start = np.random.default_rng(seed=0).standard_normal(n)
+    try:
+        return float(
+            eigsh(matrix, 1, sigma=-shift, OPinv=inverse, v0=start, return_eigenvectors=False)[0]
+        )
+    except ArpackNoConvergence:
+        return float(np.nan)

@@ -1,14 +1,12 @@
-"""The quadruplex module, and grids of such modules."""
-
-from dataclasses import replace
+"""Builders of tensegrity grids and of cable nets."""
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Cable
-from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.links.link_system import LinkSystem
 
-__all__ = ["quadruplex_module", "tensegrity_grid"]
+__all__ = ["cable_net", "tensegrity_grid"]
 
 MODULE_ENDS = np.array(
     [[i, (i + 1) % 4] for i in range(4)]  # lower cables
@@ -19,7 +17,7 @@ MODULE_ENDS = np.array(
 """Links of a module: nodes 0-3 are the lower corners, 4-7 the upper mid-sides."""
 
 FORCE_DENSITY = np.repeat([0.5, 1.0, 1.0, -1.0], 4)
-"""Self-stress of a module, tension over length, relative to the upper cables."""
+"""Self-stress of a module as tension over length, relative to the upper cables."""
 
 
 def tensegrity_grid(
@@ -105,18 +103,6 @@ def tensegrity_grid(
     )
 
 
-def quadruplex_module(**options: float) -> LinkSystem:
-    """Return a single module without supports and load.
-
-    Parameters
-    ----------
-    **options
-        ``prestress``, ``size``, ``height``, ``cable`` and ``bar`` of :func:`tensegrity_grid`.
-    """
-    module = tensegrity_grid(1, **options)  # type: ignore[arg-type]
-    return replace(module, fixed=np.zeros((8, 3), dtype=bool), load=np.zeros((8, 3)))
-
-
 def _grid_nodes(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
     """Return nodes in units of size and height, and the eight nodes of every module.
 
@@ -140,3 +126,72 @@ def _grid_nodes(n: int, m: int) -> tuple[np.ndarray, np.ndarray]:
     upper = [edge_x, edge_y + 1, edge_x + n, edge_y]
     lowers = [corner, corner + 1, corner + n + 2, corner + n + 1]
     return position, np.stack(lowers + upper, axis=1)
+
+
+def cable_net(
+    n: int,
+    m: int | None = None,
+    *,
+    mesh: float = 1.0,
+    rise: float = 1.0,
+    prestress: float = 10e3,
+    cable: Cable | None = None,
+    nodal_load: float = 100.0,
+) -> LinkSystem:
+    r"""Prestressed saddle of n x m meshes, fixed along its edge.
+
+    Parameters
+    ----------
+    n, m : int, number of meshes along x and y, at least two; m = n if not given
+    mesh : float, distance of the cables in plan, m
+    rise : float
+        Height of the saddle :math:`z = r (\xi^2 - \eta^2)`, m, with :math:`\xi` and
+        :math:`\eta` from -1 to 1.
+    prestress : float, horizontal part of every tension at load factor zero, N
+    cable : Cable, optional, law of the cables; rigidity 1e7 N if not given
+    nodal_load : float, vertical force on every inner node at load factor one, N, downwards
+
+    Returns
+    -------
+    LinkSystem
+        Links: cables along x, then cables along y. Nodes run along x first.
+
+    Raises
+    ------
+    CaseError
+        If a number is out of range.
+
+    Notes
+    -----
+    With one force density along each direction, a node is in equilibrium if its height is
+    discretely harmonic, which holds for the saddle. The force densities along x and y have the
+    ratio :math:`n^2 : m^2`.
+    """
+    m = n if m is None else m
+    if min(n, m) < 2:
+        raise CaseError(f"a net needs at least two meshes each way, got {n} x {m}")
+    for name, value in (("mesh", mesh), ("prestress", prestress)):
+        if not (value > 0.0 and np.isfinite(value)):
+            raise CaseError(f"{name} must be positive, got {value}")
+    y, x = (axis.ravel() for axis in np.mgrid[: m + 1, : n + 1])
+    height = rise * ((2.0 * x / n - 1.0) ** 2 - (2.0 * y / m - 1.0) ** 2)
+    position = np.stack([mesh * x, mesh * y, height], axis=1)
+    node = np.arange((n + 1) * (m + 1)).reshape(m + 1, n + 1)
+    along_x = np.stack([node[1:-1, :-1].ravel(), node[1:-1, 1:].ravel()], axis=1)
+    along_y = np.stack([node[:-1, 1:-1].ravel(), node[1:, 1:-1].ravel()], axis=1)
+    ends = np.concatenate([along_x, along_y])
+    used = np.unique(ends)  # the four corners carry no cable
+    number = np.full(node.size, -1)
+    number[used] = np.arange(used.size)
+    position, ends = position[used], number[ends]
+
+    length = np.sqrt(np.square(position[ends[:, 1]] - position[ends[:, 0]]).sum(axis=1))
+    density = np.repeat([1.0, (m / n) ** 2], [len(along_x), len(along_y)]) * prestress / mesh
+    edge = (x == 0) | (x == n) | (y == 0) | (y == m)
+    fixed = np.repeat(edge[used, None], 3, axis=1)
+    load = np.zeros_like(position)
+    load[~edge[used], 2] = -nodal_load
+    kind = np.zeros(len(ends), dtype=int)
+    return LinkSystem(
+        position, ends, (cable or Cable(1e7),), kind, fixed, load, prestress=density * length
+    )

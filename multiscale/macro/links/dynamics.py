@@ -5,7 +5,7 @@ Moreau-Jean steps of the measure equation: velocities may jump, impulses replace
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from time import perf_counter
 from typing import Any
 
@@ -14,17 +14,19 @@ from scipy.sparse import csr_array, diags_array
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.macro.discrete.checks import nodal_masses
-from multiscale.macro.discrete.compatibility import LinkEquations, equations
-from multiscale.macro.discrete.description import link_dataset
-from multiscale.macro.discrete.link_system import LinkSystem
-from multiscale.macro.discrete.link_tangent import Tangent, prepare_tangent
-from multiscale.macro.limited_motion import MomentumBalance, largest, limited_motion
-from multiscale.macro.mean_tension import mean_tension
+from multiscale.macro.links.limited_motion import MomentumBalance, largest, limited_motion
+from multiscale.macro.links.link_equations import (
+    LinkEquations,
+    Tangent,
+    equations,
+    prepare_tangent,
+)
+from multiscale.macro.links.link_system import LinkSystem, link_dataset
+from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
 from multiscale.schema import Dataset
 
-__all__ = ["simulate"]
+__all__ = ["mean_tension", "simulate"]
 
 EXCHANGED = ("work", "numerical_dissipation", "link_dissipation", "smallest_link_dissipation")
 """Energies of each step; all but the last are summed over the steps."""
@@ -117,10 +119,8 @@ def simulate(
     if not 0.0 <= restitution <= 1.0:
         raise CaseError(f"restitution must lie between 0 and 1, got {restitution:g}")
     model = equations(system)
-    free = model.number >= 0
-    masses = nodal_masses(system, mass, free)
-    extensible = np.isfinite(model.stiffness)
-    rigid_bar = ~extensible & np.isinf(model.lower) & np.isinf(model.upper)
+    masses = _nodal_masses(model, mass)
+    rigid_bar = np.isinf(model.stiffness) & np.isinf(model.lower) & np.isinf(model.upper)
     if rigid_bar.any():
         raise CaseError(
             f"link {int(np.argmax(rigid_bar))} is an inextensible bar; only cables and struts can "
@@ -131,17 +131,13 @@ def simulate(
         model,
         prepare_tangent(system, model),
         equations(replace(system, fixed=~np.asarray(system.fixed), balanced=False)),
-        (masses / np.square(model.unit))[free],
-        extensible,
-        np.where(extensible, 0.0, np.where(np.isfinite(model.lower), 1.0, -1.0)),
-        np.where(extensible, model.stiffness, 0.0),
-        np.where(extensible, model.prestress, 0.0),
+        masses,
         theta,
         restitution,
         load_factor,
         support_motion,
     )
-    state = scheme.rest(float(times[0]), start)
+    state = scheme.begin(float(times[0]), start)
 
     failure: dict[str, str] = {}
     rows = [scheme.report(state, 0.0, 0.0) | dict.fromkeys(EXCHANGED, 0.0)]
@@ -162,6 +158,23 @@ def simulate(
     for name in EXCHANGED[:-1]:
         values[name] = np.cumsum(values[name])
     return link_dataset(system, values, step=range(len(rows))).assign_attrs(failure)
+
+
+def _nodal_masses(model: LinkEquations, mass: np.ndarray | float) -> np.ndarray:
+    """Return the mass of each unknown, shape (n,), kg; rotations are multiplied by a length."""
+    free = model.number >= 0
+    given = np.asarray(mass, dtype=float)
+    try:
+        masses = np.broadcast_to(given[:, None] if given.ndim == 1 else given, free.shape)
+    except ValueError:
+        raise CaseError(
+            f"mass must be one number or one per node ({len(free)},), got {np.shape(mass)}"
+        ) from None
+    wrong = free & ~((masses > 0.0) & np.isfinite(masses))
+    if wrong.any():
+        node = int(np.argwhere(wrong)[0, 0])
+        raise CaseError(f"mass of node {node} must be positive (kg), got {masses[node].min():g}")
+    return np.asarray((masses / np.square(model.unit))[free])
 
 
 @dataclass(frozen=True)
@@ -199,13 +212,8 @@ class _Scheme:
     ----------
     model : LinkEquations, equations of the free unknowns
     tangent : Tangent, pattern of the tangent
-    held : LinkEquations, equations of the fixed components
+    supported : LinkEquations, equations of the fixed components
     mass : ndarray, shape (n,), mass of each unknown, kg
-    extensible : ndarray of bool, shape (rows,), links of finite stiffness
-    side : ndarray, shape (rows,)
-        1 for inextensible cables, -1 for inextensible struts, 0 for extensible links.
-    stiffness, prestress : ndarray, shape (rows,)
-        Stiffness, N/m, and prestress, N, of extensible links; zero for the others.
     theta, restitution : float, parameters of :func:`simulate`, dimensionless
     load_factor, support_motion : callable, functions of time as in :func:`simulate`
     """
@@ -213,18 +221,35 @@ class _Scheme:
     system: LinkSystem
     model: LinkEquations
     tangent: Tangent
-    held: LinkEquations
+    supported: LinkEquations
     mass: np.ndarray
-    extensible: np.ndarray
-    side: np.ndarray
-    stiffness: np.ndarray
-    prestress: np.ndarray
     theta: float
     restitution: float
     load_factor: Callable[[float], float]
     support_motion: Callable[[float], np.ndarray] | None
 
-    def rest(self, time: float, start: tuple[np.ndarray, np.ndarray] | None) -> _State:
+    @cached_property
+    def extensible(self) -> np.ndarray:
+        """Whether the stiffness of a link is finite, shape (rows,)."""
+        return np.asarray(np.isfinite(self.model.stiffness))
+
+    @cached_property
+    def side(self) -> np.ndarray:
+        """1 for inextensible cables, -1 for inextensible struts, 0 for extensible links."""
+        rigid = np.where(np.isfinite(self.model.lower), 1.0, -1.0)
+        return np.where(self.extensible, 0.0, rigid)
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """Stiffness of extensible links, N/m, shape (rows,); zero for the others."""
+        return np.asarray(np.where(self.extensible, self.model.stiffness, 0.0))
+
+    @cached_property
+    def prestress(self) -> np.ndarray:
+        """Prestress of extensible links, N, shape (rows,); zero for the others."""
+        return np.where(self.extensible, self.model.prestress, 0.0)
+
+    def begin(self, time: float, start: tuple[np.ndarray, np.ndarray] | None) -> _State:
         """Return the initial state."""
         free = self.model.number >= 0
         u = v = np.zeros(self.model.n)
@@ -247,11 +272,11 @@ class _Scheme:
         return _State(time, np.inf, u, v, e, support, tension, np.zeros_like(e), tension)
 
     def support(self, time: float) -> np.ndarray:
-        """Return the elongation of the links due to the motion of the supports alone, m."""
+        """Return the elongation of the links due to the motion of the supports, m."""
         if self.support_motion is None:
             return np.zeros(len(self.model.unknown))
         motion = np.asarray(self.support_motion(time), dtype=float) * self.model.unit
-        return self.held.elongate(motion[self.held.number >= 0])
+        return self.supported.elongate(motion[self.supported.number >= 0])
 
     def load(self, time: float) -> np.ndarray:
         """Return the nodal loads at a time, N."""
@@ -283,23 +308,29 @@ class _Scheme:
             theta * self.load(time) + (1.0 - theta) * self.load(old.time)
         )
         before = self.prestress + self.stiffness * old.elongation
-        balance = partial(self._balance, h, before, (drift, push))
+
+        # balance (1) under the limits (2) or (3), in the rate y of the step:
+        # with (3), y = v+ + (2 theta - 1) / (2 theta) M^-1 B_r^T pi, and p = pi / (2 theta)
+        def balance(y: np.ndarray) -> MomentumBalance:
+            return self._balance(h, before, drift, push, y)[0]
+
         live, sign, bound = self._limits(h, old, drift, moved / h)
         A = csr_array(diags_array(sign) @ self.model.operator[live])
-        # with (3): y = v+ + (2 theta - 1) / (2 theta) M^-1 B_r^T pi, and p = pi / (2 theta)
         late = 2.0 * theta - 1.0 if self.restitution > 0.0 else 0.0
         C = late * (A @ (A.T.toarray() / self.mass[:, None]))
-        found = limited_motion(lambda y: balance(y)[0], self._factorise, old.v, (A, bound, C))
-        y, p = np.split(found.value, [old.v.size])
+        solution = limited_motion(balance, self._factorise, old.v, (A, bound, C))
+        y, p = np.split(solution.value, [old.v.size])
 
+        # positions, velocities, impulses and tensions at the end of the step
         u = old.u + h * (theta * y + (1.0 - theta) * old.v)
         v = y - late * (A.T @ p) / self.mass
         impulse = np.zeros_like(drift)
         impulse[live] = (1.0 + late) * sign * p
         e = self.model.elongate(u) + support
-        mean = np.where(self.extensible, balance(y)[1], impulse / h)
+        tension = self._balance(h, before, drift, push, y)[1]
+        mean = np.where(self.extensible, tension, impulse / h)
         state = _State(time, h, u, v, e, support, self.tension(e), impulse, mean)
-        return state, found.residuals[-1], found.status
+        return state, solution.residuals[-1], solution.status
 
     def _limits(
         self, h: float, old: _State, drift: np.ndarray, moved: np.ndarray
@@ -315,14 +346,14 @@ class _Scheme:
         return live[near], sign[near], bound[near]
 
     def _balance(
-        self, h: float, before: np.ndarray, known: tuple[np.ndarray, np.ndarray], y: np.ndarray
+        self, h: float, before: np.ndarray, drift: np.ndarray, push: np.ndarray, y: np.ndarray
     ) -> tuple[MomentumBalance, np.ndarray]:
         """Return the momentum of (1) without impulses at the rate y, and the mean tension."""
-        model, step, k, (drift, push) = self.model, h * self.theta, self.stiffness, known
+        model, step, k = self.model, h * self.theta, self.stiffness
         growth = step * model.elongate(y)
         after = self.prestress + k * (drift + growth)
         tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
-        # rounding of the elongations, and of the motions whose differences they are
+        # rounding of the elongations, and of the motions that they are the differences of
         cancelling = largest(np.abs(drift) + np.abs(growth)) + step * largest(y)
         balance = MomentumBalance(
             self.mass * y + h * model.gather(tension) - push,
@@ -385,3 +416,52 @@ class _Scheme:
             "kinetic_energy": 0.5 * float(state.v @ (self.mass * state.v)),
             "elastic_energy": float(np.sum(self.stored(state.tension))),
         }
+
+
+@compiled
+def mean_tension(
+    before: np.ndarray, after: np.ndarray, lower: np.ndarray, upper: np.ndarray, theta: float
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Return the weighted mean of the final tension of a step and its average over the elongation.
+
+    Notes
+    -----
+    With :math:`V` the convex energy of a link and :math:`P` the projection onto the bounds,
+
+    .. math::
+        \bar\tau = (2\theta - 1)\, P(\tau^+) + 2 (1 - \theta)\, \frac{\Delta V}{\Delta e},
+
+    so that :math:`\bar\tau\, \Delta e - \Delta V = (2\theta - 1)(\tau^+ \Delta e - \Delta V) \ge
+    0`: a discrete gradient [1]_. If a link stays taut or slack it equals
+    :math:`\theta \tau^+ + (1 - \theta) \tau^-`. The quotient is summed over the parts of the
+    step below, between and above the bounds, without a difference of nearly equal energies.
+
+    References
+    ----------
+    .. [1] O. Gonzalez, Comput. Methods Appl. Mech. Eng. 190 (2000) 1763-1783,
+       doi:10.1016/S0045-7825(00)00189-4.
+    """
+    tension, slope = np.empty_like(after), np.empty_like(after)
+    for row in range(after.size):
+        low, high = min(before[row], after[row]), max(before[row], after[row])
+        end = min(max(after[row], lower[row]), upper[row])
+        carries = 1.0 if lower[row] < after[row] < upper[row] else 0.0
+        mean, growth = end, 0.5 * carries
+        if high > low:
+            length = high - low
+            first = min(max(low, lower[row]), upper[row])
+            last = min(max(high, lower[row]), upper[row])
+            taut = (last - first) / length
+            mean = 0.5 * (first + last) * taut
+            growth = 0.5 * taut * taut
+            if low < lower[row]:
+                below = (min(high, lower[row]) - low) / length
+                mean += lower[row] * below
+                growth += abs(end - lower[row]) / length * below
+            if high > upper[row]:
+                above = (high - max(low, upper[row])) / length
+                mean += upper[row] * above
+                growth += abs(end - upper[row]) / length * above
+        tension[row] = (2.0 * theta - 1.0) * end + 2.0 * (1.0 - theta) * mean
+        slope[row] = (2.0 * theta - 1.0) * carries + 2.0 * (1.0 - theta) * growth
+    return tension, slope

@@ -6,9 +6,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.discrete.compatibility import LinkEquations
-from multiscale.macro.discrete.link_state import LinkState, force_scale
-from multiscale.macro.discrete.link_tangent import Tangent
+from multiscale.macro.links.link_equations import LinkEquations, LinkState, Tangent, force_scale
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -25,13 +23,13 @@ FREE_RESISTANCE = 1.0
 stable grids of any size have 50."""
 
 CERTAIN_SHARE = 1e-9
-"""Share of ``FREE_RESISTANCE`` at which the iteration stops."""
+"""Share of ``FREE_RESISTANCE`` below which the iteration stops."""
 
 RIGID_STIFFNESS = 1e6
 """Stiffness of a link of fixed length in the matrix, relative to the largest finite stiffness."""
 
 
-@np.errstate(all="ignore")  # an overflow shows in the residual
+@np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
 def solve_interior_point(
     model: LinkEquations, tangent: Tangent, load_factor: float, limits: Limits
 ) -> LinkState:
@@ -113,7 +111,7 @@ class _Problem:
 
     def begin(self, tangent: Tangent) -> _Point:
         """Return the first iterate: the structure without slack, moved into the interior."""
-        model, one = self.model, self.one_sided
+        model, mask = self.model, self.one_sided
         solve = tangent.factorise(tangent.entries(self.measure))
         u = solve(self.load - model.gather(model.prestress))
         elastic = model.prestress + self.measure * model.elongate(u)
@@ -121,7 +119,9 @@ class _Problem:
         tension = np.maximum(self.sign * elastic, 0.0) + inwards
         slack = np.maximum(-self.sign * elastic, 0.0) + inwards
         return _Point(
-            u, np.where(one, self.sign * tension, elastic), np.where(one, slack / self.measure, 0.0)
+            u,
+            np.where(mask, self.sign * tension, elastic),
+            np.where(mask, slack / self.measure, 0.0),
         )
 
     def errors(self, point: _Point) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -202,19 +202,21 @@ class _Problem:
 
 def _mehrotra_step(problem: _Problem, point: _Point, weight: np.ndarray, solve: Solve) -> _Point:
     """Predict without centring, then correct with the second-order products of the prediction."""
-    one, sign = problem.one_sided, problem.sign
-    product = np.where(one, np.abs(point.tau) * point.slack, 0.0)
-    count = float(np.count_nonzero(one)) or 1.0
+    mask, sign = problem.one_sided, problem.sign
+    product = np.where(mask, np.abs(point.tau) * point.slack, 0.0)
+    count = float(np.count_nonzero(mask)) or 1.0
     mean = float(product.sum()) / count
+    # predictor, and the mean product that it leaves
     guess = problem.direction(point, weight, solve, product)
     step = problem.longest_step(point, guess)
     after = (np.abs(point.tau) + step * sign * guess.tau) * (point.slack + step * guess.slack)
-    left = float(after[one].sum()) / count
+    left = float(after[mask].sum()) / count
+    # corrector, to a step inside the boundary
     centring = mean * (left / mean) ** 3 if mean > 0.0 else 0.0
     change = problem.direction(
         point, weight, solve, product + sign * guess.tau * guess.slack - centring
     )
-    step = min(1.0, BOUNDARY_SHARE * problem.longest_step(point, change) if one.any() else 1.0)
+    step = min(1.0, BOUNDARY_SHARE * problem.longest_step(point, change) if mask.any() else 1.0)
     return _Point(
         point.u + step * change.u, point.tau + step * change.tau, point.slack + step * change.slack
     )

@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.errors import CaseError, listed, suggest
 from multiscale.io import NamedMesh
 from multiscale.laws.link import Beam, LinkLaw
-from multiscale.macro.discrete.link_system import LinkSystem
+from multiscale.macro.links.link_system import LinkSystem
 
 __all__ = ["system_from_mesh", "system_from_table"]
 
@@ -58,15 +58,15 @@ def system_from_table(
 
     def columns(what: str) -> np.ndarray:
         empty = np.zeros(len(position))
-        found = [np.asarray(_get(nodes, f"{what}_{motion}", empty)) for motion in motions]
-        return np.stack(found, axis=1).astype(float)
+        values = [np.asarray(_get(nodes, f"{what}_{motion}", empty)) for motion in motions]
+        return np.stack(values, axis=1).astype(float)
 
-    held = columns("fix")
-    if wrong := np.argwhere((held != 0.0) & (held != 1.0)).tolist():
+    fixed = columns("fix")
+    if wrong := np.argwhere((fixed != 0.0) & (fixed != 1.0)).tolist():
         node, motion = wrong[0]
         raise CaseError(
             f"fix_{motions[motion]} of node {node} must be 1 (held) or 0, got "
-            f"{held[node, motion]:g}; supports do not move"
+            f"{fixed[node, motion]:g}; supports do not move"
         )
     names = [str(name) for name in links["law"]]
     known = list(laws)
@@ -78,7 +78,7 @@ def system_from_table(
         np.stack([np.asarray(links[end], dtype=int) for end in ("first", "second")], axis=1),
         tuple(laws.values()),
         np.array([known.index(name) for name in names], dtype=int),
-        held == 1.0,
+        fixed == 1.0,
         columns("load"),
         prestress=np.asarray(_get(links, "prestress", np.zeros(0)), dtype=float),
         group=np.asarray(_get(links, "group", np.zeros(0)), dtype=int),
@@ -126,8 +126,7 @@ def system_from_mesh(
             points = mesh.node_sets[name]
         else:
             points = np.unique(_cells(mesh, name, "vertex"))
-        found = number[points]
-        fixed[found[found >= 0]] = True
+        fixed[number[points][number[points] >= 0]] = True
     force = np.zeros((used.size, c))
     force[:, : len(load)] = load
     force[fixed] = 0.0

@@ -1,4 +1,4 @@
-"""Discrete structures: description, checks, builders, modes."""
+"""Structures of links: data, refusals, builders, tables, self-stress, factors of the tangent."""
 
 from dataclasses import replace
 
@@ -6,22 +6,23 @@ import meshio
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import named_mesh
 from multiscale.laws.link import Bar, Beam, Cable, Strut
 from multiscale.macro import (
     LinkSystem,
     cable_net,
-    quadruplex_module,
     self_stress,
     solve_static,
     system_from_mesh,
     system_from_table,
     tensegrity_grid,
-    truss,
 )
-from multiscale.macro.discrete.compatibility import compatibility
+from multiscale.macro.links.link_equations import compatibility, equations, prepare_tangent
+from multiscale.macro.links.mechanisms import smallest_eigenvalue
+from multiscale.numerics import cholesky
 from multiscale.schema import MACRO_RESULT
+from tests.link_structures import free_module, truss
 
 
 def pendulum(**changes):
@@ -120,11 +121,11 @@ def test_a_faulty_structure_is_refused_in_one_sentence(changes, message):
 
 def test_an_unsupported_structure_is_refused():
     with pytest.raises(CaseError, match=r"the structure .* 6 of its rigid motions are free"):
-        solve_static(quadruplex_module())
+        solve_static(free_module())
     held = np.zeros((8, 3), dtype=bool)
     held[0] = True
     with pytest.raises(CaseError, match="3 of its rigid motions are free"):
-        solve_static(replace(quadruplex_module(), fixed=held))
+        solve_static(replace(free_module(), fixed=held))
 
 
 def test_an_unsupported_part_is_named():
@@ -145,7 +146,6 @@ def test_an_unsupported_part_is_named():
         (lambda: tensegrity_grid(0), "at least one module each way, got 0 x 0"),
         (lambda: tensegrity_grid(2, height=-1.0), "height of a module must be positive"),
         (lambda: tensegrity_grid(2, prestress=-1.0), "prestress must not be negative"),
-        (lambda: truss(3), "even number of panels, got 3"),
         (lambda: cable_net(1), "at least two meshes each way"),
         (lambda: cable_net(3, prestress=0.0), "prestress must be positive"),
     ],
@@ -253,7 +253,7 @@ def test_faulty_tables_are_refused():
 
 
 def test_a_module_has_one_self_stress_and_three_mechanisms():
-    module = quadruplex_module()
+    module = free_module()
     stress = self_stress(module)
     assert stress.shape == (1, 16)
     np.testing.assert_allclose(stress[0] / stress[0, 4], module.prestress / 2550.0)
@@ -281,3 +281,46 @@ def test_a_strut_carries_what_a_cable_cannot():
     prop = pendulum(laws=(Strut(1e6),), load=-pendulum().load)
     rope = solve_static(pendulum())
     np.testing.assert_allclose(solve_static(prop).tension, -rope.tension)
+
+
+# --- tangent ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["pardiso", "superlu"])
+def factors(request, monkeypatch):
+    """Tangent of a grid, its entries and its matrix, by either library."""
+    if request.param == "superlu":
+        monkeypatch.setattr(cholesky, "new_pardiso", lambda kind: None)
+    elif cholesky.new_pardiso(cholesky.POSITIVE_DEFINITE) is None:
+        pytest.skip("needs pypardiso")
+    system = tensegrity_grid(3)
+    model = equations(system)
+    tangent = prepare_tangent(system, model)
+    entries = tangent.entries(model.stiffness)
+    return tangent, entries, tangent.matrix(entries).toarray()
+
+
+def test_factors_solve_and_serve_again(factors):
+    tangent, entries, matrix = factors
+    exact = np.random.default_rng(seed=0).standard_normal((len(matrix), 2))
+    for factor in (1.0, 3.0):
+        solve = tangent.factorise(factor * entries)
+        np.testing.assert_allclose(solve(factor * matrix @ exact), exact, rtol=1e-8)
+
+
+def test_the_sign_of_a_pivot_shows_what_is_not_definite(factors):
+    tangent, entries, _ = factors
+    tangent.factorise(entries, signs=True)
+    for factor in (-1.0, 0.0):
+        with pytest.raises(MultiscaleError, match=r"singular|not positive definite"):
+            tangent.factorise(factor * entries, signs=True)
+
+
+def test_the_smallest_eigenvalue_is_that_of_the_dense_matrix_also_if_negative(factors):
+    tangent, entries, matrix = factors
+    assert len(matrix) > 20
+    shifted = entries.copy()
+    shifted[tangent.diagonal] -= 1e-3 * entries.max()
+    for some, shift in ((entries, 0.0), (shifted, 1e-3 * entries.max())):
+        expected = np.linalg.eigvalsh(matrix)[0] - shift
+        assert smallest_eigenvalue(tangent, some) == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,10 @@
+from multiscale.macro.links.dynamics import simulate as simulate
+from multiscale.macro.links.link_structures import cable_net as cable_net
+from multiscale.macro.links.link_structures import tensegrity_grid as tensegrity_grid
+from multiscale.macro.links.link_system import LinkSystem as LinkSystem
+from multiscale.macro.links.link_system import describe as describe
+from multiscale.macro.links.link_tables import system_from_mesh as system_from_mesh
+from multiscale.macro.links.link_tables import system_from_table as system_from_table
+from multiscale.macro.links.mechanisms import prestress_by_itself as prestress_by_itself
+from multiscale.macro.links.mechanisms import self_stress as self_stress
+from multiscale.macro.links.statics import solve_static as solve_static

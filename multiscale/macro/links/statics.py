@@ -1,0 +1,285 @@
+"""Static equilibrium of a structure of links, step by step along the load."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from multiscale.convergence import Solution, Status, check_limits
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.macro.links.finite_displacement import find_finite_state
+from multiscale.macro.links.interior_point import solve_interior_point
+from multiscale.macro.links.link_equations import (
+    LinkEquations,
+    LinkState,
+    Tangent,
+    equations,
+    prepare_tangent,
+    state_of,
+)
+from multiscale.macro.links.link_newton import solve_newton
+from multiscale.macro.links.link_system import LinkSystem, check_supports, link_dataset
+from multiscale.macro.links.mechanisms import (
+    factorise_taut,
+    geometric_entries,
+    material_entries,
+    name_mechanism,
+    name_motion,
+    smallest_eigenvalue,
+)
+from multiscale.nonsmooth import solve_lcp
+from multiscale.numerics.factorisation import Solve
+from multiscale.numerics.newton import Limits, join_solutions
+from multiscale.schema import Dataset
+
+__all__ = ["solve_static"]
+
+METHODS = ("auto", "newton", "interior_point", "lcp")
+
+MAX_DENSE_LINKS = 5000
+"""Largest number of links that may go slack for the dense matrix of method ``"lcp"``."""
+
+EXACT_HINT = "an exact analysis (exact = true) includes the geometric stiffness of the prestress"
+
+
+def solve_static(
+    system: LinkSystem,
+    load_factor: float | Sequence[float] = 1.0,
+    *,
+    method: str = "auto",
+    exact: bool = False,
+    stability: bool = False,
+    max_iterations: int = 60,
+    tolerance: float = 1e-10,
+    callback: Callable[[int, float], None] | None = None,
+) -> Dataset:
+    r"""Find tensions and displacements under a load.
+
+    Parameters
+    ----------
+    system : LinkSystem, the structure with its load :math:`F^d`
+    load_factor : float or sequence of float
+        :math:`\alpha`, dimensionless. Each step of a sequence starts from the last one.
+    method : str
+        ``"auto"`` is a proximal semismooth Newton method; if it fails, because too many links are
+        slack, an interior-point method follows, and then Newton again. ``"newton"`` and
+        ``"interior_point"`` use only these methods; ``"lcp"`` solves the complementarity problem
+        (10) of the source.
+    exact : bool
+        Whether elongations and directions are geometrically exact. Otherwise displacements are
+        small, as in the source.
+    stability : bool
+        Whether to compute the smallest eigenvalue of the tangent, without and with the geometric
+        stiffness of the tensions.
+    max_iterations : int, iteration limit of a method
+    tolerance : float
+        Bound on the largest force out of balance relative to the largest nodal load (without
+        load: to the largest prestress); dimensionless. The bound is raised to the rounding error;
+        ``residual`` is the value reached.
+    callback : callable, optional, called as ``callback(iteration, residual)``
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: ``tension (link)``, ``slack (link)`` (0 where taut),
+        ``displacement (node, component)``, with beams ``rotation`` and ``moment``; a sequence
+        adds the dimension ``step``. A step that does not converge is NaN with ``converged`` 0,
+        and the attribute ``failure`` states the reason and the nodes that can move freely.
+
+    Raises
+    ------
+    CaseError
+        If the structure is not supported, or the options do not fit it.
+
+    Notes
+    -----
+    Tensions are unique. Slacks and displacements are not unique if slack links leave a mechanism
+    that the load does not move: the result is then one of several solutions.
+
+    Examples
+    --------
+    >>> from multiscale.macro import tensegrity_grid
+    >>> result = solve_static(tensegrity_grid(4), [0.0, 1.0])
+    >>> result.converged.values
+    array([1, 1])
+    >>> result.tension.sel(step=0).max().round(6).item()
+    2550.0
+    """
+    check_limits(tolerance, max_iterations)
+    factors = np.atleast_1d(np.asarray(load_factor, dtype=float))
+    _check_options(system, factors, method, exact, stability)
+    check_supports(system)
+    model = equations(system)
+    tangent = prepare_tangent(system, model)
+    limits = Limits(max_iterations, tolerance, callback)
+    taut, mechanism = None, False  # factors of the structure without slack
+    if not exact:
+        try:
+            taut = factorise_taut(model, tangent)
+        except MultiscaleError:
+            mechanism = True
+    start, reached = np.zeros(model.n), 0.0
+    columns, failures = list[dict[str, Any]](), list[str]()
+
+    for factor in factors:
+        clock = perf_counter()
+        if exact:
+            span = (reached, factor)
+            state = find_finite_state(system, model, tangent, span, start, limits)
+        elif mechanism:  # has no equilibrium of small displacements
+            nothing = Solution(np.zeros(model.n), Status.STALLED, detail=EXACT_HINT)
+            state = state_of(model, nothing, 0.0 * model.prestress)
+        else:
+            state = _find_state(model, tangent, factor, start, method, limits, taut)
+            taut = None  # the factors last until the next factorisation
+        column = _step_values(system, model, state)
+        if not state.solution.converged:
+            failures.append(f"load factor {factor:g}: {_reason(model, tangent, state, method)}")
+        else:
+            start, reached = state.solution.value, factor
+            if stability:
+                material = material_entries(model, tangent, state)
+                geometric = geometric_entries(system, tangent, state)
+                column["tangent_eigenvalue"] = smallest_eigenvalue(tangent, material)
+                column["stability_eigenvalue"] = smallest_eigenvalue(tangent, material + geometric)
+        columns.append(column | {"wall_time": perf_counter() - clock})
+    result = _join_steps(system, factors, columns)
+    if failures:
+        result = result.assign_attrs(failure="\n".join(failures))
+    return result if np.ndim(load_factor) else result.isel(step=0)
+
+
+def _check_options(
+    system: LinkSystem, factors: np.ndarray, method: str, exact: bool, stability: bool
+) -> None:
+    """Refuse options that do not fit the structure."""
+    if factors.ndim != 1 or not factors.size or not np.isfinite(factors).all():
+        raise CaseError(f"load_factor must be a finite number or a list of them, got {factors}")
+    if method not in METHODS:
+        raise CaseError(f"method {method!r} does not exist; known: {list(METHODS)}")
+    rigid = bool(np.isinf(system.stiffness).any())
+    if rigid and method in ("newton", "lcp"):
+        raise CaseError(
+            f"method {method!r} needs extensible links; use method='auto' for links of fixed length"
+        )
+    one_sided = np.isfinite(system.bounds).any(axis=0)
+    if method == "lcp" and np.count_nonzero(one_sided) > MAX_DENSE_LINKS:
+        raise CaseError(
+            f"method 'lcp' forms a dense matrix of the {np.count_nonzero(one_sided)} links that "
+            f"may go slack, at most {MAX_DENSE_LINKS}; use method='auto'"
+        )
+    if not exact:
+        return
+    if system.n_components == 6:
+        raise CaseError("exact needs links without beams, because beams rotate by small angles")
+    if rigid:
+        raise CaseError("exact needs extensible links; give a finite rigidity")
+    if method != "auto":
+        raise CaseError(f"exact has one method, 'auto', got {method!r}")
+    if stability:
+        raise CaseError("stability needs small displacements; leave out exact")
+
+
+def _find_state(
+    model: LinkEquations,
+    tangent: Tangent,
+    load_factor: float,
+    start: np.ndarray,
+    method: str,
+    limits: Limits,
+    taut: Solve | None,
+) -> LinkState:
+    """Find the equilibrium with small displacements, by one method or several in turn."""
+    if method == "lcp":
+        return _solve_complementarity(model, tangent, load_factor, limits.tolerance)
+    if np.isinf(model.stiffness).any():
+        return solve_interior_point(model, tangent, load_factor, limits)
+    parts: list[tuple[str, Solution]] = []
+    if method != "interior_point":
+        state = solve_newton(model, tangent, load_factor, start, limits, taut)
+        parts.append(("newton", state.solution))
+    if method == "interior_point" or (method == "auto" and not state.solution.converged):
+        state = solve_interior_point(model, tangent, load_factor, limits)
+        inner = state.solution
+        parts.append(("interior_point", inner))
+        if inner.status is not Status.INFEASIBLE and inner.residuals:
+            state = solve_newton(model, tangent, load_factor, inner.value, limits)
+            parts.append(("newton", state.solution))
+    whole = join_solutions([part for _, part in parts], [name for name, _ in parts])
+    return replace(state, solution=whole)
+
+
+def _solve_complementarity(
+    model: LinkEquations, tangent: Tangent, load_factor: float, tolerance: float
+) -> LinkState:
+    r"""Condense the structure onto the links that may go slack, and find their slacks.
+
+    .. math::
+        A_c \lambda_c - \tau_c = -k_c B_c K^{-1} F^d - \tau_c^0, \quad
+        0 \le \lambda_c \perp \tau_c \ge 0, \quad
+        A_c = k_c - k_c B_c K^{-1} B_c^T k_c,    \tag{10}
+
+    of the source, with the stiffness :math:`K` of the structure without slack. Struts have the
+    opposite sign.
+    """
+    one_sided = np.flatnonzero(np.isfinite(model.lower) | np.isfinite(model.upper))
+    k = model.stiffness[one_sided]
+    sign = np.where(np.isfinite(model.lower[one_sided]), 1.0, -1.0)
+    pull = (model.operator[one_sided].T * (sign * k)).toarray()  # B_c^T k_c
+    solve = tangent.factorise(tangent.entries(model.stiffness))
+    motion = solve(pull)
+    matrix = np.diag(k) - pull.T @ motion
+    free = solve(load_factor * model.load - model.gather(model.prestress))
+    taut = sign * model.prestress[one_sided] + pull.T @ free
+    answer = solve_lcp(0.5 * (matrix + matrix.T), taut, tolerance=tolerance)
+    return state_of(model, replace(answer, value=free - motion @ answer.value))
+
+
+def _reason(model: LinkEquations, tangent: Tangent, state: LinkState, method: str) -> str:
+    """Return a sentence on the failure of a step, with the nodes that can move freely."""
+    solution = state.solution
+    if solution.status is Status.INFEASIBLE and method != "lcp":
+        reason = f"{name_motion(model, solution.value)}, and the load pushes there"
+    elif solution.status is Status.STALLED:
+        reason = name_mechanism(model, tangent, solution.value) or solution.status.value
+    else:
+        reason = solution.status.value
+    return reason + (f"; {solution.detail}" if solution.detail else "")
+
+
+def _step_values(system: LinkSystem, model: LinkEquations, state: LinkState) -> dict[str, Any]:
+    """Return the variables of a step, NaN unless it converged."""
+    solution, links = state.solution, system.n_links
+    valid = 1.0 if solution.converged else np.nan
+    motion = valid * model.at_nodes(solution.value)
+    column: dict[str, Any] = {
+        "converged": int(solution.converged),
+        "residual": solution.residuals[-1] if solution.residuals else np.nan,
+        "iterations": len(solution.residuals),
+        "tension": valid * state.tension[:links],
+        "slack": valid * state.slack[:links],
+        "displacement": motion[:, :3],
+    }
+    if system.n_components == 6:
+        column["rotation"] = motion[:, 3:]
+        twist, even_y, odd_y, even_z, odd_z = state.tension[links:].reshape(-1, 5).T
+        moment = np.full((links, 5), np.nan)
+        moment[model.link[links::5]] = np.stack(
+            [twist, odd_y + even_y, odd_y - even_y, odd_z + even_z, odd_z - even_z], axis=1
+        )
+        column["moment"] = valid * moment
+    return column
+
+
+def _join_steps(system: LinkSystem, factors: np.ndarray, columns: list[dict[str, Any]]) -> Dataset:
+    """Join the variables of each step, at its load factor."""
+    names = [name for column in columns for name in column]
+    values = {
+        name: np.array([column.get(name, np.nan) for column in columns])
+        for name in dict.fromkeys(names)
+    }
+    part = {"part": ["torsion", "y1", "y2", "z1", "z2"]} if system.n_components == 6 else {}
+    values |= {"load_factor": factors}
+    return link_dataset(system, values, step=range(factors.size), end=range(2), **part)
