@@ -304,7 +304,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     from multiscale.micro.finite.finite_cell import make_scene
     from multiscale.micro.finite.finite_path import largest_approach
     from multiscale.micro.finite.history import rest_state, walk_step
-    from multiscale.micro.finite.scene import Target
+    from multiscale.micro.path import Target
 
     law: NeoHookean | J2 = NeoHookean(YOUNG, POISSON)
     load = 0.05 * slope * YOUNG

@@ -14,7 +14,7 @@ from multiscale.micro.mesh.file_cell import cell_from_file as cell_from_file
 from multiscale.micro.mesh.graph_elements import ElementKind as ElementKind
 from multiscale.micro.mesh.graph_elements import graph_mesh_cell as graph_mesh_cell
 from multiscale.micro.path import Path as Path
-from multiscale.micro.shear import shear_path as shear_path
+from multiscale.micro.path import shear_path as shear_path
 from multiscale.micro.slide import slide_cell as slide_cell
 from multiscale.micro.viscoelastic_sliding import RelaxingSolid as RelaxingSolid
 from multiscale.micro.viscoelastic_sliding import solve_sliding as solve_sliding

@@ -1,18 +1,154 @@
-"""From local fields on a representative surface element to averages over its nominal area."""
+r"""Averages over the nominal area of what a contact surface carries, and its contact spots.
 
-from typing import TYPE_CHECKING
+A spot is a connected set of contact nodes. On a grid a point has four neighbours across its
+periodic edges; on a mesh the nodes of a facet are neighbours. With the normal and tangential
+tractions of spot i, projected on the mean plane :math:`n^0, a_a^0`,
+
+.. math::
+    \langle t_N \rangle_i = \frac{1}{\Gamma_c^0} \int_{\Gamma_c^i}
+    (t_N^i n^i \cdot n^0 + t_T^i \cdot n^0)\, \mathrm{d}\Gamma, \qquad
+    \langle t_T^a \rangle_i = \frac{1}{\Gamma_c^0} \int_{\Gamma_c^i}
+    (t_N^i n^i \cdot a_a^0 + t_T^i \cdot a_a^0)\, \mathrm{d}\Gamma,    \tag{1}
+
+the averages, eqs (2) and (3) of the source, are the sums over all spots. The integrals are sums of
+nodal forces, which balance the stresses of the deformed body and are the coefficients of its
+tractions in the dual basis.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer, contact_areas
 
 if TYPE_CHECKING:
     from skfem import Element, Mesh
 
-__all__ = ["average_traction", "mean_gap", "recovered_force", "to_components"]
+__all__ = [
+    "SPOTS",
+    "ContactSurface",
+    "Keep",
+    "average_surface",
+    "average_traction",
+    "pad_spots",
+    "recovered_force",
+    "to_components",
+]
+
+SPOTS = {"spot_area": (), "spot_traction": (3,), "spot_traction_by_normal": (3,)}
+"""Variables of contact spots, and the shape of each for one spot."""
 
 
-def average_traction(force: np.ndarray, nominal_area: float) -> np.ndarray:
-    r"""Average local contact forces over the nominal area, eqs (2) and (3) of the source."""
-    return to_components(np.sum(force, axis=0)) / nominal_area  # (2), (3)
+@dataclass(frozen=True)
+class Keep:
+    """What a response keeps besides averages; see :func:`~multiscale.micro.solve_cell`."""
+
+    fields: bool = False
+    spots: bool = False
+    flow: bool = False
+    stress: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSurface:
+    """Contact surface of a cell in equilibrium; its nodes form a grid, (nx, ny), or a list, (n,).
+
+    Attributes
+    ----------
+    force, normal : ndarray, shape (nx, 3, ny) or (n, 3)
+        Contact forces on the body, N, and unit normals into the obstacle.
+    pressing : ndarray, shape (nx, ny) or (n,)
+        Force with which a node presses, N, from which the contact area follows; 0 if it is free.
+    gap : ndarray, vertical distance of each node to the obstacle, m
+    node_area, weight : ndarray
+        Area of each node on the mean plane, m2: nominal and in the current configuration.
+    jump : ndarray, shape (3,), mean displacement jump, normal component first, m
+    mean_gap : float, m
+    edges : tuple of EdgeLayer, edges of contact on the grid, along x and y
+    flowing : ndarray of bool or bool, nodes below which the material flows
+    slip : tuple of float, optional
+        With friction: share of the contact nodes that slip, and work of friction, J/m2.
+    flowing_share : float, optional, share of the points of a body of metal that flow
+    recovered_force : ndarray, shape (3,), optional, contact force from the Cauchy stress, N
+    neighbours : callable, optional
+        Pairs of neighbouring nodes, shape (2, pairs); those of a periodic grid if not given.
+    to_grid : callable, values on the grid of fields, (nx, ny), from values at nodes
+    """
+
+    force: np.ndarray
+    normal: np.ndarray
+    pressing: np.ndarray
+    gap: np.ndarray
+    node_area: np.ndarray
+    weight: np.ndarray
+    jump: np.ndarray
+    mean_gap: float
+    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
+    flowing: np.ndarray | bool = False
+    slip: tuple[float, float] | None = None
+    flowing_share: float | None = None
+    recovered_force: np.ndarray | None = None
+    neighbours: Callable[[], np.ndarray] | None = None
+    to_grid: Callable[[np.ndarray], np.ndarray] = np.asarray
+
+    def on_grid(self, node: np.ndarray, edges: tuple[EdgeLayer, EdgeLayer]) -> "ContactSurface":
+        """Arrange the nodes of a list on a periodic grid; ``node`` has the shape (nx, ny)."""
+        scalars = {
+            name: getattr(self, name)[node] for name in ("pressing", "gap", "node_area", "weight")
+        }
+        vectors = {
+            name: np.moveaxis(getattr(self, name)[node], 2, 1) for name in ("force", "normal")
+        }
+        return replace(self, **scalars, **vectors, edges=edges, neighbours=None, to_grid=np.asarray)
+
+
+def average_surface(
+    surface: ContactSurface, keep: Keep, spacing: tuple[float, float] | None = None
+) -> dict[str, Any]:
+    """Averages of a contact surface, and the spots, flow and fields (ny, nx) that are kept."""
+    area = float(np.sum(surface.node_area))
+    real = contact_areas(
+        surface.pressing, surface.weight, edges=surface.edges, flowing=surface.flowing
+    )
+    step: dict[str, Any] = {
+        "traction": average_traction(surface.force, area),
+        "displacement_jump": surface.jump,
+        "mean_gap": surface.mean_gap,
+        "contact_fraction": max(float(np.sum(real)) / area, 0.0),
+    }
+    if keep.spots or surface.slip is not None:
+        along = np.sum(surface.force * surface.normal, axis=1, keepdims=True)
+        by_normal = along * surface.normal
+    if surface.slip is not None:
+        step["traction_by_normal"] = average_traction(by_normal, area)
+        step["slip_fraction"], step["friction_work"] = surface.slip
+    if surface.flowing_share is not None:
+        step["flowing_fraction"] = surface.flowing_share
+    if surface.recovered_force is not None:
+        step["recovered_traction"] = to_components(surface.recovered_force) / area
+    if keep.spots:
+        step |= _spot_averages(surface, by_normal, real, area)
+    if keep.fields or keep.flow:
+        # below overhangs the projected area is none, or negative
+        pressure, closed = np.zeros_like(surface.gap), surface.pressing != 0.0
+        np.divide(-surface.force[:, 2], surface.node_area, out=pressure, where=closed)
+        pressure, gap = surface.to_grid(pressure), surface.to_grid(surface.gap)
+        if keep.fields:
+            step |= {"pressure": pressure.T, "gap": gap.T}
+        if keep.flow and spacing is not None:
+            from multiscale.micro.gap_flow import gap_flow, open_gap
+
+            flows = [gap_flow(open_gap(gap, pressure), spacing, axis) for axis in (0, 1)]
+            step["hydraulic_aperture"] = [flow.aperture for flow in flows]
+            step["percolating_share"] = [flow.share for flow in flows]
+    return step
+
+
+def average_traction(force: np.ndarray, area: float) -> np.ndarray:
+    """Average nodal forces, components along axis 1, over the nominal area: (2), (3)."""
+    return to_components(np.sum(force, axis=(0, *range(2, force.ndim)))) / area
 
 
 def to_components(vector: np.ndarray) -> np.ndarray:
@@ -20,9 +156,50 @@ def to_components(vector: np.ndarray) -> np.ndarray:
     return np.asarray(vector[..., [2, 0, 1]])
 
 
-def mean_gap(obstacle_height: np.ndarray, surface_height: np.ndarray, weight: np.ndarray) -> float:
-    """Nominal-area mean of obstacle height minus deformed surface height, m."""
-    return float(np.sum(weight * (obstacle_height - surface_height)) / np.sum(weight))
+def _spot_averages(
+    surface: ContactSurface, by_normal: np.ndarray, real: np.ndarray, area: float
+) -> dict[str, np.ndarray]:
+    """Share of every contact spot in the averages (2) and (3), largest spot first."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    active = surface.pressing.ravel() > 0.0
+    if surface.neighbours is None:
+        number = np.arange(active.size).reshape(surface.pressing.shape)
+        ahead = [np.roll(number, -1, axis).ravel() for axis in (0, 1)]
+        first, second = np.tile(number.ravel(), 2), np.concatenate(ahead)
+    else:
+        first, second = surface.neighbours()
+    joined = active[first] & active[second]
+    links = coo_array(
+        (joined[joined], (first[joined], second[joined])), shape=(active.size, active.size)
+    )
+    _, label = connected_components(links, directed=False)
+    _, spot = np.unique(label[active], return_inverse=True)
+    total = np.bincount(spot, real.ravel()[active]).astype(float)  # without spots it counts
+    order = np.argsort(-total, kind="stable")
+
+    def share(forces: np.ndarray) -> np.ndarray:
+        nodal = np.moveaxis(forces, 1, -1).reshape(-1, 3)[active]
+        columns = [np.bincount(spot, column)[order] for column in nodal.T]
+        return to_components(np.reshape(columns, (3, -1)).T) / area  # (1)
+
+    return {
+        "spot_area": total[order],
+        "spot_traction": share(surface.force),
+        "spot_traction_by_normal": share(by_normal),
+    }
+
+
+def pad_spots(values: list[np.ndarray], axis: int) -> list[np.ndarray]:
+    """Give arrays of spots as many rows along an axis as the longest has; new rows are NaN."""
+    most = max(array.shape[axis] for array in values)
+    padded = []
+    for array in values:
+        rows = [(0, 0)] * array.ndim
+        rows[axis] = (0, most - array.shape[axis])
+        padded.append(np.pad(array, rows, constant_values=np.nan))
+    return padded
 
 
 def recovered_force(
@@ -33,10 +210,8 @@ def recovered_force(
     lame: float | np.ndarray,
     shear: float | np.ndarray,
 ) -> np.ndarray:
-    r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress.
+    r"""Integrate :math:`\sigma n` over the contact spots from the Cauchy stress, N.
 
-    Notes
-    -----
     The stress is the mean over the element behind a facet: without friction the normal derivative
     of the traction vanishes on the surface, while the strain of a linear element, taken at the
     facet, would mix values of the facet and of the element's middle.

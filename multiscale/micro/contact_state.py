@@ -1,70 +1,18 @@
-"""Questions to a contact solver and its answers, for every kind of cell."""
+"""Cells of linear elastic bodies: questions to a contact solver, and its answers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro import averages
-from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer, contact_areas
-from multiscale.micro.spots import grid_neighbours, spot_averages
+from multiscale.micro.averages import ContactSurface, to_components
+from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer
+from multiscale.micro.path import Target
+from multiscale.micro.step_loop import Step
 
-__all__ = ["CellProblem", "ContactState", "average_contact", "obstacle_normal", "untouched"]
-
-
-@dataclass(frozen=True, eq=False)
-class CellProblem:
-    """How a cell answers a load, and the geometry of its contact nodes.
-
-    Attributes
-    ----------
-    solve : callable
-        ``solve(load=, approach=, start=, tolerance=)`` returns a :class:`ContactState`.
-    normal : ndarray
-        Unit normals into the obstacle, components along axis 1: shape (nx, 3, ny) for a graph
-        cell, (nodes, 3) otherwise.
-    surface_height, obstacle_height : ndarray
-        Heights of the body before deformation and of the obstacle at first touch, m.
-    weight : ndarray, nominal area of each contact node, m2; they add up to the nominal area
-    surface_displacement : callable, displacement of the contact nodes, components along axis 1, m
-    recover : callable
-        ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
-        facets that touch an active node, shape (3,), N; None where there is no stress field.
-    cap : float, largest contact force of a node, N
-    edges : tuple of EdgeLayer, edges of contact on the grid of nodes, along x and y
-    neighbours : callable
-        Pairs of contact nodes that are next to each other, shape (2, pairs), counted in their
-        order; a periodic grid's if not given.
-    field : callable, values on the grid of fields, (nx, ny), from values at contact nodes
-    arrange : callable
-        Values at contact nodes in the order of this problem, from those in the order of a mesh.
-    """
-
-    solve: Callable[..., "ContactState"]
-    normal: np.ndarray
-    surface_height: np.ndarray
-    obstacle_height: np.ndarray
-    weight: np.ndarray
-    surface_displacement: Callable[[np.ndarray], np.ndarray]
-    recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
-    cap: float = np.inf
-    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
-    neighbours: Callable[[], np.ndarray] | None = None
-    field: Callable[[np.ndarray], np.ndarray] = np.asarray
-    arrange: Callable[[np.ndarray], np.ndarray] = np.asarray
-
-    @property
-    def nominal_area(self) -> float:
-        """Area of the cell's projection on its mean plane, m2."""
-        return float(np.sum(self.weight))
-
-
-def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    """Return unit normals into an obstacle from its slopes, components along axis 1."""
-    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
-    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+__all__ = ["ContactState", "ElasticCell", "at_first_touch", "obstacle_normal", "untouched"]
 
 
 @dataclass(frozen=True)
@@ -99,60 +47,106 @@ class ContactState:
     linear_iterations: int = 0
 
 
+@dataclass(frozen=True, eq=False)
+class ElasticCell:
+    """Model of a linear elastic cell: each step is solved, from the state of the one before.
+
+    Attributes
+    ----------
+    solve : callable
+        ``solve(load=, approach=, start=, tolerance=)`` returns a :class:`ContactState`.
+    normal : ndarray, shape (nx, 3, ny) or (nodes, 3), unit normals into the obstacle
+    surface_height, obstacle_height : ndarray
+        Heights of the body before deformation and of the obstacle at first touch, m.
+    node_area : ndarray, nominal area of each contact node, m2; they add up to the nominal area
+    surface_displacement : callable, displacement of the contact nodes, components along axis 1, m
+    recover : callable, optional
+        ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
+        facets that touch an active node, shape (3,), N.
+    cap : float, largest contact force of a node, N
+    edges : tuple of EdgeLayer, edges of contact on the grid of nodes, along x and y
+    arrange : callable, contact surface with its nodes in the order in which it is averaged
+    """
+
+    solve: Callable[..., ContactState]
+    normal: np.ndarray
+    surface_height: np.ndarray
+    obstacle_height: np.ndarray
+    node_area: np.ndarray
+    surface_displacement: Callable[[np.ndarray], np.ndarray]
+    recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    cap: float = np.inf
+    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
+    arrange: Callable[[ContactSurface], ContactSurface] = lambda surface: surface
+    remembers: ClassVar[bool] = False
+
+    @property
+    def area(self) -> float:
+        """Area of the cell's projection on its mean plane, m2."""
+        return float(np.sum(self.node_area))
+
+    def rest(self) -> ContactState:
+        """Return the state without load."""
+        return self.solve(load=0.0)
+
+    def step(self, state: ContactState, target: Target, tolerance: float) -> Step[ContactState]:
+        """Solve for a target; a failed step leaves the state as it was."""
+        found = self.solve(
+            load=target.load, approach=target.approach, start=state, tolerance=tolerance
+        )
+        cost = {
+            "active_set_iterations": len(found.residuals),
+            "linear_iterations": found.linear_iterations,
+        }
+        if found.status is Status.CONVERGED:
+            return Step(found, cost)
+        return Step(
+            state,
+            cost,
+            f"{len(found.residuals)} active sets and {found.linear_iterations} linear iterations: "
+            f"{found.status.value}",
+        )
+
+    def surface(self, state: ContactState) -> ContactSurface:
+        """Contact surface of a state."""
+        moved = self.surface_displacement(state.displacement)
+        gap = self.obstacle_height - state.approach - (self.surface_height + moved[:, 2])
+        mean = [np.sum(self.node_area * moved[:, k]) for k in range(3)]
+        recover = self.recover
+        surface = ContactSurface(
+            -state.force[:, None] * self.normal,
+            self.normal,
+            state.force,
+            gap,
+            self.node_area,
+            self.node_area,
+            np.array([-state.approach, 0.0, 0.0]) - to_components(np.array(mean)) / self.area,
+            float(np.sum(self.node_area * gap)) / self.area,
+            edges=self.edges,
+            flowing=self.cap < np.inf and state.force >= self.cap,
+            recovered_force=recover and recover(state.displacement, state.active),
+        )
+        return self.arrange(surface)
+
+
+def at_first_touch(
+    heights: np.ndarray, obstacle: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, float]:
+    """Heights of an obstacle that touches a surface, and how far it is raised, m."""
+    distance = float(np.max(heights - obstacle))
+    return np.broadcast_to(obstacle + distance, heights.shape), distance
+
+
+def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
+    """Return unit normals into an obstacle from its slopes, components along axis 1."""
+    normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+
+
 def untouched(
     shape: tuple[int, ...], gap: np.ndarray, closing: np.ndarray, approach: float | None
 ) -> ContactState:
     """Return the state without contact forces, at first touch or before it."""
-    nothing = np.zeros_like(gap)
-    touch = float(np.min(gap / closing))
-    delta = touch if approach is None else approach
-    return ContactState(
-        np.zeros(shape), nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,)
-    )
-
-
-def average_contact(
-    problem: CellProblem,
-    state: ContactState,
-    *,
-    friction: np.ndarray | None = None,
-    weight: np.ndarray | None = None,
-    fields: bool,
-    spots: bool,
-) -> dict[str, Any]:
-    """Averages of one converged step, and pressure and vertical gap at every node, (ny, nx)."""
-    area, now = problem.nominal_area, problem.weight if weight is None else weight
-    moved = problem.surface_displacement(state.displacement)
-
-    def mean(weight: np.ndarray, field: np.ndarray) -> np.ndarray:
-        return np.array([np.sum(weight * field[:, k]) / area for k in (2, 0, 1)])
-
-    traction = -mean(state.force, problem.normal)
-    if friction is not None:
-        traction += averages.average_traction(friction, area)
-    real = contact_areas(state.force, now, edges=problem.edges, flowing=state.force >= problem.cap)
-    step = {
-        "traction": traction,
-        "displacement_jump": np.array([-state.approach, 0.0, 0.0]) - mean(problem.weight, moved),
-        "mean_gap": averages.mean_gap(
-            problem.obstacle_height - state.approach, problem.surface_height + moved[:, 2], now
-        ),
-        "contact_fraction": max(float(np.sum(real)) / area, 0.0),
-    }
-    if spots:
-        beside = problem.neighbours() if problem.neighbours else grid_neighbours(now.shape)
-        by_normal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
-        nodal = by_normal if friction is None else by_normal + friction
-        active = state.force.ravel() > 0.0
-        step |= spot_averages(nodal, by_normal, real.ravel(), active, beside, area)
-    if problem.recover is not None:
-        force = problem.recover(state.displacement, state.active)
-        step["recovered_traction"] = averages.average_traction(force[None], area)
-    if fields:
-        deformed = problem.surface_height + moved[:, 2]
-        gap = problem.obstacle_height - state.approach - deformed
-        closed = state.force > 0.0  # below overhangs the projected area is none, or negative
-        pressure = np.zeros_like(state.force)
-        np.divide(state.force * problem.normal[:, 2], problem.weight, out=pressure, where=closed)
-        step["pressure"], step["gap"] = (problem.field(one).T for one in (pressure, gap))
-    return step
+    nothing, rest = np.zeros_like(gap), np.broadcast_to(0.0, shape)  # takes no memory
+    delta = float(np.min(gap / closing)) if approach is None else approach
+    return ContactState(rest, nothing, delta, nothing > 0.0, nothing, Status.CONVERGED, (0.0,))

@@ -1,7 +1,7 @@
 """Many cells along one path, one file each, joined into one response."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path as FilePath
 from time import perf_counter
@@ -12,10 +12,11 @@ import numpy as np
 from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
+from multiscale.micro.averages import SPOTS, Keep, pad_spots
 from multiscale.micro.cell import AnyCell
-from multiscale.micro.cell_solver import SPOTS, record_cell
-from multiscale.micro.checkpoint import WORTH, Checkpoint
+from multiscale.micro.cell_solver import record_cell
 from multiscale.micro.path import Path
+from multiscale.micro.step_loop import WORTH, Checkpoint
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset, Schema
 
 __all__ = ["record_realisation", "run_ensemble", "run_realisations"]
@@ -78,11 +79,7 @@ def run_ensemble(
             (
                 cell,
                 path,
-                {
-                    "keep_fields": keep_fields and k == 0,
-                    "keep_spots": keep_spots,
-                    "keep_flow": keep_flow,
-                },
+                Keep(keep_fields and k == 0, keep_spots, keep_flow),
                 folder and Checkpoint(_steps_of(_file_of(folder, k)), identity),
             )
             for k, cell in enumerate(cells)
@@ -144,23 +141,15 @@ def run_realisations(
 
 def _without_fields(records: list[PlainDataset]) -> list[PlainDataset]:
     """Leave out local fields, and give spots one number of rows: those without a spot are NaN."""
-    most = max(np.shape(one.values.get("spot_area", [[[]]]))[2] for one in records)
-
-    def padded(spots: np.ndarray) -> np.ndarray:
-        whole = np.full((*spots.shape[:2], most, *spots.shape[3:]), np.nan)
-        whole[:, :, : spots.shape[2]] = spots
-        return whole
-
-    return [
-        PlainDataset(
-            {
-                name: padded(array) if name in SPOTS else array
-                for name, array in one.values.items()
-                if name not in LOCAL
-            }
-        )
-        for one in records
+    values = [
+        {name: array for name, array in record.values.items() if name not in LOCAL}
+        for record in records
     ]
+    for name in SPOTS:
+        if all(name in each for each in values):
+            spots = pad_spots([each[name] for each in values], axis=2)
+            values = [each | {name: rows} for each, rows in zip(values, spots, strict=True)]
+    return [PlainDataset(each) for each in values]
 
 
 def _compute_and_keep(
@@ -208,9 +197,14 @@ def _steps_of(file: FilePath) -> FilePath:
 
 
 def record_realisation(
-    cell: AnyCell, path: Path, kept: Mapping[str, Any], checkpoint: Checkpoint | None = None
+    cell: AnyCell,
+    path: Path,
+    keep: Keep,
+    checkpoint: Checkpoint | None = None,
+    *,
+    tolerance: float = 1e-8,
 ) -> PlainDataset:
-    """Solve one cell and add the statistics of its surface; ``kept`` are keywords of the solver."""
-    found = record_cell(cell, path, **kept, checkpoint=checkpoint)
-    statistics = cell.surface_record(heights=kept.get("keep_fields", False))
-    return PlainDataset({**found.values, **statistics}, found.attributes)
+    """Solve one cell and add the statistics of its surface."""
+    record = record_cell(cell, path, keep, tolerance=tolerance, checkpoint=checkpoint)
+    statistics = cell.surface_record(heights=keep.fields)
+    return PlainDataset({**record.values, **statistics}, record.attributes)

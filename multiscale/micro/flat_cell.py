@@ -7,7 +7,12 @@ import numpy as np
 
 from multiscale.micro.cell import FlatCell, PeriodicLayer
 from multiscale.micro.coating import coating_faces
-from multiscale.micro.contact_state import CellProblem, ContactState, untouched
+from multiscale.micro.contact_state import (
+    ContactState,
+    ElasticCell,
+    at_first_touch,
+    untouched,
+)
 from multiscale.micro.flat import coarse_start, solve_flat
 from multiscale.micro.lateral_fft import MANY, SurfaceFilter
 from multiscale.micro.layered import layered_compliance
@@ -27,8 +32,8 @@ def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
     heights, spacing = cell.surface.heights, cell.surface.spacing
     area = spacing[0] * spacing[1]
     symbol = np.sum([_compliance(body) for body in cell.bodies], axis=0) / area
-    obstacle = np.zeros_like(heights) if cell.obstacle is None else cell.obstacle.heights
-    return obstacle + np.max(heights - obstacle), area, symbol
+    obstacle, _ = at_first_touch(heights, 0.0 if cell.obstacle is None else cell.obstacle.heights)
+    return obstacle, area, symbol
 
 
 def _compliance(body: PeriodicLayer) -> np.ndarray:
@@ -41,7 +46,7 @@ def _compliance(body: PeriodicLayer) -> np.ndarray:
     return layered_compliance(shape, size, planes, *body.moduli_between(planes))
 
 
-def assemble_flat_cell(cell: FlatCell) -> CellProblem:
+def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
     """Set up the contact of a cell whose roughness is gap alone, on a flat elastic layer."""
     heights = cell.surface.heights
     nx, ny = heights.shape
@@ -61,7 +66,11 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
     cap = np.inf if cell.hardness is None else cell.hardness * area
 
     def solve(
-        *, load: float | None, approach: float | None, start: ContactState | None, tolerance: float
+        *,
+        load: float | None = None,
+        approach: float | None = None,
+        start: ContactState | None = None,
+        tolerance: float = TOLERANCE,
     ) -> ContactState:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
@@ -95,13 +104,5 @@ def assemble_flat_cell(cell: FlatCell) -> CellProblem:
             len(found.residuals),
         )
 
-    return CellProblem(
-        solve,
-        normal,
-        heights,
-        obstacle,
-        np.full((nx, ny), area),
-        surface_displacement=lambda u: u,
-        recover=None,
-        cap=cap,
-    )
+    node_area = np.full((nx, ny), area)
+    return ElasticCell(solve, normal, heights, obstacle, node_area, lambda u: u, cap=cap)

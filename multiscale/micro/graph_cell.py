@@ -8,7 +8,7 @@ import numpy as np
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell import GraphCell, PeriodicLayer
 from multiscale.micro.contact_area import EdgeLayer, edge_layer
-from multiscale.micro.contact_state import CellProblem, obstacle_normal
+from multiscale.micro.contact_state import ElasticCell, at_first_touch, obstacle_normal
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.elastic_operator import stiffness_operator
 from multiscale.micro.flat_reference import flat_reference, surface_slopes
@@ -23,7 +23,7 @@ Operator = Callable[[np.ndarray], np.ndarray]
 EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
 
 
-def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> CellProblem:
+def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> ElasticCell:
     """Set up the operators that a graph cell needs, and its contact geometry."""
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
@@ -32,12 +32,10 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     # iterations with single precision are as many; nearly incompressible cells need all digits
     dtype = np.float64 if cell.nearly_incompressible else np.float32
     reference = flat_reference(cell, mesh, dtype)
-    if cell.obstacle is None:  # its heights at first touch, and its normals (x, 3, y)
-        obstacle, normal = np.full((nx, ny), surface.heights.max()), np.zeros((nx, 3, ny))
-        normal[:, 2] = 1.0
-    else:
-        obstacle = cell.obstacle.heights + np.max(surface.heights - cell.obstacle.heights)
-        normal = obstacle_normal(*surface_slopes(obstacle, spacing))
+    obstacle, _ = at_first_touch(
+        surface.heights, 0.0 if cell.obstacle is None else cell.obstacle.heights
+    )
+    normal = obstacle_normal(*surface_slopes(obstacle, spacing))
     along, push = _along_normals(None if cell.obstacle is None else normal)
     vertical, stiffness = reference.vertical
     convolves = cell.obstacle is None and reference.convolves
@@ -65,7 +63,7 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Cel
     )
 
     closing = normal[:, 2]
-    return CellProblem(
+    return ElasticCell(
         partial(solve_elastic_contact, body, (obstacle - surface.heights) * closing, closing),
         normal,
         surface.heights,

@@ -10,7 +10,6 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import NormalLaw
 from multiscale.micro import FlatCell
-from multiscale.micro.contact_state import average_contact
 from multiscale.micro.flat_cell import assemble_flat_cell
 
 __all__ = ["CellLaw"]
@@ -158,15 +157,14 @@ class _Memory:
         """Mean gap at one of the pressures, m, from memory or from the cell."""
         if k not in self.gaps:
             pressure = self.lowest * np.exp(k * self.step)
-            load = pressure * self.problem.nominal_area
+            load = pressure * self.problem.area
             # no other state helps to begin, so that none changes the answer by the tolerance
             found = self.problem.solve(load=load, approach=None, start=None, tolerance=0.0)
             if found.status is not Status.CONVERGED:
                 raise ConvergenceError(
                     f"the cell of a law did not converge at {pressure:.4g} Pa: {found.status.value}"
                 )
-            averages = average_contact(self.problem, found, fields=False, spots=False)
-            self.gaps[k] = float(averages["mean_gap"])
+            self.gaps[k] = self.problem.surface(found).mean_gap
             self.account["solved"] += 1
             self.account["linear_iterations"] += found.linear_iterations
         return self.gaps[k]

@@ -21,14 +21,13 @@ from multiscale.micro import (
     FlatCell,
     GraphCell,
     Path,
-    cell_solver,
-    checkpoint,
     elastic_contact,
     run_ensemble,
+    step_loop,
 )
 from multiscale.micro import ensemble as module
-from multiscale.micro.checkpoint import Checkpoint
 from multiscale.micro.contact_state import ContactState
+from multiscale.micro.step_loop import Checkpoint
 from multiscale.schema import MICRO_RESPONSE, PlainDataset
 from multiscale.surfaces import rms_slope
 from tests.support import rough_square
@@ -187,22 +186,22 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     kind = {"flat": FlatCell, "conforming": GraphCell}[geometry]
     one = [kind(flat.surface, flat.depth, flat.layers, flat.law)]
     whole = run_ensemble(one, path)
-    monkeypatch.setattr(checkpoint, "WORTH", 0.0)
-    average, solved = cell_solver.average_contact, []
+    monkeypatch.setattr(step_loop, "WORTH", 0.0)
+    average, solved = step_loop.average_surface, []
 
-    def killed(problem, state, **kept):
+    def killed(surface, *kept):
         if len(solved) == 3:
             raise KeyboardInterrupt
-        solved.append(state)
-        return average(problem, state, **kept)
+        solved.append(surface)
+        return average(surface, *kept)
 
-    monkeypatch.setattr(cell_solver, "average_contact", killed)
+    monkeypatch.setattr(step_loop, "average_surface", killed)
     with pytest.raises(KeyboardInterrupt):
         run_ensemble(one, path, folder=tmp_path, identity="a")
     monkeypatch.setattr(
-        cell_solver,
-        "average_contact",
-        lambda *given, **kept: solved.append(0) or average(*given, **kept),
+        step_loop,
+        "average_surface",
+        lambda *given: solved.append(0) or average(*given),
     )
     timed = ["wall_time"]
     other = run_ensemble(one, path, folder=tmp_path / "other", identity="b")
@@ -216,17 +215,22 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
 
 @pytest.mark.parametrize("content", [b"", b"PK no archive", None])
 def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path, monkeypatch):
-    monkeypatch.setattr(checkpoint, "WORTH", 0.0)
+    monkeypatch.setattr(step_loop, "WORTH", 0.0)
     kept = Checkpoint(tmp_path / "steps.npz", "a")
     state = ContactState(np.ones(3), np.ones(2), 1.0, np.array([True, False]), np.zeros(2))
     kept.keep([{"wall_time": 1.0, "ended": "step 0"}], state)
-    steps, found = kept.found(ContactState)
+    rest = replace(state, displacement=np.zeros(3), force=np.zeros(2))
+    steps, found = kept.found(rest)
     assert steps == [{"wall_time": 1.0, "ended": "step 0"}]
     np.testing.assert_array_equal(found.displacement, np.ones(3))
     assert found.status is Status.CONVERGED
+    steps, found = kept.found(replace(rest, displacement=np.zeros(4)))
+    assert (steps, found.displacement.size) == ([], 4)
     if content is not None:
         kept.file.write_bytes(content)
-    assert replace(kept, identity="b").found(ContactState) == ([], None)
+    steps, found = replace(kept, identity="b").found(rest)
+    assert not steps
+    assert found is rest
 
 
 def test_a_realisation_says_why_it_lacks_steps(cells, tmp_path, monkeypatch):

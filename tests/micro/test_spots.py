@@ -5,8 +5,8 @@ import pytest
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, Surface, run_ensemble, solve_cell
+from multiscale.micro.averages import ContactSurface, Keep, average_surface
 from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
-from multiscale.micro.spots import grid_neighbours, spot_averages
 from tests.support import rough_square
 
 PATH = Path(pressure=(1e-3, 1e-2))
@@ -58,13 +58,15 @@ def test_friction_parts_each_spot_into_normal_and_tangential_tractions():
 
 
 def test_a_spot_goes_on_across_the_periodic_edge():
-    force = np.zeros((6, 4, 3))
+    pressing, up = np.zeros((6, 4)), np.zeros((6, 3, 4))
     for place in ((0, 1), (5, 1), (0, 0), (0, 3), (2, 2), (3, 3)):  # the last two touch at a corner
-        force[place] = (0.0, 0.0, -1.0)
-    flat = force.reshape(-1, 3)
-    active, area = flat[:, 2] < 0.0, np.ones(24)
-    found = spot_averages(flat, flat, area, active, grid_neighbours((6, 4)), 24.0)
-    np.testing.assert_array_equal(found["spot_area"], [4.0, 1.0, 1.0])
+        pressing[place] = 1.0
+    up[:, 2] = 1.0
+    force, area = -pressing[:, None] * up, np.ones((6, 4))
+    surface = ContactSurface(force, up, pressing, area, area, area, np.zeros(3), 1.0)
+    found = average_surface(surface, Keep(spots=True))
+    assert len(found["spot_area"]) == 3
+    assert np.argmax(found["spot_area"]) == 0
     np.testing.assert_allclose(found["spot_traction"][:, 0], [-4 / 24, -1 / 24, -1 / 24])
 
 

@@ -51,9 +51,8 @@ def test_average_traction_is_the_base_reaction_over_the_nominal_area(obstacle):
     cell = Cell(rough(32), 1.0, 10, youngs_modulus=2.0, poissons_ratio=0.3, obstacle=other)
     problem = assemble_graph_cell(cell)
     state = problem.solve(load=0.01, tolerance=1e-11)
-    nodal = np.moveaxis(-state.force[:, None] * problem.normal, 1, -1).reshape(-1, 3)
-    averages = average_traction(nodal, problem.nominal_area)
-    reaction = -base_reaction(cell, state.displacement) / problem.nominal_area
+    averages = average_traction(problem.surface(state).force, problem.area)
+    reaction = -base_reaction(cell, state.displacement) / problem.area
     np.testing.assert_allclose(averages[[1, 2, 0]], reaction, atol=1e-8 * abs(averages[0]))
 
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.finite.equations import CellEquations, Iterate
-from multiscale.micro.finite.scene import CellScene, CellState, Target
+from multiscale.micro.finite.scene import CellScene, CellState
+from multiscale.micro.path import Target
 from multiscale.numerics.newton import Limits, NewtonRun
 
 __all__ = ["solve_increment"]

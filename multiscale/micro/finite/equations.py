@@ -26,8 +26,9 @@ import numpy as np
 
 from multiscale.micro.finite.constraint import Constraint
 from multiscale.micro.finite.finite_body import BodyResponse, Increment
-from multiscale.micro.finite.scene import CellScene, CellState, Meeting, Target
+from multiscale.micro.finite.scene import CellScene, CellState, Meeting
 from multiscale.micro.finite.tangential import Tangential, evaluate_friction
+from multiscale.micro.path import Target
 from multiscale.numerics.krylov import minimal_residual
 
 __all__ = ["CellEquations", "Iterate"]

@@ -1,139 +1,157 @@
-"""A path on a cell with friction or at large strain, and the averages of its steps."""
+"""Cells with friction, at large strain or sliding: their steps, and their contact surface."""
 
-import logging
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from time import perf_counter
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro import averages
+from multiscale.micro.averages import ContactSurface
 from multiscale.micro.cell import FiniteCell, PeriodicLayer
-from multiscale.micro.checkpoint import Checkpoint
-from multiscale.micro.contact_area import EdgeLayer, contact_areas
+from multiscale.micro.contact_area import EdgeLayer
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.history import Walk, rest_state, walk_step
+from multiscale.micro.finite.history import rest_state, walk_step
 from multiscale.micro.finite.pair_scene import PairScene
-from multiscale.micro.finite.scene import CellScene, CellState, Target
+from multiscale.micro.finite.scene import CellScene, CellState
 from multiscale.micro.flat_reference import surface_slopes
 from multiscale.micro.graph_cell import element_edges
-from multiscale.micro.path import Path
-from multiscale.micro.spots import grid_neighbours, spot_averages
+from multiscale.micro.path import Path, Target
+from multiscale.micro.step_loop import Step
 
 __all__ = [
-    "Way",
+    "FiniteModel",
+    "HistoryModel",
+    "assemble_finite_cell",
     "current_weight",
-    "follow_path",
     "largest_approach",
     "plastic_approach",
-    "pressed_increments",
-    "walk_path",
 ]
-
-logger = logging.getLogger(__name__)
 
 PLASTIC_APPROACH = 0.05  # largest approach of an increment over the gap amplitude, plastic body
 LONGEST_SLIDE = 1000  # largest number of increments of a slide in one step of the path
 
 
-def follow_path(
-    cell: FiniteCell,
-    path: Path,
-    *,
-    fields: bool,
-    spots: bool,
-    tolerance: float,
-    checkpoint: Checkpoint | None = None,
-) -> list[dict[str, Any]]:
-    """Follow a path to its end, or to the first step without an answer."""
-    _check(cell, path)
-    scene, edges = make_scene(cell), element_edges(cell)
-    way = Way(
-        scene,
-        float(np.prod(cell.surface.size)),
-        largest_approach(cell, path.refinement),
-        lambda state, target: _fewest_increments(cell, path, state, target),
-        lambda state: _average(cell, edges, scene, state, fields=fields, spots=spots),
-    )
-    return walk_path(way, path, tolerance=tolerance, checkpoint=checkpoint)
-
-
 @dataclass(frozen=True, eq=False)
-class Way:
-    """What walking along a path takes of a cell.
+class HistoryModel(ABC):
+    """Model of a cell with an answer that depends on its path: each step takes increments.
 
     Attributes
     ----------
     scene : CellScene
     area : float, nominal area, m2
     largest_approach : float, largest change of the approach in one increment, m
-    fewest_increments : callable
-        ``fewest_increments(state, target)`` of the step from a state to a target.
-    average : callable
-        ``average(state)`` returns the averages of a state in equilibrium.
+    increments : int, fewest increments of a step
     """
 
     scene: CellScene
     area: float
     largest_approach: float
-    fewest_increments: Callable[[CellState, Target], int]
-    average: Callable[[CellState], dict[str, Any]]
+    increments: int
+    remembers: ClassVar[bool] = True
 
+    def rest(self) -> CellState:
+        """Return the cell before any load."""
+        return rest_state(self.scene)
 
-def walk_path(
-    way: Way, path: Path, *, tolerance: float, checkpoint: Checkpoint | None
-) -> list[dict[str, Any]]:
-    """Walk along a path step by step; see :func:`follow_path`."""
-    scene = way.scene
-    steps, known = ([], None) if checkpoint is None else checkpoint.found(CellState)
-    if known is not None and known.displacement.shape != scene.body.shape:
-        steps, known = [], None  # kept by a version with other unknowns
-    state = known or rest_state(scene)
-    for k in range(len(steps), len(path)):
-        begin = perf_counter()
-        if any("ended" in step for step in steps):
-            steps.append(_cost(None, 0.0))
-            continue
-        before = path.time[k - 1] if path.time is not None and k > 0 else 0.0
-        target = Target(
-            None if path.pressure is None else path.pressure[k] * way.area,
-            None if path.approach is None else path.approach[k],
-            np.zeros(2) if path.slide is None else np.array(path.slide[k], dtype=float),
-            0.0 if path.time is None else path.time[k] - before,
-        )
+    def step(self, state: CellState, target: Target, tolerance: float) -> Step[CellState]:
+        """Walk from a state to a target, or as far as there is equilibrium."""
         walk = walk_step(
-            scene,
+            self.scene,
             state,
             target,
-            increments=max(path.increments, way.fewest_increments(state, target)),
+            increments=max(self.increments, self.fewest_increments(state, target)),
             tolerance=tolerance,
-            largest_approach=way.largest_approach,
+            largest_approach=self.largest_approach,
         )
-        logger.info(
-            "step %d: %s, %d increments, %d Newton, %d linear iterations",
-            k,
-            walk.state.status.value,
-            walk.increments,
-            walk.newton_iterations,
-            walk.linear_iterations,
-        )
+        cost: dict[str, float] = {
+            "active_set_iterations": walk.newton_iterations,
+            "linear_iterations": walk.linear_iterations,
+        }
         if walk.reached < 1.0:
-            ended = (
-                f"step {k} ended after {100.0 * walk.reached:.3g} % of its way, {walk.increments} "
-                f"increments and {walk.linear_iterations} linear iterations: "
-                f"{walk.state.status.value}"
+            return Step(
+                state,
+                cost,
+                f"{100.0 * walk.reached:.3g} % of its way, {walk.increments} increments and "
+                f"{walk.linear_iterations} linear iterations: {walk.state.status.value}",
             )
-            logger.warning("%s", ended)
-            steps.append(_cost(walk, perf_counter() - begin) | {"ended": ended})
-        else:
-            state = walk.state
-            solved = {"converged": 1, "increments": float(walk.increments)}
-            steps.append(_cost(walk, perf_counter() - begin) | solved | way.average(state))
-        if checkpoint is not None:
-            checkpoint.keep(steps, state)
-    return steps
+        return Step(walk.state, cost | {"increments": float(walk.increments)})
+
+    def fewest_increments(self, state: CellState, target: Target) -> int:
+        """Count the increments of a prescribed approach, none larger than the largest one."""
+        if target.approach is None or not np.isfinite(self.largest_approach):
+            return 1
+        change = abs(target.approach - state.approach)
+        return int(np.ceil(change / self.largest_approach - 1e-9))
+
+    def slip(self, state: CellState) -> tuple[float, float] | None:
+        """Share of the contact nodes that slip, and work of friction per area, J/m2."""
+        if self.scene.friction == 0.0:
+            return None
+        share = float(state.slipping.sum() / max(state.active.sum(), 1))
+        return share, state.dissipation / self.area
+
+    @abstractmethod
+    def surface(self, state: CellState) -> ContactSurface:
+        """Contact surface of a state in the current configuration."""
+
+
+@dataclass(frozen=True, eq=False)
+class FiniteModel(HistoryModel):
+    """Model of one or two bodies below a graph.
+
+    Attributes
+    ----------
+    cell : FiniteCell
+    edges : tuple of EdgeLayer, edges of contact along x and y
+    """
+
+    cell: FiniteCell
+    edges: tuple[EdgeLayer, EdgeLayer]
+
+    def fewest_increments(self, state: CellState, target: Target) -> int:
+        """Count the increments of a prescribed approach or slide."""
+        count = super().fewest_increments(state, target)
+        if not _passes(self.cell):
+            return count
+        length = float(np.hypot(*(target.slide - state.slide)))
+        return max(count, _slid_increments(self.cell, length, self.largest_approach))
+
+    def surface(self, state: CellState) -> ContactSurface:
+        """Contact surface of a state in the current configuration."""
+        cell, scene, grid = self.cell, self.scene, self.cell.surface.heights.shape
+        moved = scene.surface(state.displacement)
+        weight = _weight(cell, moved)
+        mean, height = _means(cell, moved)
+        jump = np.array([-state.approach, *state.slide]) - mean
+        opposite_height = scene.obstacle.mean_height(state.approach)
+        if isinstance(scene, PairScene):
+            mean, depth = _means(cell.second_layer, scene.halves.surfaces(state.displacement)[1])
+            jump += mean * (-1.0, 1.0, 1.0)
+            opposite_height = scene.obstacle.distance - state.approach - depth
+        meeting = scene.meet(state.displacement, state.approach, state.slide)
+        return ContactSurface(
+            state.force,
+            meeting.normal,
+            np.where(state.active, -state.force[:, 2], 0.0),
+            meeting.gap / meeting.normal[:, 2],
+            np.full(grid, self.area / np.prod(grid)),
+            weight,
+            jump,
+            opposite_height - height,
+            edges=self.edges,
+            flowing=cell.flows,
+            slip=self.slip(state),
+            flowing_share=state.flowing if cell.flows else None,
+        )
+
+
+def assemble_finite_cell(cell: FiniteCell, path: Path) -> FiniteModel:
+    """Set up the scene of a cell for a path."""
+    _check(cell, path)
+    largest, area = largest_approach(cell, path.refinement), float(np.prod(cell.surface.size))
+    scene, edges = make_scene(cell), element_edges(cell)
+    return FiniteModel(scene, area, largest, path.increments, cell, edges)
 
 
 def _check(cell: FiniteCell, path: Path) -> None:
@@ -154,22 +172,6 @@ def _check(cell: FiniteCell, path: Path) -> None:
                 f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
                 f"{LONGEST_SLIDE} increments; the cell repeats itself after one period"
             )
-
-
-def _fewest_increments(cell: FiniteCell, path: Path, state: CellState, target: Target) -> int:
-    largest = largest_approach(cell, path.refinement)
-    count = pressed_increments(state, target, largest)
-    if _passes(cell):
-        length = float(np.hypot(*(target.slide - state.slide)))
-        count = max(count, _slid_increments(cell, length, largest))
-    return count
-
-
-def pressed_increments(state: CellState, target: Target, largest: float) -> int:
-    """Count the increments of a prescribed approach, with the largest in one of them, m."""
-    if target.approach is None or not np.isfinite(largest):
-        return 1
-    return int(np.ceil(abs(target.approach - state.approach) / largest - 1e-9))
 
 
 def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
@@ -205,64 +207,6 @@ def plastic_approach(span: float, refinement: int) -> float:
 def _passes(cell: FiniteCell) -> bool:
     """Whether a node that slides passes points of the other surface."""
     return cell.obstacle is not None or cell.second is not None
-
-
-def _cost(walk: Walk | None, seconds: float) -> dict[str, Any]:
-    """Entry of a step without a result."""
-    newton, linear = (walk.newton_iterations, walk.linear_iterations) if walk else (0, 0)
-    return {
-        "converged": 0,
-        "active_set_iterations": newton,
-        "linear_iterations": linear,
-        "wall_time": seconds,
-    }
-
-
-def _average(
-    cell: FiniteCell,
-    edges: tuple[EdgeLayer, EdgeLayer],
-    scene: CellScene,
-    state: CellState,
-    *,
-    fields: bool,
-    spots: bool,
-) -> dict[str, Any]:
-    """Averages (2), (3) of the source, and geometry, in the current configuration."""
-    area = float(np.prod(cell.surface.size))
-    moved = scene.surface(state.displacement)
-    weight = _weight(cell, moved)
-    mean, height = _means(cell, moved)
-    jump = np.array([-state.approach, *state.slide]) - mean
-    opposite_height = scene.obstacle.mean_height(state.approach)
-    if isinstance(scene, PairScene):
-        mean, depth = _means(cell.second_layer, scene.halves.surfaces(state.displacement)[1])
-        jump += mean * (-1.0, 1.0, 1.0)
-        opposite_height = scene.obstacle.distance - state.approach - depth
-    nodal = np.moveaxis(state.force, 1, -1).reshape(-1, 3)
-    carried = np.where(state.active, -state.force[:, 2], 0.0)
-    real = contact_areas(carried, weight, edges=edges, flowing=cell.flows)
-    step: dict[str, Any] = {
-        "traction": averages.average_traction(nodal, area),
-        "displacement_jump": jump,
-        "mean_gap": opposite_height - height,
-        "contact_fraction": max(float(np.sum(real) / np.sum(weight)), 0.0),
-    }
-    meeting = scene.meet(state.displacement, state.approach, state.slide)
-    along = np.sum(state.force * meeting.normal, axis=1, keepdims=True)
-    normal = np.moveaxis(along * meeting.normal, 1, -1).reshape(-1, 3)
-    if spots:
-        active, beside = carried.ravel() > 0.0, grid_neighbours(weight.shape)
-        step |= spot_averages(nodal, normal, real.ravel(), active, beside, area)
-    if cell.friction_coefficient > 0.0:
-        step["traction_by_normal"] = averages.average_traction(normal, area)
-        step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
-        step["friction_work"] = state.dissipation / area
-    if cell.flows:
-        step["flowing_fraction"] = state.flowing
-    if fields:
-        step["pressure"] = (-state.force[:, 2] * cell.surface.heights.size / area).T
-        step["gap"] = (meeting.gap / meeting.normal[:, 2]).T
-    return step
 
 
 def _weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from multiscale.micro.contact_state import obstacle_normal
+from multiscale.micro.contact_state import at_first_touch, obstacle_normal
 from multiscale.micro.finite.deformed_surface import catmull_rom
 from multiscale.surfaces.surface import Surface
 
@@ -75,7 +75,7 @@ class HeightObstacle:
     def distance(self) -> float:
         """Offset of the obstacle's heights at first touch, m."""
         heights = 0.0 if self.shape is None else self.shape.heights
-        return float(np.max(self.body.heights - heights))
+        return at_first_touch(self.body.heights, heights)[1]
 
     def mean_height(self, approach: float) -> float:
         """Mean height of the obstacle, m."""

@@ -7,7 +7,8 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.finite.cell_newton import solve_increment
-from multiscale.micro.finite.scene import CellScene, CellState, Target
+from multiscale.micro.finite.scene import CellScene, CellState
+from multiscale.micro.path import Target
 
 __all__ = ["Walk", "rest_state", "walk_step"]
 

@@ -25,7 +25,6 @@ __all__ = [
     "GraphScene",
     "Meeting",
     "RigidScene",
-    "Target",
     "touch_flat",
 ]
 
@@ -147,24 +146,6 @@ class GraphScene(RigidScene):
     def reference_at(self, meeting: Any) -> Reference:
         """Return the reference; it is the same everywhere."""
         return self.reference
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """End of an increment.
-
-    Attributes
-    ----------
-    load : float or None, vertical load, N; None if the approach is prescribed
-    approach : float or None, approach of the obstacle, m; None if the load is prescribed
-    slide : ndarray, shape (2,), displacement of the obstacle in its plane, m
-    time_step : float, duration, s
-    """
-
-    load: float | None
-    approach: float | None
-    slide: np.ndarray
-    time_step: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

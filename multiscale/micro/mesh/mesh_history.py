@@ -15,7 +15,7 @@ assembled and factorised. With the internal forces f, their tangent T, the weigh
 with the gap g, the slip w since the start and the stretch s.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,25 +24,13 @@ from scipy import sparse
 from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.elements import element_response, elements_of_basis
 from multiscale.laws.bulk import J2
-from multiscale.micro import averages
+from multiscale.micro.averages import ContactSurface, to_components
 from multiscale.micro.cell import MeshCell
-from multiscale.micro.checkpoint import Checkpoint
-from multiscale.micro.contact_state import ContactState, average_contact
 from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
-from multiscale.micro.finite.finite_path import (
-    Way,
-    plastic_approach,
-    pressed_increments,
-    walk_path,
-)
+from multiscale.micro.finite.finite_path import HistoryModel, plastic_approach
 from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.scene import CellState, RigidScene
-from multiscale.micro.mesh.mesh_problem import (
-    ElasticMesh,
-    assemble_elastic_mesh,
-    cell_basis,
-    give_grid,
-)
+from multiscale.micro.mesh.mesh_problem import ElasticMesh, assemble_elastic_mesh
 from multiscale.micro.mesh.unknowns import strained_weight
 from multiscale.micro.path import Path
 from multiscale.numerics.factorisation import factorise
@@ -51,7 +39,7 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from multiscale.micro.finite.equations import Iterate
 
-__all__ = ["follow_mesh_path"]
+__all__ = ["assemble_mesh_history"]
 
 TANGENTIAL_WEIGHT = 0.3  # of slip, over the stiffness of a node
 
@@ -168,34 +156,59 @@ class MeshScene(RigidScene):
         return self.layout.spread(moved - shift * shifted), float(shift), 2
 
 
-def follow_mesh_path(
-    cell: MeshCell,
-    path: Path,
-    *,
-    fields: bool,
-    spots: bool,
-    tolerance: float,
-    checkpoint: Checkpoint | None = None,
-) -> list[dict[str, Any]]:
-    """Follow a path with a cell that flows or has friction."""
+@dataclass(frozen=True, eq=False)
+class MeshModel(HistoryModel):
+    """Model of a cell on a mesh that flows or rubs.
+
+    Attributes
+    ----------
+    scene : MeshScene
+    cell : MeshCell
+    """
+
+    scene: MeshScene
+    cell: MeshCell
+
+    def surface(self, state: CellState) -> ContactSurface:
+        """Contact surface of a state in the current configuration."""
+        cell, mesh = self.cell, self.scene.mesh
+        v, force = self.scene.layout.gather(state.displacement), state.force[:, :, 0]
+        moved = (mesh.unknowns.expand @ v).reshape(-1, 3)
+        problem, at_contact = mesh.problem, mesh.unknowns.coefficients @ moved
+        weight = problem.node_area
+        if cell.law.finite_strain:
+            weight = strained_weight(cell, mesh.basis, mesh.unknowns, moved.T)
+        gap = problem.obstacle_height - state.approach - (problem.surface_height + at_contact[:, 2])
+        mean = to_components(problem.node_area @ at_contact) / self.area
+        surface = ContactSurface(
+            force,
+            problem.normal,
+            np.where(state.active[:, 0], -force[:, 2], 0.0),
+            gap,
+            problem.node_area,
+            weight,
+            np.array([-state.approach, *state.slide]) - mean,
+            float(np.sum(weight * gap) / np.sum(weight)),
+            flowing=cell.law.flows,
+            slip=self.slip(state),
+            flowing_share=state.flowing if cell.law.flows else None,
+        )
+        return problem.arrange(surface)
+
+
+def assemble_mesh_history(cell: MeshCell, path: Path) -> MeshModel:
+    """Set up the scene of a cell that flows or has friction, for a path."""
     if path.time is not None:
         raise CaseError(
             "the path has times, but the body has no viscosity and its answer no rate; leave out "
             "time"
         )
-    mesh = assemble_elastic_mesh(cell, cell_basis(cell))
-    scene = _scene(cell, mesh)
+    mesh = assemble_elastic_mesh(cell)
     largest = np.inf
     if cell.law.flows:
         largest = plastic_approach(float(np.ptp(mesh.problem.surface_height)), path.refinement)
-    way = Way(
-        scene,
-        mesh.problem.nominal_area,
-        largest,
-        lambda state, target: pressed_increments(state, target, largest),
-        lambda state: _average(cell, scene, state, fields=fields, spots=spots),
-    )
-    return walk_path(way, path, tolerance=tolerance, checkpoint=checkpoint)
+    scene = _scene(cell, mesh)
+    return MeshModel(scene, mesh.problem.area, largest, path.increments, cell)
 
 
 def _scene(cell: MeshCell, mesh: ElasticMesh) -> MeshScene:
@@ -244,34 +257,3 @@ def _body(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> FiniteBody:
         return Increment(respond, lambda u: evaluate(u)[2])
 
     return FiniteBody(shape, begin, lambda: law.initial_state(elements.weight.shape))
-
-
-def _average(
-    cell: MeshCell, scene: MeshScene, state: CellState, *, fields: bool, spots: bool
-) -> dict[str, Any]:
-    """Averages (2), (3) of the source, and geometry, in the current configuration."""
-    mesh, v, force = scene.mesh, scene.layout.gather(state.displacement), state.force[:, :, 0]
-    problem = give_grid(cell, mesh, mesh.problem)
-    weight = None
-    if cell.law.finite_strain:
-        moved = (mesh.unknowns.expand @ v).reshape(-1, 3).T
-        weight = problem.arrange(strained_weight(cell, mesh.basis, mesh.unknowns, moved))
-    active = state.active[:, 0]
-    pushed = problem.arrange(np.where(active, -force[:, 2], 0.0))
-    step = average_contact(
-        replace(problem, cap=0.0 if cell.law.flows else np.inf),
-        ContactState(v, pushed, state.approach, problem.arrange(active), pushed),
-        friction=problem.arrange(force * (1.0, 1.0, 0.0)).reshape(-1, 3),
-        weight=weight,
-        fields=fields,
-        spots=spots,
-    )
-    step["displacement_jump"][1:] += state.slide
-    if cell.friction_coefficient > 0.0:
-        area = mesh.problem.nominal_area
-        step["traction_by_normal"] = averages.average_traction(force * (0.0, 0.0, 1.0), area)
-        step["slip_fraction"] = float(state.slipping.sum() / max(state.active.sum(), 1))
-        step["friction_work"] = state.dissipation / area
-    if cell.law.flows:
-        step["flowing_fraction"] = state.flowing
-    return step

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -12,9 +12,14 @@ from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.fe.mesh_file import check_orientation
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.bulk.moduli import lame_parameters
-from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell import CellSides, MeshCell, PeriodicLayer
-from multiscale.micro.contact_state import CellProblem, ContactState, obstacle_normal
+from multiscale.micro.averages import ContactSurface, recovered_force
+from multiscale.micro.cell import CellSides, MeshCell
+from multiscale.micro.contact_state import (
+    ContactState,
+    ElasticCell,
+    at_first_touch,
+    obstacle_normal,
+)
 from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
 from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.mesh.mesh_size import mesh_size
@@ -30,42 +35,38 @@ __all__ = [
     "ElasticMesh",
     "assemble_elastic_mesh",
     "assemble_mesh_cell",
-    "cell_basis",
-    "give_grid",
 ]
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
 
-def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> CellProblem:
+def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> ElasticCell:
     """Set up operators and contact geometry on any mesh."""
-    mesh = assemble_elastic_mesh(cell, cell_basis(cell), recover_stress=recover_stress)
-    return give_grid(cell, mesh, mesh.problem)
+    return assemble_elastic_mesh(cell, recover_stress=recover_stress).problem
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticMesh:
-    """The equations of an elastic body on a mesh, its contact quantities in the order of nodes.
+    """The equations of an elastic body on a mesh, with contact quantities at the contact nodes.
 
     Attributes
     ----------
-    problem : CellProblem
+    problem : ElasticCell
     basis : CellBasis, of one displacement component
     unknowns : CellUnknowns
     stiffness : csr_array, shape (unknowns, unknowns)
         N/m.
     """
 
-    problem: CellProblem
+    problem: ElasticCell
     basis: "CellBasis"
     unknowns: CellUnknowns
     stiffness: sparse.csr_array
 
 
-def assemble_elastic_mesh(
-    cell: MeshCell, basis: "CellBasis", *, recover_stress: bool = False
-) -> ElasticMesh:
+def assemble_elastic_mesh(cell: MeshCell, *, recover_stress: bool = False) -> ElasticMesh:
     """Set up the elastic body of a cell; see :func:`assemble_mesh_cell`."""
+    basis = cell_basis(cell)
     lame, shear = lame_parameters(cell.law.youngs_modulus, cell.law.poissons_ratio)
     unknowns = cell_unknowns(cell, basis)
     expand, nodes = unknowns.expand, unknowns.nodes
@@ -74,7 +75,7 @@ def assemble_elastic_mesh(
 
     surface = unknowns.coefficients @ basis.doflocs[2]
     obstacle, slopes = _obstacle(cell.obstacle, basis.doflocs[:2, nodes])
-    obstacle = obstacle + np.max(surface - obstacle)
+    obstacle, _ = at_first_touch(surface, obstacle)
     normal = obstacle_normal(*slopes)
     gap, closing = (obstacle - surface) * normal[:, 2], normal[:, 2]
     follows = unknowns.number[:, 2] < 0  # a node that moves with another one touches after it
@@ -88,17 +89,7 @@ def assemble_elastic_mesh(
         moved = (expand @ u).reshape(-1, 3).T
         return recovered_force(cell.mesh, cell.element, moved, vertices, lame, shear)
 
-    @cache
-    def look() -> Sight:
-        return sight(cell)
-
-    def field(values: np.ndarray) -> np.ndarray:
-        spread, seen = np.zeros(basis.N), look()
-        spread[nodes] = values
-        there = seen.interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
-        return np.asarray(there.reshape(seen.height.shape))
-
-    problem = CellProblem(
+    problem = ElasticCell(
         solve,
         normal,
         surface,
@@ -106,27 +97,9 @@ def assemble_elastic_mesh(
         unknowns.weight,
         surface_displacement=lambda u: unknowns.coefficients @ (expand @ u).reshape(-1, 3),
         recover=recover if recover_stress else None,
-        neighbours=unknowns.neighbours,
-        field=field,
+        arrange=_arrangement(cell, basis, unknowns),
     )
     return ElasticMesh(problem, basis, unknowns, stiffness)
-
-
-def give_grid(cell: MeshCell, mesh: ElasticMesh, problem: CellProblem) -> CellProblem:
-    """Give contact quantities the shape of the grid of a cell whose contact nodes are one."""
-    if cell.layer is None:
-        return problem
-    basis, nodes = mesh.basis, mesh.unknowns.nodes
-    grid, points = cell.layer.surface, basis.doflocs[:2, nodes]
-    i, j = (
-        np.rint(at / step).astype(int) % n
-        for at, step, n in zip(points, grid.spacing, grid.heights.shape, strict=True)
-    )
-    there = np.empty(grid.heights.shape, dtype=int)
-    there[i[::-1], j[::-1]] = np.arange(len(i))[::-1]  # contact node of every point of the grid
-    if cell.sides is not CellSides.PERIODIC:  # nodes at both ends of a line
-        return replace(problem, field=lambda values: values[there])
-    return _on_grid(problem, cell.layer, (i, j), there)
 
 
 def cell_basis(cell: MeshCell) -> "CellBasis":
@@ -212,44 +185,38 @@ def _constrained(
     return apply, solve
 
 
-def _on_grid(
-    problem: CellProblem,
-    layer: PeriodicLayer,
-    place: tuple[np.ndarray, np.ndarray],
-    there: np.ndarray,
-) -> CellProblem:
-    """Give contact quantities the shape of the grid of a layer's surface, (nx, ny)."""
+def _arrangement(
+    cell: MeshCell, basis: "CellBasis", unknowns: CellUnknowns
+) -> Callable[[ContactSurface], ContactSurface]:
+    """Return how the contact surface of a cell is averaged: on a grid if its nodes form one."""
+    nodes = unknowns.nodes
+    if cell.layer is None:
 
-    def solve(**question: Any) -> ContactState:
-        start = question.pop("start")
-        if start is not None:
-            start = _regridded(start, lambda values: values[place])
-        return _regridded(problem.solve(start=start, **question), lambda values: values[there])
+        @cache
+        def look() -> Sight:
+            return sight(cell)
 
-    recover = problem.recover
-    return replace(
-        problem,
-        solve=solve,
-        normal=np.moveaxis(problem.normal[there], 2, 1),
-        surface_height=problem.surface_height[there],
-        obstacle_height=problem.obstacle_height[there],
-        weight=problem.weight[there],
-        surface_displacement=lambda u: np.moveaxis(problem.surface_displacement(u)[there], 2, 1),
-        recover=None if recover is None else lambda u, active: recover(u, active[place]),
-        edges=element_edges(layer),
-        neighbours=None,
-        field=np.asarray,
-        arrange=lambda values: values[there],
+        def to_grid(values: np.ndarray) -> np.ndarray:
+            spread, seen = np.zeros(basis.N), look()
+            spread[nodes] = values
+            there = seen.interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
+            return np.asarray(there.reshape(seen.height.shape))
+
+        return partial(replace, neighbours=unknowns.neighbours, to_grid=to_grid)
+
+    grid, points = cell.layer.surface, basis.doflocs[:2, nodes]
+    i, j = (
+        np.rint(at / step).astype(int) % n
+        for at, step, n in zip(points, grid.spacing, grid.heights.shape, strict=True)
     )
-
-
-def _regridded(state: ContactState, change: Operator) -> ContactState:
-    return replace(
-        state,
-        force=change(state.force),
-        active=change(state.active),
-        reference_force=change(state.reference_force),
-    )
+    there = np.empty(grid.heights.shape, dtype=int)
+    there[i[::-1], j[::-1]] = np.arange(len(i))[::-1]  # contact node of every point of the grid
+    if cell.sides is not CellSides.PERIODIC:  # nodes at both ends of a line
+        return partial(
+            replace, neighbours=unknowns.neighbours, to_grid=lambda values: values[there]
+        )
+    edges = element_edges(cell.layer)
+    return lambda surface: surface.on_grid(there, edges)
 
 
 def _obstacle(

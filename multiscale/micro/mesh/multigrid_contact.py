@@ -133,7 +133,7 @@ def solve_large_contact(
     n, able = body.stiffness.shape[0], body.contact >= 0
     if load == 0.0 or (approach is not None and np.all(gap >= approach)):
         return untouched((n,), gap, np.ones_like(gap), approach)
-    if start is None:
+    if start is None or not start.active.any():
         active = able & (gap <= np.quantile(gap[able], 0.1) if approach is None else gap < approach)
         v, delta = np.zeros(n), float(gap[active].mean())
     else:

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from multiscale.micro import Path
+from multiscale.micro.averages import Keep
 from multiscale.micro.ensemble import record_realisation, run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells
@@ -78,7 +79,7 @@ def _press_batch(case: Case, start: int, stop: int) -> PlainDataset:
         micro = case.micro.model_copy(update={"seed": case.micro.seed + start})
         cells = make_cells(case.model_copy(update={"micro": micro}).control(stop - start))
     path = Path(pressure=tuple(sorted({*case.micro.path})))
-    records = [record_realisation(cell, path, {"tolerance": TOLERANCE}) for cell in cells]
+    records = [record_realisation(cell, path, Keep(), tolerance=TOLERANCE) for cell in cells]
     ended = [str(one.attributes["ended"]) for one in records if "ended" in one.attributes]
     values = MICRO_RESPONSE.join(records, "realisation").values
     return PlainDataset(values, {"ended": "; ".join(ended)} if ended else {})

@@ -12,7 +12,7 @@ from multiscale.micro.finite import history
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.finite_path import largest_approach
 from multiscale.micro.finite.history import PRESSED, rest_state, walk_step
-from multiscale.micro.finite.scene import Target
+from multiscale.micro.path import Target
 
 YIELD = 1e-4  # of Young's modulus
 

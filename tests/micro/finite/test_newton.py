@@ -11,7 +11,7 @@ from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.finite_path import current_weight
 from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.history import rest_state, walk_step
-from multiscale.micro.finite.scene import Target
+from multiscale.micro.path import Target
 from tests.support import rough_square
 
 N, LAYERS = 16, 6

@@ -11,8 +11,8 @@ from multiscale.micro.finite.deformed_surface import DeformedSurface
 from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.history import rest_state, walk_step
-from multiscale.micro.finite.scene import Target
 from multiscale.micro.finite.two_bodies import MIRROR
+from multiscale.micro.path import Target
 from tests.support import rough_square
 
 N, LAYERS = 16, 6
