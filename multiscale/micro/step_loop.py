@@ -96,7 +96,8 @@ class Checkpoint:
             content |= {f"{k}/{name}": value for name, value in step.items()}
         for name in vars(state).keys() - OF_THE_WAY:
             value = vars(state)[name]
-            for k, part in enumerate(value) if isinstance(value, tuple) else [("", value)]:
+            parts: list[Any] = [*enumerate(value)] if isinstance(value, tuple) else [("", value)]
+            for k, part in parts:
                 content[f"state/{name}/{k}"] = NONE if part is None else part
         make_folder(self.file.parent)
         with replacing(self.file) as part, part.open("wb") as file:
