@@ -1,7 +1,11 @@
 """Laws of interfaces, bulk materials and links, used at every scale."""
 
-from multiscale.laws.asperities import Asperities, class_densities, gaussian_asperities
-from multiscale.laws.asperity_law import AsperityLaw
+from multiscale.laws.asperities import (
+    Asperities,
+    AsperityLaw,
+    class_densities,
+    gaussian_asperities,
+)
 from multiscale.laws.friction_laws import (
     BellFriction,
     Coulomb,

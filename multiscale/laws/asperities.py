@@ -1,21 +1,27 @@
-"""Statistics of the asperities of a surface, and the force of one elastic-plastic asperity."""
+"""Law of an interface from the statistics of its asperities, elastic-plastic spheres."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from multiscale.errors import CaseError
-from multiscale.laws.parameters import check_parameter
-from multiscale.numerics.compiled import compiled, prange
+from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws.interface_law import Response, check_parameter
+from multiscale.laws.sliders import SliderBed
 
-__all__ = ["Asperities", "asperity_loads", "class_densities", "gaussian_asperities"]
+__all__ = ["Asperities", "AsperityLaw", "class_densities", "gaussian_asperities"]
 
 NODES = 400
 """Approaches at which the ratio of plastic to elastic force is tabulated."""
 
 REACH = 4.0
 """Heights of Gaussian asperities end at this multiple of their root mean square."""
+
+MAX_ITERATIONS, TOLERANCE = 200, 1e-13
+"""Iteration limit of the normal resolvent, and its residual relative to the largest term."""
+
+AT_LIMIT = 1.0 - 1e-9
+"""Share of the friction limit from which a class slips."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +36,6 @@ class Asperities:
     youngs_modulus, poissons_ratio : float, Pa and dimensionless
     yield_stress : float, :math:`\sigma_y`, Pa; elastic if not given
     tangent_modulus : float, slope of the stress after yield :math:`E_t < E`, Pa
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, or no class has asperities.
 
     Notes
     -----
@@ -92,9 +93,8 @@ class Asperities:
                 f"tangent_modulus must be from 0 to less than youngs_modulus (Pa), got "
                 f"{self.tangent_modulus:g} and {self.youngs_modulus:g}"
             )
-        kept = n > 0.0
-        object.__setattr__(self, "height", np.ascontiguousarray(z[kept]))
-        object.__setattr__(self, "density", np.ascontiguousarray(n[kept]))
+        object.__setattr__(self, "height", np.ascontiguousarray(z[n > 0.0]))
+        object.__setattr__(self, "density", np.ascontiguousarray(n[n > 0.0]))
 
     @property
     def contact_modulus(self) -> float:
@@ -211,40 +211,141 @@ def gaussian_asperities(
     return class_densities(rms_height * z, np.exp(-0.5 * z**2), density, classes)
 
 
-@compiled(parallel=True)
-def asperity_loads(gap, peak, yields, height, density, grid, ratios, hertz):  # type: ignore[no-untyped-def]
-    """Load and stiffness of every class on its unloading curve, and their derivatives by the gap.
+@dataclass(frozen=True, eq=False)
+class AsperityLaw(SliderBed):
+    r"""Greenwood-Williamson law with yield, loading history and friction of every height class.
 
-    Shape (4, classes, points); Pa and Pa/m. ``peak``, shape (points,), is the largest approach of
-    the highest asperities so far, m; ``hertz`` is 4/3 E* sqrt(R). Without ``yields`` the curves of
-    unloading (2) go on beyond the largest approach.
+    Parameters
+    ----------
+    asperities : Asperities, statistics and material
+    friction : float, friction coefficient :math:`\mu \ge 0`, dimensionless
+    stiffness_ratio : float, optional
+        Tangential over normal stiffness :math:`\kappa`; :math:`2(1-\nu)/(2-\nu)` if not given.
+    gap : float, initial gap between the planes from which heights count, m
+    yields : bool, false once it is shaken down, see :meth:`shaken_down`
+
+    Notes
+    -----
+    Classes i of height :math:`z_i` and :math:`n_i` asperities per area [1]_ carry
+
+    .. math:: p = \sum_i N_i, \qquad N_i = n_i F(z_i - g),    \tag{1}
+
+    with the force F of :class:`Asperities`, whose memory is the smallest gap so far. Each class has
+    one tangential spring, as stiff as :math:`\kappa` times the normal stiffness of the class on its
+    unloading curve, :math:`w_i = n_i\, 2 E^* \sqrt{R_i e_i}`, and a slider with the limit
+    :math:`\mu N_i` [2]_. Its step is (b) to (d) of :class:`Sliders`, with the mean stiffness of
+    the step for m, so that no path gains energy; the force is a vector, where [2]_ has one slider
+    for each direction.
+
+    The state is the largest approach of the highest asperities, m, zero before the first loading,
+    then force and stiffness of every spring and the last jump, as of :class:`Sliders`.
+
+    References
+    ----------
+    .. [1] J. A. Greenwood and J. B. P. Williamson, Proc. R. Soc. A 295 (1966) 300-319,
+       doi:10.1098/rspa.1966.0242.
+    .. [2] J. H. Porter and M. R. W. Brake, Mech. Syst. Signal Process. 192 (2023) 110210: rough
+       contact of the Brake-Reuss beam.
+
+    Examples
+    --------
+    >>> alike = Asperities(np.array([0.0]), np.array([1e6]), 1e-3, 200e9, 0.3)  # elastic
+    >>> law = AsperityLaw(alike, friction=0.1)
+    >>> jump = np.array([[-1e-6], [1e-9], [0.0]])  # m
+    >>> law.respond(jump, law.at_rest(jump * [[1.0], [0.0], [0.0]])).traction.ravel().round(-1)
+    array([-4633370.,     5720.,        0.])
     """
-    classes, points, top = height.size, gap.size, height.max()
-    place = np.zeros((4, classes, points))
-    for c in prange(points):
-        loads = yields and top - gap[c] > peak[c]
-        for i in range(classes):
-            d = height[i] - gap[c]
-            most = d if loads else max(peak[c] - (top - height[i]), 0.0)
-            ratio, slope = 1.0, 0.0
-            t = (np.log(most) - grid[0]) / grid[1] if most > 0.0 else -1.0
-            if t >= ratios.shape[1]:
-                x, j = grid[1], ratios.shape[1] - 1
-                ratio = ratios[3, j] + x * (ratios[2, j] + x * (ratios[1, j] + x * ratios[0, j]))
-            elif t > 0.0:
-                j = int(t)
-                x = (t - j) * grid[1]
-                ratio = ratios[3, j] + x * (ratios[2, j] + x * (ratios[1, j] + x * ratios[0, j]))
-                slope = ratios[2, j] + x * (2.0 * ratios[1, j] + x * 3.0 * ratios[0, j])
-            e = d - most * (1.0 - ratio)
-            if e <= 0.0:
-                continue
-            load = density[i] * hertz / np.sqrt(ratio) * e * np.sqrt(e)  # (2)
-            stiffness = 1.5 * load / e
-            place[0, i, c], place[1, i, c] = load, stiffness
-            if loads:
-                place[2, i, c] = -load / d * (1.5 + slope / ratio)
-                place[3, i, c] = -0.5 * stiffness / d
-            else:
-                place[2, i, c], place[3, i, c] = -stiffness, -0.5 * stiffness / e
-    return place
+
+    asperities: Asperities
+    friction: float = 0.0
+    stiffness_ratio: float | None = None
+    gap: float = 0.0
+    yields: bool = True
+
+    def __post_init__(self) -> None:
+        check_parameter(self, "friction", lowest=0.0)
+        if self.stiffness_ratio is not None:
+            check_parameter(self, "stiffness_ratio")
+
+    @property
+    def _layout(self) -> tuple[int, int, float]:
+        kappa = self.stiffness_ratio or self.asperities.stiffness_ratio
+        return 1, self.asperities.height.size, kappa
+
+    @cached_property
+    def normal_law(self) -> "AsperityLaw":
+        """Law of the gap only."""
+        return replace(self, friction=0.0)
+
+    def shaken_down(self) -> "AsperityLaw":
+        """Return the law of the same state without further yield.
+
+        The asperities stay on their curves of unloading, beyond the largest approach, too: small
+        motions about a preload, after a few cycles.
+        """
+        return replace(self, yields=False)
+
+    def _press(self, jump: np.ndarray, history: np.ndarray) -> tuple[Response, np.ndarray]:
+        end, shape = self._springs(jump[0], history), jump.shape[1:]
+        traction, tangent = np.zeros(jump.shape), np.zeros((len(jump), *jump.shape))
+        traction[0] = -end[0].sum(axis=0).reshape(shape)  # (1)
+        tangent[0, 0] = -end[2].sum(axis=0).reshape(shape)
+        peak = history
+        if self.yields:
+            approach = self.asperities.top - (jump[:1] + self.gap)
+            peak = np.maximum(history, np.maximum(approach, 0.0))
+        return Response(traction, tangent, peak), end
+
+    def _springs(self, jump: np.ndarray, history: np.ndarray) -> np.ndarray:
+        """Load, stiffness and derivatives of the classes, shape (4, classes, points)."""
+        from multiscale.laws.slabs import asperity_loads
+
+        part = self.asperities
+        return np.asarray(
+            asperity_loads(
+                np.ascontiguousarray(jump + self.gap, dtype=float).reshape(-1),
+                np.ascontiguousarray(history[0], dtype=float).reshape(-1),
+                self.yields,
+                part.height,
+                part.density,
+                *part.table,
+                float(4.0 / 3.0 * part.contact_modulus * np.sqrt(part.radius)),  # N m^-3/2
+            )
+        )
+
+    def _resolve_normal(self, source: np.ndarray, k: np.ndarray, history: np.ndarray) -> np.ndarray:
+        """Solve the normal row by Newton's method between bounds of its root.
+
+        The root lies between b/k, as p >= 0, and first contact.
+        """
+        free: np.ndarray = source / k
+        b, k, low = source[0], k[0], free[0]
+        high = np.maximum(low, self.asperities.top - self.gap)
+        jump = np.asarray(high)
+        for _ in range(MAX_ITERATIONS):
+            loads = self._springs(jump, history).sum(axis=1).reshape(4, *jump.shape)
+            t = -loads[0]
+            f = t + k * jump - b
+            scale = np.maximum(np.maximum(np.abs(t), np.abs(b)), k * np.abs(jump))
+            low, high = np.where(f <= 0.0, jump, low), np.where(f >= 0.0, jump, high)
+            tight = high - low <= 4.0 * np.finfo(float).eps * (np.abs(low) + np.abs(high))
+            if np.all((np.abs(f) <= TOLERANCE * scale) | tight):
+                free[0] = jump
+                return free
+            step = jump - f / (k - loads[2])
+            jump = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        raise ConvergenceError(
+            f"the resolvent of AsperityLaw found no normal jump (relative residual "
+            f"{float(np.max(np.abs(f) / scale)):.1e}); check that the source is finite (Pa)"
+        )
+
+    def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Share of the pressure of classes at their friction limit; see :class:`InterfaceLaw`."""
+        if not self.friction:
+            return super().slipping_load(jump, state)
+        new = self.respond(jump, state).state
+        N = self._springs(jump[0], new[:1])[0].reshape(-1, *jump.shape[1:])
+        force = self._layout[2] * np.hypot(*np.split(new[1:-3], 3)[:2])
+        slips = np.sum(np.where(force >= AT_LIMIT * self.friction * N, N, 0.0), axis=0)
+        p = N.sum(axis=0)
+        return np.asarray(np.where(p > 0.0, slips / np.where(p > 0.0, p, 1.0), 1.0))

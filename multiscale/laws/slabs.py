@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.numerics.compiled import compiled, prange
 
-__all__ = ["resolve", "respond_slabs"]
+__all__ = ["asperity_loads", "resolve", "respond_slabs"]
 
 LEAST_DIVISOR = 1e-300
 """Least divisor."""
@@ -190,3 +190,42 @@ def resolve(source, k, state, start, end, edges, friction, kappa):  # type: igno
         jump[0, c] = (source[1, c] - tx) / kc[0] if kc[0] > stiffness else last_x + x
         jump[1, c] = (source[2, c] - ty) / kc[1] if kc[1] > stiffness else last_y + y
     return jump, failed
+
+
+@compiled(parallel=True)
+def asperity_loads(gap, peak, yields, height, density, grid, ratios, hertz):  # type: ignore[no-untyped-def]
+    """Load and stiffness of every class on its unloading curve, and their derivatives by the gap.
+
+    Shape (4, classes, points); Pa and Pa/m. ``peak``, shape (points,), is the largest approach of
+    the highest asperities so far, m; ``hertz`` is 4/3 E* sqrt(R). Without ``yields`` the curves of
+    unloading, (2) of :class:`Asperities`, continue beyond the largest approach.
+    """
+    classes, points, top = height.size, gap.size, height.max()
+    place = np.zeros((4, classes, points))
+    for c in prange(points):
+        loads = yields and top - gap[c] > peak[c]
+        for i in range(classes):
+            d = height[i] - gap[c]
+            most = d if loads else max(peak[c] - (top - height[i]), 0.0)
+            ratio, slope = 1.0, 0.0
+            t = (np.log(most) - grid[0]) / grid[1] if most > 0.0 else -1.0
+            if t >= ratios.shape[1]:
+                x, j = grid[1], ratios.shape[1] - 1
+                ratio = ratios[3, j] + x * (ratios[2, j] + x * (ratios[1, j] + x * ratios[0, j]))
+            elif t > 0.0:
+                j = int(t)
+                x = (t - j) * grid[1]
+                ratio = ratios[3, j] + x * (ratios[2, j] + x * (ratios[1, j] + x * ratios[0, j]))
+                slope = ratios[2, j] + x * (2.0 * ratios[1, j] + x * 3.0 * ratios[0, j])
+            e = d - most * (1.0 - ratio)
+            if e <= 0.0:
+                continue
+            load = density[i] * hertz / np.sqrt(ratio) * e * np.sqrt(e)  # (2)
+            stiffness = 1.5 * load / e
+            place[0, i, c], place[1, i, c] = load, stiffness
+            if loads:
+                place[2, i, c] = -load / d * (1.5 + slope / ratio)
+                place[3, i, c] = -0.5 * stiffness / d
+            else:
+                place[2, i, c], place[3, i, c] = -stiffness, -0.5 * stiffness / e
+    return place

@@ -5,7 +5,7 @@ import numpy as np
 from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, factorise_blocks
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["linearise", "semismooth_newton"]
+__all__ = ["semismooth_newton"]
 
 SMALLEST, LARGEST = 1e-14, 1.0
 """Range of the regularisation, relative to the diagonal of W."""
