@@ -1,4 +1,4 @@
-"""Shares of a load outside the data of its laws, and answers that are then unknown."""
+"""Shares of the load outside the data of the laws; answers are unknown where they are large."""
 
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
@@ -43,11 +43,11 @@ INPUT_VARIABLES = frozenset(
         "load_far",
     }
 )
-"""Variables of a step that are input or cost, and are kept if the answers are unknown."""
+"""Variables of a step that are input or cost, and stay if the answers are unknown."""
 
 
 def data_ends(law: "InterfaceLaw") -> tuple[float, float, float]:
-    """Lowest and highest pressure of the data of a law, Pa, and up to which it is valid."""
+    """Return the lowest and highest pressure of the data of a law and its limit of validity, Pa."""
     low, high = law.pressure_range
     return low, high, min(FAR_FACTOR * high, law.pressure_limit)
 
@@ -65,7 +65,7 @@ def load_shares(
         (pressure < (1.0 - ROUND_OFF) * low / FAR_FACTOR) | (pressure > (1.0 + ROUND_OFF) * limit),
     )
     return np.array(
-        [np.sum(load * one, axis=1) / np.where(total > 0.0, total, 1.0) for one in where]
+        [(load * mask).sum(axis=1) / np.where(total > 0.0, total, 1.0) for mask in where]
     )
 
 
@@ -88,8 +88,8 @@ def with_load_shares(
             for name, value in result.data_vars.items()
             if "step" in value.dims and value.dtype.kind == "f" and name not in INPUT_VARIABLES
         ]
-        kept = result["known"] == 1
-        result = result.assign({name: result[name].where(kept) for name in answers})
+        valid = result["known"] == 1
+        result = result.assign({name: result[name].where(valid) for name in answers})
     if not loads:
         preloads = result["preload"].to_numpy()
         loads = [f"the preload {readable(f'{preload:.4g} Pa')}" for preload in preloads]
@@ -126,12 +126,12 @@ def _cautions(
         if near.size:
             step = near[np.argmax((below + above)[near, number])]
             sides = {"below": below[step, number], "above": above[step, number]}
-            told = (
-                f"{100.0 * part:.3g} % of the load lies {side}"
-                for side, part in sides.items()
-                if part > 0.0
+            parts = (
+                f"{100.0 * share:.3g} % of the load lies {side}"
+                for side, share in sides.items()
+                if share > 0.0
             )
             yield (
-                f"the law extrapolates: up to {' and '.join(told)} {range_}, at step {step} with "
+                f"the law extrapolates: up to {' and '.join(parts)} {range_}, at step {step} with "
                 f"{loads[step]}"
             )

@@ -18,7 +18,7 @@ from multiscale.macro import (
     system_from_table,
     tensegrity_grid,
 )
-from multiscale.macro.links.link_equations import compatibility, equations, prepare_tangent
+from multiscale.macro.links.link_equations import compatibility, equations
 from multiscale.macro.links.mechanisms import smallest_eigenvalue
 from multiscale.numerics import cholesky
 from multiscale.schema import MACRO_RESULT
@@ -295,7 +295,7 @@ def factors(request, monkeypatch):
         pytest.skip("needs pypardiso")
     system = tensegrity_grid(3)
     model = equations(system)
-    tangent = prepare_tangent(system, model)
+    tangent = model.tangent
     entries = tangent.entries(model.stiffness)
     return tangent, entries, tangent.matrix(entries).toarray()
 

@@ -15,12 +15,7 @@ from scipy.sparse import csr_array, diags_array
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.macro.links.limited_motion import MomentumBalance, largest, limited_motion
-from multiscale.macro.links.link_equations import (
-    LinkEquations,
-    Tangent,
-    equations,
-    prepare_tangent,
-)
+from multiscale.macro.links.link_equations import LinkEquations, equations
 from multiscale.macro.links.link_system import LinkSystem, link_dataset
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
@@ -129,7 +124,6 @@ def simulate(
     scheme = _Scheme(
         system,
         model,
-        prepare_tangent(system, model),
         equations(replace(system, fixed=~np.asarray(system.fixed), balanced=False)),
         masses,
         theta,
@@ -211,7 +205,6 @@ class _Scheme:
     Attributes
     ----------
     model : LinkEquations, equations of the free unknowns
-    tangent : Tangent, pattern of the tangent
     supported : LinkEquations, equations of the fixed components
     mass : ndarray, shape (n,), mass of each unknown, kg
     theta, restitution : float, parameters of :func:`simulate`, dimensionless
@@ -220,7 +213,6 @@ class _Scheme:
 
     system: LinkSystem
     model: LinkEquations
-    tangent: Tangent
     supported: LinkEquations
     mass: np.ndarray
     theta: float
@@ -365,9 +357,10 @@ class _Scheme:
 
     def _factorise(self, stiffness: np.ndarray) -> Solve:
         """Factorise M + B^T k B, with the stiffness times squared steps, kg."""
-        entries = self.tangent.entries(stiffness)
-        entries[self.tangent.diagonal] += self.mass
-        return self.tangent.factorise(entries)
+        tangent = self.model.tangent
+        entries = tangent.entries(stiffness)
+        entries[tangent.diagonal] += self.mass
+        return tangent.factorise(entries)
 
     def exchange(self, old: _State, new: _State) -> dict[str, float]:
         r"""Return the energies that a step exchanges, J, summed link by link.

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.links.link_equations import LinkEquations, LinkState, Tangent, force_scale
+from multiscale.macro.links.link_equations import LinkEquations, LinkState, force_scale
 from multiscale.macro.links.link_newton import RESIDUAL_STIFFNESS
 from multiscale.macro.links.link_system import LinkSystem, nodal_pull
 from multiscale.numerics.newton import Limits, NewtonRun, join_solutions, march
@@ -28,7 +28,6 @@ FEW_HALVINGS, MAX_HALVINGS = 2, 40
 def find_finite_state(
     system: LinkSystem,
     model: LinkEquations,
-    tangent: Tangent,
     load_factors: tuple[float, float],
     start: np.ndarray,
     limits: Limits,
@@ -49,7 +48,7 @@ def find_finite_state(
     the largest lateral stiffness the tangent is an upper bound at strains below one, and every
     step lowers the energy. A load step that fails is halved.
     """
-    problem = _Problem(system, model, tangent)
+    problem = _Problem(system, model)
 
     def attempt(u: np.ndarray, load_factor: float) -> tuple[Solution, np.ndarray]:
         solution = _newton(problem, load_factor, u, limits)
@@ -77,7 +76,6 @@ class _Problem:
 
     system: LinkSystem
     model: LinkEquations
-    tangent: Tangent
 
     def shape(self, u: np.ndarray) -> _DeformedLinks:
         """Return the links at a displacement."""
@@ -114,8 +112,8 @@ class _Problem:
         if lateral:
             across = np.maximum(across, lateral * self.model.stiffness)
         try:
-            entries = self.tangent.geometric(shape.direction, along, across)
-            direction = self.tangent.factorise(entries)(residual)
+            entries = self.model.tangent.geometric(shape.direction, along, across)
+            direction = self.model.tangent.factorise(entries)(residual)
         except MultiscaleError:
             return None
         return direction if direction @ residual > 0.0 else None

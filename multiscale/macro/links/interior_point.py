@@ -6,7 +6,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
-from multiscale.macro.links.link_equations import LinkEquations, LinkState, Tangent, force_scale
+from multiscale.macro.links.link_equations import LinkEquations, LinkState, force_scale
 from multiscale.numerics.factorisation import Solve
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -30,9 +30,7 @@ RIGID_STIFFNESS = 1e6
 
 
 @np.errstate(all="ignore")  # overflow makes the residual infinite, which stops the loop
-def solve_interior_point(
-    model: LinkEquations, tangent: Tangent, load_factor: float, limits: Limits
-) -> LinkState:
+def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limits) -> LinkState:
     r"""Find tensions and slacks by an interior-point method.
 
     .. math::
@@ -57,7 +55,7 @@ def solve_interior_point(
     run = NewtonRun(replace(limits, tolerance=10.0 * limits.tolerance))
     least, ray = np.inf, np.zeros(model.n)
     try:
-        point = problem.begin(tangent)
+        point = problem.begin()
     except MultiscaleError:
         run.stop(Status.STALLED)
         return problem.report(_Point(ray, model.prestress, 0.0 * model.prestress), run)
@@ -67,7 +65,7 @@ def solve_interior_point(
             break
         weight = problem.weight(point)
         try:
-            solve = tangent.factorise(tangent.entries(weight))
+            solve = model.tangent.factorise(model.tangent.entries(weight))
         except MultiscaleError:
             run.stop(Status.STALLED)
             break
@@ -109,10 +107,10 @@ class _Problem:
             np.isinf(model.stiffness), 1.0 / (RIGID_STIFFNESS * self.measure), 0.0
         )
 
-    def begin(self, tangent: Tangent) -> _Point:
+    def begin(self) -> _Point:
         """Return the first iterate: the structure without slack, moved into the interior."""
         model, mask = self.model, self.one_sided
-        solve = tangent.factorise(tangent.entries(self.measure))
+        solve = model.tangent.factorise(model.tangent.entries(self.measure))
         u = solve(self.load - model.gather(model.prestress))
         elastic = model.prestress + self.measure * model.elongate(u)
         inwards = START_DISTANCE * float(np.abs(elastic).mean())

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array, triu
 
 from multiscale.convergence import Solution
 from multiscale.laws.link import Beam
@@ -20,11 +20,60 @@ __all__ = [
     "compatibility",
     "equations",
     "force_scale",
-    "place_rows",
-    "prepare_tangent",
     "round_off",
     "state_of",
 ]
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """Symmetric matrices of one pattern, given by the entries of their upper triangle.
+
+    Attributes
+    ----------
+    start, column : ndarray of int
+        Pattern by rows: first entry of each row, shape (n + 1,), and increasing columns.
+    place : ndarray of int, shape (rows, w (w + 1) / 2)
+        Entry that each product of two coefficients of a row of B is added to, -1 if fixed.
+    coefficient : ndarray, shape (rows, w), entries of B
+    cholesky : callable, factorisation as returned by :func:`prepare_cholesky`
+    """
+
+    start: np.ndarray
+    column: np.ndarray
+    place: np.ndarray
+    coefficient: np.ndarray
+    cholesky: Factorise
+
+    @property
+    def diagonal(self) -> np.ndarray:
+        """Indices of the entries on the diagonal, shape (n,)."""
+        return self.start[:-1]
+
+    @property
+    def pattern(self) -> csr_array:
+        """Upper triangle of ones, shape (n, n)."""
+        n = self.start.size - 1
+        return csr_array((np.ones(self.column.size, np.int8), self.column, self.start), (n, n))
+
+    def entries(self, stiffness: np.ndarray) -> np.ndarray:
+        """Return the upper triangle of B^T k B, N/m, for stiffnesses k of shape (rows,), N/m."""
+        return np.asarray(_fill(self.place, self.coefficient, stiffness, self.column.size))
+
+    def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Return the upper triangle of a sum of stiffnesses along and across the links, N/m."""
+        size = self.column.size
+        return np.asarray(_fill_geometric(self.place, direction, along, across, size))
+
+    def matrix(self, entries: np.ndarray) -> csr_array:
+        """Return the matrix with both triangles, shape (n, n), N/m."""
+        n = self.start.size - 1
+        upper = csr_array((entries, self.column, self.start), shape=(n, n))
+        return csr_array(upper + triu(upper, k=1).T)
+
+    def factorise(self, entries: np.ndarray, *, signs: bool = False) -> Solve:
+        """Return the function that solves with a matrix."""
+        return self.cholesky(entries, signs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +119,9 @@ class LinkEquations:
         """Sparse B, shape (rows, n)."""
         row = np.repeat(np.arange(len(self.unknown)), self.unknown.shape[1])
         column, value = self.unknown.ravel(), self.coefficient.ravel()
-        held = (column < 0) | (value == 0.0)
+        acts = (column >= 0) & (value != 0.0)
         shape = (len(self.unknown), self.n)
-        return csr_array((value[~held], (row[~held], column[~held])), shape=shape)
+        return csr_array((value[acts], (row[acts], column[acts])), shape=shape)
 
     @property
     def finite_stiffness(self) -> np.ndarray:
@@ -81,6 +130,19 @@ class LinkEquations:
         stiffest = float(np.max(self.stiffness[~rigid], initial=0.0)) or 1.0
         return np.where(rigid, stiffest, self.stiffness)
 
+    @cached_property
+    def tangent(self) -> Tangent:
+        """Tangent with the pattern of the unknowns that rows couple."""
+        free = self.unknown >= 0
+        first = np.append(0, np.cumsum(free.sum(axis=1)))
+        shape = (len(self.unknown), self.n)
+        coupled = csr_array((np.ones(first[-1], np.int8), self.unknown[free], first), shape)
+        upper = triu(coupled.T @ coupled, format="csr")
+        upper.sort_indices()
+        place = _places(self.unknown, upper.indptr, upper.indices)
+        cholesky = prepare_cholesky(upper.indptr, upper.indices)
+        return Tangent(upper.indptr, upper.indices, place, self.coefficient, cholesky)
+
     def at_nodes(self, u: np.ndarray) -> np.ndarray:
         """Return unknowns at the nodes, shape (nodes, c), m and rad; zero for fixed components."""
         # -1 selects the appended zero
@@ -88,11 +150,11 @@ class LinkEquations:
 
     def elongate(self, u: np.ndarray) -> np.ndarray:
         """Return B u, shape (rows,), m."""
-        return np.asarray(elongations(self.unknown, self.coefficient, u))
+        return np.asarray(_elongations(self.unknown, self.coefficient, u))
 
     def gather(self, tension: np.ndarray) -> np.ndarray:
         """Return B^T tau, shape (n,), N."""
-        return np.asarray(nodal_forces(self.unknown, self.coefficient, tension, self.n))
+        return np.asarray(_nodal_forces(self.unknown, self.coefficient, tension, self.n))
 
 
 def equations(system: LinkSystem) -> LinkEquations:
@@ -201,81 +263,8 @@ def round_off(tension: np.ndarray) -> float:
     return float(8.0 * np.finfo(float).eps * np.abs(tension).max())
 
 
-@dataclass(frozen=True, eq=False)
-class Tangent:
-    """Symmetric matrices of one pattern, given by the entries of their upper triangle.
-
-    Attributes
-    ----------
-    start, column : ndarray of int
-        Pattern by rows: first entry of each row, shape (n + 1,), and increasing columns.
-    place : ndarray of int, shape (rows, w (w + 1) / 2)
-        Entry to which each product of two coefficients of a row of B is added, -1 if fixed.
-    coefficient : ndarray, shape (rows, w), entries of B
-    cholesky : callable, factorisation as returned by :func:`prepare_cholesky`
-    """
-
-    start: np.ndarray
-    column: np.ndarray
-    place: np.ndarray
-    coefficient: np.ndarray
-    cholesky: Factorise
-
-    @property
-    def diagonal(self) -> np.ndarray:
-        """Indices of the entries on the diagonal, shape (n,)."""
-        return self.start[:-1]
-
-    @property
-    def pattern(self) -> csr_array:
-        """Upper triangle of ones, shape (n, n)."""
-        n = self.start.size - 1
-        return csr_array((np.ones(self.column.size, np.int8), self.column, self.start), (n, n))
-
-    def entries(self, stiffness: np.ndarray) -> np.ndarray:
-        """Return the upper triangle of B^T k B, N/m, for stiffnesses k of shape (rows,), N/m."""
-        return np.asarray(_fill(self.place, self.coefficient, stiffness, self.column.size))
-
-    def geometric(self, direction: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
-        """Return the upper triangle of a sum of stiffnesses along and across the links, N/m."""
-        size = self.column.size
-        return np.asarray(_fill_geometric(self.place, direction, along, across, size))
-
-    def matrix(self, entries: np.ndarray) -> csr_array:
-        """Return the matrix with both triangles, shape (n, n), N/m."""
-        n = self.start.size - 1
-        upper = csr_array((entries, self.column, self.start), shape=(n, n))
-        strict = entries.copy()
-        strict[self.diagonal] = 0.0
-        lower = csr_array((strict, self.column, self.start), shape=(n, n)).T
-        return csr_array(upper + lower)
-
-    def factorise(self, entries: np.ndarray, *, signs: bool = False) -> Solve:
-        """Return the function that solves with a matrix."""
-        return self.cholesky(entries, signs)
-
-
-def prepare_tangent(system: LinkSystem, model: LinkEquations) -> Tangent:
-    """Return the tangent with its pattern and the entries to which every link is added."""
-    first, second = system.ends.T
-    nodes = np.arange(system.n_nodes)
-    low, high = np.minimum(first, second), np.maximum(first, second)
-    pairs = (np.append(low, nodes), np.append(high, nodes))
-    size = (system.n_nodes, system.n_nodes)
-    graph = csr_array(coo_array((np.ones(pairs[0].size, dtype=np.int8), pairs), shape=size))
-    graph.sort_indices()
-    start, column = _pattern(graph.indptr, graph.indices, model.number, model.n)
-    return place_rows(model, start, column)
-
-
-def place_rows(model: LinkEquations, start: np.ndarray, column: np.ndarray) -> Tangent:
-    """Return the tangent of a known pattern, the upper triangle by rows."""
-    place = _places(model.unknown, start, column)
-    return Tangent(start, column, place, model.coefficient, prepare_cholesky(start, column))
-
-
 @compiled
-def elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> np.ndarray:
+def _elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return B u, shape (rows,)."""
     e = np.empty(unknown.shape[0])
     for row in range(unknown.shape[0]):
@@ -288,7 +277,7 @@ def elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> 
 
 
 @compiled
-def nodal_forces(
+def _nodal_forces(
     unknown: np.ndarray, coefficient: np.ndarray, tension: np.ndarray, n: int
 ) -> np.ndarray:
     """Return B^T tau, shape (n,)."""
@@ -301,37 +290,8 @@ def nodal_forces(
 
 
 @compiled
-def _pattern(
-    graph_start: np.ndarray, neighbour: np.ndarray, number: np.ndarray, n: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pattern of the upper triangle of the unknowns from the graph of the nodes."""
-    c = number.shape[1]
-    start = np.zeros(n + 1, dtype=np.int32)
-    for passes in range(2):
-        if passes:
-            for row in range(n):
-                start[row + 1] += start[row]
-            column = np.empty(start[n], dtype=np.int32)
-        filled = 0
-        for node in range(number.shape[0]):
-            for p in range(c):
-                if number[node, p] < 0:
-                    continue
-                for other in range(graph_start[node], graph_start[node + 1]):
-                    b = neighbour[other]
-                    for q in range(p if b == node else 0, c):
-                        if number[b, q] >= 0:
-                            if passes:
-                                column[filled] = number[b, q]
-                                filled += 1
-                            else:
-                                start[number[node, p] + 1] += 1
-    return start, column
-
-
-@compiled
 def _places(unknown: np.ndarray, start: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Return the entry to which every product of two coefficients of a row is added."""
+    """Return the position in the matrix of each product of two coefficients of a row."""
     width = unknown.shape[1]
     place = np.full((unknown.shape[0], width * (width + 1) // 2), -1, dtype=np.int32)
     for row in range(unknown.shape[0]):

@@ -11,9 +11,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.links.link_equations import (
     LinkEquations,
     LinkState,
-    Tangent,
     force_scale,
-    place_rows,
     round_off,
     state_of,
 )
@@ -104,7 +102,6 @@ class SlackStiffness:
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
 def solve_newton(
     model: LinkEquations,
-    tangent: Tangent,
     load_factor: float,
     start: np.ndarray,
     limits: Limits,
@@ -182,7 +179,7 @@ def solve_newton(
             if solve is None or not same or stale:
                 share = np.where(carries, 1.0, slack_stiffness.share)
                 try:
-                    solve = tangent.factorise(tangent.entries(share * model.stiffness))
+                    solve = model.tangent.factorise(model.tangent.entries(share * model.stiffness))
                 except MultiscaleError:
                     run.stop(Status.STALLED)
                     break
@@ -194,7 +191,7 @@ def solve_newton(
         before, last_work = carries, float(residual @ direction)
         step = exact_step(elastic, growth, model.stiffness, lower, upper, last_work)
         if large and not kept:
-            relaxed = direction + relax_zones(model, tangent, load, elastic + growth)
+            relaxed = direction + relax_zones(model, load, elastic + growth)
             relaxed_growth = model.stiffness * model.elongate(relaxed)
             work = float(residual @ relaxed)
             longer = exact_step(elastic, relaxed_growth, model.stiffness, lower, upper, work)
@@ -211,25 +208,23 @@ def solve_newton(
     return state_of(model, run.solution(u), elastic)
 
 
-def relax_zones(
-    model: LinkEquations, tangent: Tangent, load: np.ndarray, elastic: np.ndarray
-) -> np.ndarray:
+def relax_zones(model: LinkEquations, load: np.ndarray, elastic: np.ndarray) -> np.ndarray:
     """Return the displacement that balances the zones farthest from equilibrium separately, m."""
     u = np.zeros(model.n)
-    for unknowns, part, part_tangent, residual in unbalanced_zones(model, tangent, load, elastic):
+    for unknowns, part, residual in unbalanced_zones(model, load, elastic):
         relative = ZONE_LIMITS.tolerance * residual / force_scale(part, part.load)
         limits = replace(ZONE_LIMITS, tolerance=min(relative, LOOSEST))
-        state = solve_newton(part, part_tangent, 1.0, u[unknowns], limits)
+        state = solve_newton(part, 1.0, u[unknowns], limits)
         u[unknowns] = state.solution.value
     return u
 
 
 def unbalanced_zones(
-    model: LinkEquations, tangent: Tangent, load: np.ndarray, elastic: np.ndarray
-) -> Iterator[tuple[np.ndarray, LinkEquations, Tangent, float]]:
+    model: LinkEquations, load: np.ndarray, elastic: np.ndarray
+) -> Iterator[tuple[np.ndarray, LinkEquations, float]]:
     """Yield the zones around the largest forces out of balance, which share no unknowns.
 
-    Each zone is given by its unknowns, equations and tangent, and the largest force out of balance.
+    Each zone is given by its unknowns, its equations and the largest force out of balance.
     """
     force = model.prestress + elastic
     residual = np.abs(load - model.gather(np.clip(force, model.lower, model.upper)))
@@ -245,14 +240,14 @@ def unbalanced_zones(
 
     # equations of each connected zone, with the forces of the links as prestress
     unknowns = np.flatnonzero(zone)
-    graph = tangent.pattern[unknowns][:, unknowns]
+    graph = model.tangent.pattern[unknowns][:, unknowns]
     count, part = connected_components(graph, directed=False)
     part_of, position = np.full(model.n + 1, -1), np.full(model.n + 1, -1, dtype=np.int32)
     part_of[unknowns] = part
     row_part = part_of[model.unknown].max(axis=1)  # -1, a fixed component, selects the last entry
     for rows, inside in zip(_members(row_part, count), _members(part, count), strict=True):
         position[unknowns[inside]] = np.arange(inside.size)
-        equations = replace(
+        zone_model = replace(
             model,
             link=model.link[rows],
             unknown=position[model.unknown[rows]],
@@ -264,10 +259,7 @@ def unbalanced_zones(
             load=load[unknowns[inside]],
             number=model.number[:0],
         )
-        upper = graph[inside][:, inside]
-        upper.sort_indices()
-        part_tangent = place_rows(equations, upper.indptr, upper.indices)
-        yield unknowns[inside], equations, part_tangent, float(residual.max())
+        yield unknowns[inside], zone_model, float(residual.max())
 
 
 def _members(part: np.ndarray, count: int) -> list[np.ndarray]:

@@ -14,13 +14,12 @@ from multiscale.numerics.factorisation import Solve
 
 __all__ = [
     "factorise_taut",
-    "geometric_entries",
-    "material_entries",
     "name_mechanism",
     "name_motion",
     "prestress_by_itself",
     "self_stress",
     "smallest_eigenvalue",
+    "stability_eigenvalues",
 ]
 
 RANK_TOLERANCE = 1e-10
@@ -148,8 +147,9 @@ def prestress_by_itself(system: LinkSystem, largest: float) -> LinkSystem:
     return replace(system, prestress=largest / np.abs(tension).max() * tension)
 
 
-def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
+def factorise_taut(model: LinkEquations) -> Solve:
     """Factorise the stiffness of the structure without slack."""
+    tangent = model.tangent
     entries = tangent.entries(model.finite_stiffness)
     solve = tangent.factorise(entries)
     scale = np.sqrt(entries[tangent.diagonal])
@@ -161,11 +161,11 @@ def factorise_taut(model: LinkEquations, tangent: Tangent) -> Solve:
     return solve
 
 
-def name_mechanism(model: LinkEquations, tangent: Tangent, u: np.ndarray) -> str:
+def name_mechanism(model: LinkEquations, u: np.ndarray) -> str:
     """Return a sentence that names the nodes that move freely in a state, empty if none do."""
     if not np.isfinite(u).all():
         u = np.zeros_like(u)
-    stiffness = model.finite_stiffness
+    tangent, stiffness = model.tangent, model.finite_stiffness
     elastic = model.prestress + stiffness * model.elongate(u)
     carries = (elastic >= model.lower) & (elastic <= model.upper)
     entries = tangent.entries(np.where(carries, stiffness, 0.0))
@@ -198,23 +198,23 @@ def name_motion(model: LinkEquations, motion: np.ndarray) -> str:
     return f"{'nodes' if order.size > 1 else 'node'} {named}{more} can move without resistance"
 
 
-def material_entries(model: LinkEquations, tangent: Tangent, state: LinkState) -> np.ndarray:
-    """Return the upper triangle of the tangent B^T k B of the links that are not slack, N/m."""
-    taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
-    return tangent.entries(np.where(taut, model.stiffness, 0.0))
+def stability_eigenvalues(
+    system: LinkSystem, model: LinkEquations, state: LinkState
+) -> tuple[float, float]:
+    r"""Return the smallest eigenvalues, N/m, of the tangent without and with geometric stiffness.
 
+    .. math:: K = B^T k B, \qquad K + \sum \frac{\tau}{L} (I - n n^T)    \tag{1}
 
-def geometric_entries(system: LinkSystem, tangent: Tangent, state: LinkState) -> np.ndarray:
-    r"""Return the upper triangle of the geometric stiffness of the tensions, N/m.
-
-    .. math:: K_g = \sum \frac{\tau}{L} (I - n n^T)    \tag{1}
-
-    Slack links have none. Bending of a beam between its nodes is resolved only if the beam is
+    Slack links are left out. Bending of a beam between its nodes is resolved only if the beam is
     divided into several.
     """
-    links = system.n_links
+    links, tangent = system.n_links, model.tangent
+    taut = (state.slack == 0.0) & np.isfinite(model.stiffness)
+    material = tangent.entries(np.where(taut, model.stiffness, 0.0))
     across = state.tension[:links] / system.length
-    return np.asarray(tangent.geometric(system.direction, np.zeros(links), across))
+    geometric = tangent.geometric(system.direction, np.zeros(links), across)
+    whole = material + geometric
+    return smallest_eigenvalue(tangent, material), smallest_eigenvalue(tangent, whole)
 
 
 def smallest_eigenvalue(tangent: Tangent, entries: np.ndarray) -> float:

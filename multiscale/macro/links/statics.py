@@ -14,20 +14,16 @@ from multiscale.macro.links.interior_point import solve_interior_point
 from multiscale.macro.links.link_equations import (
     LinkEquations,
     LinkState,
-    Tangent,
     equations,
-    prepare_tangent,
     state_of,
 )
 from multiscale.macro.links.link_newton import solve_newton
 from multiscale.macro.links.link_system import LinkSystem, check_supports, link_dataset
 from multiscale.macro.links.mechanisms import (
     factorise_taut,
-    geometric_entries,
-    material_entries,
     name_mechanism,
     name_motion,
-    smallest_eigenvalue,
+    stability_eigenvalues,
 )
 from multiscale.nonsmooth import solve_lcp
 from multiscale.numerics.factorisation import Solve
@@ -112,12 +108,11 @@ def solve_static(
     _check_options(system, factors, method, exact, stability)
     check_supports(system)
     model = equations(system)
-    tangent = prepare_tangent(system, model)
     limits = Limits(max_iterations, tolerance, callback)
     taut, mechanism = None, False  # factors of the structure without slack
     if not exact:
         try:
-            taut = factorise_taut(model, tangent)
+            taut = factorise_taut(model)
         except MultiscaleError:
             mechanism = True
     start, reached = np.zeros(model.n), 0.0
@@ -127,23 +122,21 @@ def solve_static(
         clock = perf_counter()
         if exact:
             span = (reached, factor)
-            state = find_finite_state(system, model, tangent, span, start, limits)
+            state = find_finite_state(system, model, span, start, limits)
         elif mechanism:  # has no equilibrium of small displacements
             nothing = Solution(np.zeros(model.n), Status.STALLED, detail=EXACT_HINT)
             state = state_of(model, nothing, 0.0 * model.prestress)
         else:
-            state = _find_state(model, tangent, factor, start, method, limits, taut)
+            state = _find_state(model, factor, start, method, limits, taut)
             taut = None  # the factors last until the next factorisation
         column = _step_values(system, model, state)
         if not state.solution.converged:
-            failures.append(f"load factor {factor:g}: {_reason(model, tangent, state, method)}")
+            failures.append(f"load factor {factor:g}: {_reason(model, state, method)}")
         else:
             start, reached = state.solution.value, factor
             if stability:
-                material = material_entries(model, tangent, state)
-                geometric = geometric_entries(system, tangent, state)
-                column["tangent_eigenvalue"] = smallest_eigenvalue(tangent, material)
-                column["stability_eigenvalue"] = smallest_eigenvalue(tangent, material + geometric)
+                names = ("tangent_eigenvalue", "stability_eigenvalue")
+                column |= zip(names, stability_eigenvalues(system, model, state), strict=True)
         columns.append(column | {"wall_time": perf_counter() - clock})
     result = _join_steps(system, factors, columns)
     if failures:
@@ -184,7 +177,6 @@ def _check_options(
 
 def _find_state(
     model: LinkEquations,
-    tangent: Tangent,
     load_factor: float,
     start: np.ndarray,
     method: str,
@@ -193,27 +185,25 @@ def _find_state(
 ) -> LinkState:
     """Find the equilibrium with small displacements, by one method or several in turn."""
     if method == "lcp":
-        return _solve_complementarity(model, tangent, load_factor, limits.tolerance)
+        return _solve_complementarity(model, load_factor, limits.tolerance)
     if np.isinf(model.stiffness).any():
-        return solve_interior_point(model, tangent, load_factor, limits)
+        return solve_interior_point(model, load_factor, limits)
     parts: list[tuple[str, Solution]] = []
     if method != "interior_point":
-        state = solve_newton(model, tangent, load_factor, start, limits, taut)
+        state = solve_newton(model, load_factor, start, limits, taut)
         parts.append(("newton", state.solution))
     if method == "interior_point" or (method == "auto" and not state.solution.converged):
-        state = solve_interior_point(model, tangent, load_factor, limits)
+        state = solve_interior_point(model, load_factor, limits)
         inner = state.solution
         parts.append(("interior_point", inner))
         if inner.status is not Status.INFEASIBLE and inner.residuals:
-            state = solve_newton(model, tangent, load_factor, inner.value, limits)
+            state = solve_newton(model, load_factor, inner.value, limits)
             parts.append(("newton", state.solution))
     whole = join_solutions([part for _, part in parts], [name for name, _ in parts])
     return replace(state, solution=whole)
 
 
-def _solve_complementarity(
-    model: LinkEquations, tangent: Tangent, load_factor: float, tolerance: float
-) -> LinkState:
+def _solve_complementarity(model: LinkEquations, load_factor: float, tolerance: float) -> LinkState:
     r"""Condense the structure onto the links that may go slack, and find their slacks.
 
     .. math::
@@ -228,7 +218,7 @@ def _solve_complementarity(
     k = model.stiffness[one_sided]
     sign = np.where(np.isfinite(model.lower[one_sided]), 1.0, -1.0)
     pull = (model.operator[one_sided].T * (sign * k)).toarray()  # B_c^T k_c
-    solve = tangent.factorise(tangent.entries(model.stiffness))
+    solve = model.tangent.factorise(model.tangent.entries(model.stiffness))
     motion = solve(pull)
     matrix = np.diag(k) - pull.T @ motion
     free = solve(load_factor * model.load - model.gather(model.prestress))
@@ -237,13 +227,13 @@ def _solve_complementarity(
     return state_of(model, replace(answer, value=free - motion @ answer.value))
 
 
-def _reason(model: LinkEquations, tangent: Tangent, state: LinkState, method: str) -> str:
+def _reason(model: LinkEquations, state: LinkState, method: str) -> str:
     """Return a sentence on the failure of a step, with the nodes that can move freely."""
     solution = state.solution
     if solution.status is Status.INFEASIBLE and method != "lcp":
         reason = f"{name_motion(model, solution.value)}, and the load pushes there"
     elif solution.status is Status.STALLED:
-        reason = name_mechanism(model, tangent, solution.value) or solution.status.value
+        reason = name_mechanism(model, solution.value) or solution.status.value
     else:
         reason = solution.status.value
     return reason + (f"; {solution.detail}" if solution.detail else "")
