@@ -12,15 +12,8 @@ from multiscale.macro.joint.joint_solver import rough_joint
 from multiscale.macro.joint.tread import slide_tread
 from multiscale.macro.links.statics import solve_static
 from multiscale.macro.monolithic import solve_interface
-from multiscale.macro.substructures.assembly_methods import (
-    AssembledNewton,
-    LatinMethod,
-    NewtonSchur,
-)
+from multiscale.macro.substructures import AssembledNewton, LatinMethod, NewtonSchur
 from multiscale.macro.substructures.cut_motion import simulate_latin
-from multiscale.macro.substructures.latin_solver import solve_latin
-from multiscale.macro.substructures.schur import solve_schur
-from multiscale.macro.substructures.whole_solver import solve_whole
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.damage.element_fatigue import local_fatigue
 from multiscale.micro.damage.rve import effective_stiffness
@@ -53,7 +46,7 @@ def test_unwrapping_a_converged_solution_gives_its_value():
 SOLVERS = [
     *(solve_friction, solve_lcp, verify_friction, solve_cell, slide_cell, solve_sliding),
     *(local_fatigue, effective_stiffness, solve_contact, solve_static, rough_joint, slide_tread),
-    *(solve_interface, simulate_latin, solve_latin, solve_schur, solve_whole),
+    *(solve_interface, simulate_latin),
     *(pressure_overclosure, AssembledNewton, NewtonSchur, LatinMethod, Limits),
 ]
 

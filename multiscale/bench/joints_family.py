@@ -18,11 +18,12 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
-from multiscale.macro.substructures import CutProblem, cut_assembly, solve_whole
+from multiscale.macro.substructures import CutProblem, LatinMethod, cut_assembly, solve_whole
 from multiscale.macro.substructures.bound import Admissible
 from multiscale.macro.substructures.indicator import JointError, indicate_error
-from multiscale.macro.substructures.latin import Latin, LatinIterate
-from multiscale.macro.substructures.latin_solver import solve_step
+from multiscale.macro.substructures.latin import LatinIterate
+from multiscale.macro.substructures.latin_solver import LatinSolver
+from multiscale.macro.substructures.state import JointState
 
 __all__ = ["JOINT_SCENES", "JointScene", "measure_effectivity", "plan_joints"]
 
@@ -109,7 +110,16 @@ WARM_UP = JointScene(1.0, 0.2, 0.2, 1.4e6, 1, (2, 2, 1))
 def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
     """Solve a scene step by step and compare indicator and true error in every iteration."""
     problem = scene.cut()
-    method = Latin(problem)
+    found: list[tuple[float, JointError]] = []
+    clock = perf_counter()
+
+    def note(iteration: int, residual: float, iterate: LatinIterate) -> None:
+        error = indicate_error(method, admissible, iterate)
+        found.append((perf_counter() - clock, error))
+
+    options = LatinMethod(tolerance=TOLERANCE, max_iterations=LIMIT, callback=note)
+    solver, state = LatinSolver(problem, options, judged=False), JointState.at_rest(problem)
+    method = solver.iteration
     admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
 
     def norm(u: np.ndarray, traction: np.ndarray, compliance: np.ndarray) -> float:
@@ -118,33 +128,23 @@ def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
 
     steps: list[list[Columns]] = []
     for step, (u, traction, compliance) in enumerate(_solve_whole(scene, problem)):
-        size = norm(u, traction, compliance)
+        size, clock = norm(u, traction, compliance), perf_counter()
+        found.clear()
+        answer = solver.step(state, np.eye(len(TIMES))[step])
+        state, _ = state.advance(problem.law, answer.unknowns, answer.jump, answer.traction)
         steps.append([])
-        for iteration, (time, found) in enumerate(_watch(method, admissible, step), 1):
-            error = norm(found.stressed - u, found.traction - traction, compliance)
+        for iteration, (time, judged) in enumerate(found, 1):
+            error = norm(judged.stressed - u, judged.traction - traction, compliance)
             if error >= FINEST * size:
                 steps[-1].append(
                     {
                         "iterations": iteration,
                         "wall_time": time,
                         "error": error / size,
-                        "effectivity": found.estimate.error / error,
+                        "effectivity": judged.estimate.error / error,
                     }
                 )
     return steps
-
-
-def _watch(method: Latin, admissible: Admissible, step: int) -> list[tuple[float, JointError]]:
-    """Solve a step; return time and indicator after every iteration."""
-    found: list[tuple[float, JointError]] = []
-    clock = perf_counter()
-
-    def note(iteration: int, residual: float, iterate: LatinIterate) -> None:
-        error = indicate_error(method, admissible, iterate)
-        found.append((perf_counter() - clock, error))
-
-    solve_step(method, method.stack.load[:, step], None, TOLERANCE, LIMIT, note)
-    return found
 
 
 def _solve_whole(

@@ -109,7 +109,7 @@ def plot_vibrating_joint(
     step : int, amplitude of a mode
     joint : int, number of the joint
     """
-    from multiscale.macro.substructures.joint_state import OPEN
+    from multiscale.macro.substructures.measures import OPEN
 
     ax = axes_or_current(ax)
     name, unit = AT_POINTS[quantity]

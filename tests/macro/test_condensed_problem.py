@@ -98,10 +98,10 @@ def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
     one, other = (measure_joint(found, areas, extrapolate=True) for found in (alone, near))
     for name in ("cycle_loss", "secant_stiffness", "joint_stiffness", "traction"):
         np.testing.assert_allclose(other[name], one[name], rtol=1e-6, atol=1.0, err_msg=name)
-    newton = [int(sum(run.iterations.sum() for run in found.cycles)) for found in (alone, near)]
+    newton = [int(sum(run.result.iterations.sum() for run in found.cycles)) for found in (alone, near)]
     assert newton[1] < 0.8 * newton[0]
     again = follow_joint(joint, loading, method=method, near=base)
-    assert sum(int(run.iterations.sum()) for run in again.cycles) == 0
+    assert sum(int(run.result.iterations.sum()) for run in again.cycles) == 0
 
 
 def test_a_body_without_interfaces_follows_its_loads_as_a_bar_does():

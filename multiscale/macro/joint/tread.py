@@ -16,7 +16,7 @@ from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.condensed_problem import condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.whole_structure import Assembled, assemble
+from multiscale.macro.substructures.whole import Assembled, assemble
 
 __all__ = ["Footprint", "TreadBlock", "condense_tread", "slide_tread", "sliding_block"]
 

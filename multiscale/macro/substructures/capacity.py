@@ -9,11 +9,14 @@ from scipy.linalg import null_space
 from scipy.sparse import block_array, coo_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
 
+from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import free_motions, rigid_motions
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import stack_parts
 
-__all__ = ["Slide", "find_slide", "say_free_motions"]
+__all__ = ["Slide", "find_slide", "refuse_free", "require_held"]
 
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 """Directions in which the slip is measured at first, and how often its own are added, until that
@@ -106,7 +109,7 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     return None
 
 
-def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
+def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
     """Name bodies that neither supports, interfaces nor bolts hold, and their rigid motions.
 
     Interfaces hold along their normal, and across it where they have friction; bolts hold along
@@ -144,6 +147,26 @@ def say_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
         if how:
             said.append(f"{name} is free {' and '.join(how)}")
     return ", ".join(said)
+
+
+def require_held(assembly: Assembly) -> None:
+    """Refuse bodies that may move freely.
+
+    Raises
+    ------
+    CaseError
+        With the bodies and their motions, or as :func:`cut_assembly`.
+    """
+    refuse_free(assembly, cut_assembly(assembly))
+
+
+def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None:
+    """Refuse bodies that may move freely in the cut problem of an assembly, with more words."""
+    names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
+    if free := _name_free_motions(problem, names):
+        raise CaseError(
+            f"{free}: hold each body by supports, by an interface with friction or by bolts{more}"
+        )
 
 
 def _free_motions(problem: CutProblem) -> np.ndarray:

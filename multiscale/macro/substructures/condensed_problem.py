@@ -15,12 +15,16 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from multiscale.errors import CaseError
 from multiscale.fe.condensation import CondensedStiffness, condense_body
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
+from multiscale.macro.substructures.stepping import Method
 from multiscale.numerics.blocks import on_diagonal
 from multiscale.schema import MACRO_RESULT, Dataset
 
-__all__ = ["DENSE", "CondensedProblem", "condense_problem"]
+__all__ = ["DENSE", "CondensedProblem", "condense_assembly", "condense_problem"]
 
 DENSE = 1500
 """Kept unknowns up to which bodies are condensed onto them: every Newton step then factorises a
@@ -40,7 +44,7 @@ class CondensedProblem:
     Attributes
     ----------
     whole, small : CutProblem
-        The same joints and bolts; every unknown of the small one is a node of its own. Both are
+        The same joints and bolts; every unknown of the small one is a node, along x. Both are
         one object where nothing is condensed.
     insides : sequence of CondensedStiffness, of each substructure
     modes : sequence of ndarray, shape (unknowns inside, modes)
@@ -93,7 +97,7 @@ class CondensedProblem:
         if self.small is self.whole:
             return result
         solved = result["converged"].values == 1
-        u = self.expand(self.small.unknowns(result["displacement"].values[solved]).T)
+        u = self.expand(result["displacement"].values[solved, :, 0].T)  # a node for each unknown
         displacement = np.full((solved.size, *self.whole.position.shape), np.nan)
         displacement[solved] = (self.whole.expansion @ u).T.reshape(-1, *self.whole.position.shape)
         values = {"displacement": displacement, "position": self.whole.position}
@@ -106,6 +110,22 @@ class CondensedProblem:
         """Each substructure, large and small, what condenses it, and its modes."""
         parts = self.whole.substructures, self.small.substructures
         return zip(*parts, self.insides, self.modes, strict=True)
+
+
+def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
+    """Cut an assembly, and condense its bodies once for all paths if its method does so.
+
+    Raises
+    ------
+    CaseError
+        If a law is one of rigid contact, which has no stiffness, or as :func:`cut_assembly`.
+    """
+    if not all(interface.law.compliant for interface in assembly.interfaces):
+        raise CaseError(
+            "rigid contact has no stiffness to measure; solve the cut assembly by solve_latin"
+        )
+    problem = cut_assembly(assembly, method.parts)
+    return condense_problem(problem) if method.condenses else CondensedProblem(problem, problem)
 
 
 def condense_problem(

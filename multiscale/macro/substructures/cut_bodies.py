@@ -14,7 +14,6 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
-from multiscale.macro.substructures.bolted_path import bolt_pull
 from multiscale.macro.substructures.cut_interfaces import cut_interface
 from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
 
@@ -83,7 +82,7 @@ def cut_assembly(
     shares = np.bincount(np.concatenate([unknown for _, unknown in found]))
     load = structure.load
     if cut_bolts or sections:
-        pull = [bolt.preload * bolt_pull(bolt, len(load)) for bolt in cut_bolts]
+        pull = [bolt.preload * bolt.pull(len(load)) for bolt in cut_bolts]
         load = np.column_stack([np.sum([structure.tension, *pull], axis=0), load])
     load = load / shares[:, None]
     pieces = [

@@ -7,11 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
-from multiscale.macro.substructures.cut_results import link_fields
-from multiscale.macro.substructures.latin import Latin
-from multiscale.macro.substructures.latin_solver import solve_step
+from multiscale.macro.substructures.latin_solver import LatinMethod, LatinSolver
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.schema import MACRO_RESULT, Dataset
@@ -64,7 +61,7 @@ def simulate_latin(
 
     so that the mass is a stiffness of the substructures. It makes them positive definite.
     """
-    check_limits(tolerance, max_iterations)
+    method = LatinMethod(tolerance=tolerance, max_iterations=max_iterations, team=team)
     times = np.asarray(times, dtype=float)
     h = _step(times)
     inertia = _masses(problem, mass) / h**2
@@ -74,32 +71,31 @@ def simulate_latin(
         replace(part, stiffness=csr_array(part.stiffness + shared[part.unknown][:, part.unknown]))
         for part in problem.substructures
     )
-    method = Latin(replace(problem, substructures=parts), team=team)
-    local = np.concatenate([problem.substructures[part].unknown for part in method.parts])
+    solver = LatinSolver(replace(problem, substructures=parts), method, judged=False)
+    latin = solver.iteration
+    local = np.concatenate([problem.substructures[part].unknown for part in latin.parts])
     force = problem.sum_up([part.load[:, 0] for part in problem.substructures])
     u, v = _initial(problem, start)
-    links = method.stack.links
+    links = latin.stack.links
     e = links.operator @ u[local]
-    tension = method.admissible(links.prestress + links.stiffness * e)
-    at_rest = {"converged": 1, "residual": 0.0, "wall_time": 0.0}
-    rows = [_row(method, times[0], u, v, tension, at_rest)]
+    tension = latin.admissible(links.prestress + links.stiffness * e)
+    at_rest = {"converged": 1, "residual": 0.0, "wall_time": 0.0} | problem.link_fields(
+        latin.team.concatenate(tension), latin.team.concatenate(latin.slack())
+    )
+    rows = [_row(problem, times[0], u, v, at_rest)]
 
     for time in times[1:]:
         push = load_factor(time) * force + inertia @ (u + h * v)
-        step = solve_step(
-            method, push[local] / shares[local], None, tolerance, max_iterations, None
-        )
-        if not step["converged"]:
+        following, _, _, report = solver.iterate(push[local] / shares[local])
+        if not report["converged"]:
             failed = {name: np.full(np.shape(value), np.nan) for name, value in rows[0].items()}
-            account = {name: step[name] for name in ("residual", "wall_time")}
+            account = {name: report[name] for name in ("residual", "wall_time")}
             rows.append(failed | {"time": time, "converged": 0} | account)
             return _dataset(problem, rows).assign_attrs(
-                failure=f"the motion ends before {time:g} s: {step['failure']}"
+                failure=f"the motion ends before {time:g} s: {report['failure']}"
             )
-        following = problem.average(method.team.concatenate(step["found"].u))
         v, u = (following - u) / h, following
-        tension = method.admissible(step["found"].tension)
-        rows.append(_row(method, time, u, v, tension, step))
+        rows.append(_row(problem, time, u, v, report))
     return _dataset(problem, rows)
 
 
@@ -147,23 +143,12 @@ def _initial(
 
 
 def _row(
-    method: Latin,
-    time: float,
-    u: np.ndarray,
-    v: np.ndarray,
-    tension: np.ndarray,
-    step: dict[str, Any],
+    problem: CutProblem, time: float, u: np.ndarray, v: np.ndarray, report: dict[str, Any]
 ) -> dict[str, Any]:
     """One row of the dataset."""
-    problem = method.problem
-    team = method.team
-    slack = team.concatenate(method.slack())
-    fields = link_fields(problem, team.concatenate(tension), slack) | {
-        "displacement": problem.displacement(u),
-        "velocity": problem.displacement(v),
-    }
-    account = {name: step[name] for name in ("converged", "residual", "wall_time")}
-    return {"time": time, **account, **fields}
+    names = ("converged", "residual", "wall_time", "tension", "slack")
+    moved = {"displacement": problem.displacement(u), "velocity": problem.displacement(v)}
+    return {"time": time, **moved, **{name: report[name] for name in names if name in report}}
 
 
 def _dataset(problem: CutProblem, rows: list[dict[str, Any]]) -> Dataset:

@@ -24,14 +24,13 @@ from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.inner_joints import move_joints_inside
-from multiscale.macro.substructures.joint_state import state_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-from multiscale.macro.substructures.whole_structure import stack_jumps
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.whole import stack_jumps
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.line_search import enough, step_length
-from multiscale.schema import Dataset
 
 __all__ = ["Imbalance", "Newton"]
 
@@ -135,26 +134,14 @@ class Newton:
         self.state = np.zeros((self.law.n_state, self.points.size))
         links = self.stack.links
         self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
-        self.factors, self.before = (Factors(), Factors()), np.zeros(0)
+        self.factors = (Factors(), Factors())
         self.factored: _Factored | None = None
         self.key = np.full(links.stiffness.size + 1, np.nan)
         self.magnitude = abs(self.stack.stiffness)
         self.u, self.elastic = np.zeros(self.stack.n), np.zeros(links.stiffness.size)
-        # jumps are summed up, as the tensions: the difference of both sides would round them away;
-        # tangential ones over a step alone, after those of all earlier steps
-        self.slid, self.jump = np.zeros((2, 3, self.points.size))
-        self.at = self.jump  # where the tangents of the laws are
-
-    def resume(self, path: Dataset) -> None:
-        """Start from the last step of a path."""
-        self.u = self.problem.unknowns(path["displacement"].values[-1])[self.unknown]
-        links = self.stack.links
-        self.elastic = links.stiffness * (links.operator @ self.u)
-        if self.problem.joints:
-            jump, self.before = path["jump"].values[-1].T, -path["traction"].values[-1, :, 0]
-            self.jump = self.at = jump[:, self.points]
-            state = state_after(self.problem, path)
-            self.state = state[: self.law.n_state, self.points]
+        self.reached: np.ndarray | None = None
+        # jumps are summed up, as the tensions: the difference of both sides would round them away
+        self.jump = self.at = np.zeros((3, self.points.size))  # of bodies, and of the tangents
 
     def _placed(self, operator: csr_array, part: int) -> csr_array:
         """Let an operator of one substructure act on the unknowns of all."""
@@ -162,14 +149,15 @@ class Newton:
         columns = operator.indices + self.stack.start[part]
         return csr_array((operator.data, columns, operator.indptr), shape=shape)
 
-    def start(self, factor: np.ndarray) -> None:
-        """Begin a step with factors of the load cases."""
+    def start(self, state: JointState, factor: np.ndarray) -> None:
+        """Begin a step from a committed state with factors of the load cases."""
         self.factor, self.load, self.unfinished = factor, self.stack.load @ factor, 0
-        self.state = self.law.from_here(self.state)
-        along = self.jump * np.array([[0.0], [1.0], [1.0]])
-        self.slid, self.jump = self.slid + along, self.jump - along
-        self.at = self.jump
-        links = self.stack.links
+        links, self.before = self.stack.links, state.pressure
+        if state.unknowns is not self.reached:
+            self.u = state.unknowns[self.unknown]
+            self.elastic = links.stiffness * (links.operator @ self.u)
+        self.jump = self.at = state.jump[:, self.points]
+        self.state = state.history[: self.law.n_state, self.points]
         self.lower, self.upper = links.lower - links.prestress, links.upper - links.prestress
         self.lending, self.known = SlackStiffness(), None
         self.closest, self.least = self._place(), np.inf
@@ -397,7 +385,7 @@ class Newton:
     def why(self, status: Status, closest: Imbalance) -> str:
         """Say why a step failed, from where it was closest to a solution."""
         load = self.problem.load(self.factor)
-        pressure = -self._joined(closest.traction)[0]
+        pressure = -self.joined(closest.traction)[0]
         if slide := find_slide(self.problem, load, self.before, pressure):
             return str(slide)
         if self.unfinished:
@@ -407,21 +395,8 @@ class Newton:
             )
         return status.value
 
-    def joint_fields(self, imbalance: Imbalance) -> dict[str, np.ndarray]:
-        """Jump, m, and traction, Pa, at all points of all joints, shape (points, 3)."""
-        if not self.problem.joints:
-            return {}
-        fields = {"jump": self.slid + self.at, "traction": imbalance.traction}
-        return {name: self._joined(value).T for name, value in fields.items()}
-
-    def _joined(self, value: np.ndarray) -> np.ndarray:
+    def joined(self, value: np.ndarray) -> np.ndarray:
         """Jump or traction at the points of the joints of all processes."""
         found = np.zeros((3, self.problem.weight.size))
         found[:, self.points] = value
         return self.team.total(found)
-
-    def commit(self) -> None:
-        """Take the state of the laws at the present displacement for the next step."""
-        self.before = -self._joined(self.imbalance().traction)[0]
-        self.state = self.law.sliding(self.at, self.state).state
-        self.jump = self.at

@@ -61,8 +61,9 @@ def indicate_error(method: Latin, admissible: Admissible, found: LatinIterate) -
     traction = fields.balanced[first] / weight
     k1, k2 = (method.k0.matrix.diagonal()[side] for side in method.sides.joints)
     kappa = k1 * k2 / (k1 + k2) / weight
-    source = traction + kappa * (moved[second] - moved[first])  # (1)
-    on_law = source - kappa * method.law.resolvent(source, kappa, method.state)
+    jump = moved[second] - moved[first] - method.state.slid
+    source = traction + kappa * jump  # (1)
+    on_law = source - kappa * method.law.resolvent(source, kappa, method.state.history)
     error += 4.0 * float(np.sum(weight * (traction - on_law) ** 2 / kappa))  # (2)
     size += float(np.sum(weight * traction**2 / kappa))
     return JointError(ForceError(float(np.sqrt(error)), float(np.sqrt(size))), stressed, traction)

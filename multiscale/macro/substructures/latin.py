@@ -14,7 +14,6 @@ from multiscale.macro.substructures.joint_directions import (
     joint_directions,
     law_stiffness,
 )
-from multiscale.macro.substructures.joint_state import state_after
 from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.search_directions import (
@@ -23,7 +22,7 @@ from multiscale.macro.substructures.search_directions import (
     side_stiffness,
 )
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
-from multiscale.schema import Dataset
+from multiscale.macro.substructures.state import JointState
 
 __all__ = ["Latin", "LatinIterate"]
 
@@ -105,7 +104,7 @@ class Latin:
         first_joint = len(problem.interfaces) - len(problem.joints)
         self.joints = list(zip(count(first_joint), problem.joints, problem.points, strict=False))
         self.law, self.weight = problem.law, problem.weight
-        self.state = state_after(problem, None)
+        self.state = JointState.at_rest(problem)
         self.bodies = {index: body_stiffness(problem, face) for index, face, _ in self.joints}
         self.joint_k = self.directions(np.full((3, self.weight.size), np.inf))
         self.perfect_k: dict[int, np.ndarray] = {}
@@ -114,21 +113,17 @@ class Latin:
         self.status: np.ndarray | None = None
         self.slack_direction = SLACK
         self.z, self.r = links.prestress.copy(), np.zeros(self.sides.m)
-        self.largest, self.before = 0.0, np.zeros(0)
+        self.largest = 0.0
 
-    def resume(self, path: Dataset) -> None:
-        """Start from the last step of a path; it does not tell forces on perfect interfaces."""
-        self.state = state_after(self.problem, path)
-        u = self.problem.unknowns(path["displacement"].values[-1])
-        local = [u[self.problem.substructures[part].unknown] for part in self.parts]
+    def resume(self, state: JointState) -> None:
+        """Start from another state, which does not tell forces on perfect interfaces."""
+        self.state, self.largest = state, 0.0
+        local = [state.unknowns[self.problem.substructures[part].unknown] for part in self.parts]
         moved = self.stack.trace @ np.concatenate(local)
         self.r = self.k0.matrix @ self.team.concatenate(moved)
-        if self.joints:
-            traction = path["traction"].values[-1].T
-            self.before = -traction[0]
-            first, second = self.sides.joints
-            self.r[first] -= self.weight * traction
-            self.r[second] += self.weight * traction
+        first, second = self.sides.joints
+        self.r[first] -= self.weight * state.traction
+        self.r[second] += self.weight * state.traction
 
     @property
     def n_coarse(self) -> int:
@@ -213,11 +208,12 @@ class Latin:
         return g
 
     def joint_fields(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Jump, m, and traction, Pa, on the search directions of all joints, (3, points)."""
+        """Jump from the last state, m, and traction, Pa, on the search directions, (3, points)."""
         first, second = self.sides.joints
         series = 1.0 / self.compliance.sum(axis=0) / self.weight
-        source = series * (r[second] * self.compliance[1] - r[first] * self.compliance[0])
-        jump = self.law.resolvent(source, series, self.state)
+        moved = r[second] * self.compliance[1] - r[first] * self.compliance[0]
+        source = series * (moved - self.state.slid)
+        jump = self.law.resolvent(source, series, self.state.history)
         return jump, source - series * jump
 
     def update(self) -> np.ndarray | None:
@@ -256,7 +252,7 @@ class Latin:
         jump = self.law.opened(self.joint_fields(self.r)[0])
         tangent, changed = np.zeros_like(jump), False
         for law, at in zip(self.law.laws, self.law.points, strict=True):
-            tangent[:, at] = law_stiffness(law, jump[:, at], self.state[: law.n_state, at])
+            tangent[:, at] = law_stiffness(law, jump[:, at], self.state.history[: law.n_state, at])
         for index, found in self.directions(tangent).items():
             ratio = np.concatenate(found) / np.concatenate(self.joint_k[index])
             if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
@@ -276,12 +272,6 @@ class Latin:
             )
             for index, face, at in self.joints
         }
-
-    def commit(self, found: LatinIterate) -> None:
-        """Take the state of the laws at the present forces for the next step."""
-        self.largest, self.before = max(self.largest, self.size(found)), self.pressure()
-        jump = self.joint_fields(self.r)[0]
-        self.state = self.law.sliding(jump, self.state).state
 
     def slack(self) -> np.ndarray:
         """Distance by which the ends of every link miss it, shape (rows,), m."""
@@ -332,8 +322,8 @@ class Latin:
         return np.asarray(-self.joint_fields(self.r)[1][0])
 
     def slide(self, load: np.ndarray, pressure: np.ndarray) -> Slide | None:
-        """Say whether the load overcomes friction at pressures, Pa: of the step before or these."""
-        return find_slide(self.problem, self.team.concatenate(load), self.before, pressure)
+        """Slide under a load at the pressures before the step or at these, Pa; None if held."""
+        return find_slide(self.problem, self.team.concatenate(load), self.state.pressure, pressure)
 
     def norm(self, value: np.ndarray) -> float:
         """Norm over all processes of what links, then sides have, shape (rows + m,)."""

@@ -1,34 +1,26 @@
 """Solve a structure that has been cut, step by step."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from multiscale.convergence import Status, check_limits
+from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.rigid_motion import count_free_motions
 from multiscale.macro.substructures.bound import Admissible, ErrorBound
-from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.indicator import indicate_error
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import Method, StepAnswer
 from multiscale.numerics.anderson import Anderson
 from multiscale.schema import Dataset
 
-__all__ = ["solve_latin", "solve_step"]
-
-ACCOUNT = (
-    "converged",
-    "failure",
-    "residual",
-    "error_bound",
-    "error_indicator",
-    "iterations",
-    "wall_time",
-)
+__all__ = ["LatinMethod", "LatinSolver", "solve_latin"]
 
 MEMORY, RELAXED = 16, 0.95
 """Iterates that the acceleration keeps; share of an image in the next iterate."""
@@ -37,18 +29,52 @@ HEURISTIC = 0.1
 """Change in an iteration, relative to the tolerance, at which the error counts as within it."""
 
 
+@dataclass(frozen=True)
+class LatinMethod(Method):
+    """Micro-macro LATIN: all laws, rigid contact too, and many processes; see :func:`solve_latin`.
+
+    It alone gives an indicator of the error.
+
+    Parameters
+    ----------
+    parts, max_iterations, after_step
+        As of :class:`Method`.
+    tolerance : float
+        Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
+        prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
+        guaranteed where all is links whose prestress holds itself, and cannot fall below some
+        1e-7, because the tensions of slack links are only zero to rounding. With joints there
+        is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
+        unavoidable where bodies move far on soft joints is allowed for.
+    coarse : bool
+        Whether a coarse problem balances the resultants of the interfaces in every iteration.
+        Without it the number of iterations grows with the number of substructures.
+    updated : bool
+        Whether the search directions follow the status of the links and the laws of joints.
+    team : ProcessGroup, optional
+        Processes that share the substructures; all solve, and all get the result.
+    callback : callable, optional, called as ``callback(iteration, residual, iterate)``
+    """
+
+    name: ClassVar[str] = "LATIN"
+    tolerance: float = 1e-8
+    max_iterations: int = 400
+    coarse: bool = True
+    updated: bool = True
+    team: ProcessGroup | None = None
+    callback: Callable[[int, float, LatinIterate], None] | None = None
+
+    def start(self, problem: CutProblem) -> "LatinSolver":
+        """Find the search directions of a structure and factorise its substructures."""
+        return LatinSolver(problem, self)
+
+
 def solve_latin(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
     *,
     after: Dataset | None = None,
-    coarse: bool = True,
-    updated: bool = True,
-    tolerance: float = 1e-8,
-    max_iterations: int = 400,
-    team: ProcessGroup | None = None,
-    callback: Callable[[int, float, LatinIterate], None] | None = None,
-    after_step: Callable[[], object] | None = None,
+    **options: Any,
 ) -> Dataset:
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
 
@@ -61,23 +87,8 @@ def solve_latin(
         An earlier path by the same method, of this problem or of one with other loads or bolts:
         the first step goes on from its last. Its steps come first in the result. The states of the
         laws follow from its jumps.
-    coarse : bool
-        Whether a coarse problem balances the resultants of the interfaces in every iteration.
-        Without it the number of iterations grows with the number of substructures.
-    updated : bool
-        Whether the search directions follow the status of the links and the laws of joints.
-    tolerance : float
-        Of the tensions, in the norm of :math:`k^{-1}` relative to their change from the
-        prestress. The change in an iteration decides, which is heuristic; ``error_bound`` is
-        guaranteed where all is links whose prestress holds itself, and cannot fall below some
-        1e-7, because the tensions of slack links are only zero to rounding. With joints there
-        is ``error_indicator``, a heuristic one: friction has no bound. What rounding makes
-        unavoidable where bodies move far on soft joints is allowed for.
-    max_iterations : int, iteration limit of a step
-    team : ProcessGroup, optional
-        Processes that share the substructures; all call this function, and all get the result.
-    callback : callable, optional, called as ``callback(iteration, residual, iterate)``
-    after_step : callable, optional, called after every step that converged
+    options
+        Of :class:`LatinMethod`.
 
     Returns
     -------
@@ -108,34 +119,7 @@ def solve_latin(
     .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
-    check_limits(tolerance, max_iterations)
-    _refuse_floating(problem)
-    factors = load_factors(problem, load_factor, after)
-    method = Latin(problem, coarse=coarse and problem.divided, updated=updated, team=team)
-    if after is not None:
-        method.resume(after)
-    judge = _judge(method) if coarse else None
-    columns: list[dict[str, Any]] = []
-    for factor in factors:
-        load = method.stack.load @ factor
-        try:
-            columns.append(solve_step(method, load, judge, tolerance, max_iterations, callback))
-        except MultiscaleError as error:  # a law without an answer: the steps before are kept
-            if not columns:
-                raise
-            failure = str(method.slide(load, method.before) or error)
-            columns.append(columns[-1] | {"converged": 0, "failure": failure})
-        if not columns[-1]["converged"]:
-            break
-        if after_step is not None:
-            after_step()
-    return assemble_result(
-        problem,
-        factors,
-        [{name: column[name] for name in ACCOUNT} | _fields(method, column) for column in columns],
-        after,
-        coarse_unknowns=method.n_coarse if method.coarse_wanted else 0,
-    )
+    return LatinMethod(**options).solve(problem, load_factor, after)
 
 
 def _refuse_floating(problem: CutProblem) -> None:
@@ -150,69 +134,109 @@ def _refuse_floating(problem: CutProblem) -> None:
         )
 
 
-def solve_step(
-    method: Latin,
-    load: np.ndarray,
-    judge: Callable[[LatinIterate], dict[str, float]] | None,
-    tolerance: float,
-    max_iterations: int,
-    callback: Callable[[int, float, LatinIterate], None] | None,
-) -> dict[str, Any]:
-    """Iterate on one load until the error is small enough; the joints keep a converged state."""
-    clock = perf_counter()
-    own = method.z.size  # the entries behind are the same in all processes and count once
+class LatinSolver:
+    """LATIN on a structure, step by step; iterates go on from the step before."""
 
-    def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(method.team.total(a[:own].T @ b[:own]) + a[own:].T @ b[own:])
+    def __init__(self, problem: CutProblem, method: LatinMethod, *, judged: bool = True) -> None:
+        _refuse_floating(problem)
+        self.method = method
+        self.iteration = Latin(
+            problem,
+            coarse=method.coarse and problem.divided,
+            updated=method.updated,
+            team=method.team,
+        )
+        self.judge = _judge(self.iteration) if judged and method.coarse else None
+        self.reached: np.ndarray | None = None
+        self.report: dict[str, Any] = {}
 
-    acceleration = Anderson(MEMORY, relaxation=RELAXED, products=products)
-    status, residual, due, last = Status.MAX_ITERATIONS, np.inf, MAJOR_INTERVAL, None
-    pressure, closest = method.pressure(), np.inf
-    for iteration in range(1, max_iterations + 1):
-        z, r, found = method.iterate(load)
-        change = method.distance(z, r)
-        size = method.norm(change)
-        residual, last = method.residual(found, last, change), found
-        if callback is not None:
-            callback(iteration, residual, found)
-        if not np.isfinite(residual):
-            status = Status.NOT_FINITE
-            break
-        if residual <= max(HEURISTIC * tolerance, method.rounding(found)):
-            status = Status.CONVERGED
-            break
-        if iteration % MAJOR_INTERVAL == 0:
-            if residual < closest:  # a body that runs away takes wild pressures on its way
-                pressure, closest = method.pressure(), residual
-            if method.far(found) and method.slide(load, pressure):
-                status = Status.INFEASIBLE
+    @property
+    def attributes(self) -> dict[str, int]:
+        """Number of coarse unknowns."""
+        return {"coarse_unknowns": self.iteration.n_coarse if self.iteration.coarse_wanted else 0}
+
+    def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
+        """Iterate on one load until the error is small enough."""
+        latin = self.iteration
+        if state.unknowns is not self.reached and (self.report or np.any(state.unknowns)):
+            latin.resume(state)
+        latin.state = state
+        load = latin.stack.load @ factor
+        try:
+            answer = self.iterate(load)
+        except MultiscaleError as error:  # a law without an answer: the steps before are kept
+            if not self.report:
+                raise
+            failure = str(latin.slide(load, state.pressure) or error)
+            report = self.report | {"converged": 0, "failure": failure}
+            return StepAnswer(state.unknowns, state.jump, state.traction, report)
+        self.reached, self.report = answer.unknowns, answer.report
+        return answer
+
+    def iterate(self, load: np.ndarray) -> StepAnswer:
+        """Run local and linear stages under forces on the substructures of this process, N.
+
+        The next step begins with the iterate of a converged one.
+        """
+        clock, method, latin = perf_counter(), self.method, self.iteration
+        rows = latin.z.size  # the entries behind are the same in all processes and count once
+
+        def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            return np.asarray(latin.team.total(a[:rows].T @ b[:rows]) + a[rows:].T @ b[rows:])
+
+        acceleration = Anderson(MEMORY, relaxation=RELAXED, products=products)
+        status, residual, due, last = Status.MAX_ITERATIONS, np.inf, MAJOR_INTERVAL, None
+        pressure, closest = latin.pressure(), np.inf
+        for iteration in range(1, method.max_iterations + 1):
+            # both stages, and the distance of their states
+            z, r, found = latin.iterate(load)
+            change = latin.distance(z, r)
+            size = latin.norm(change)
+            residual, last = latin.residual(found, last, change), found
+            if method.callback is not None:
+                method.callback(iteration, residual, found)
+            if not np.isfinite(residual):
+                status = Status.NOT_FINITE
                 break
-        x = acceleration.next(np.append(method.z, method.r), np.append(z, r), change, size)
-        method.go_on_from(x[: z.size], x[z.size :])
-        if method.updated and iteration >= due:
-            renewed = method.update()
-            if renewed is not None:
-                acceleration.renew(renewed, np.append(method.z, method.r))
-            major = renewed is not None and renewed.all()
-            due = iteration + (MAJOR_INTERVAL if major else MINOR_INTERVAL)
-    converged = status is Status.CONVERGED
-    judged = judge(found) if converged and judge else {}
-    if converged:
-        method.go_on_from(z, r)
-    jump, traction = method.joint_fields(method.r)
-    fields = {"slack": method.slack(), "jump": jump, "traction": traction, "found": found}
-    if converged:
-        method.commit(found)
-    return {
-        **fields,
-        "converged": int(converged),
-        "failure": "" if converged else str(method.slide(load, pressure) or status.value),
-        "residual": residual,
-        "error_bound": judged.get("error_bound", np.nan),
-        "error_indicator": judged.get("error_indicator", np.nan),
-        "iterations": iteration,
-        "wall_time": perf_counter() - clock,
-    }
+            if residual <= max(HEURISTIC * method.tolerance, latin.rounding(found)):
+                status = Status.CONVERGED
+                break
+            # bodies that run away
+            if iteration % MAJOR_INTERVAL == 0:
+                if residual < closest:  # they take wild pressures on their way
+                    pressure, closest = latin.pressure(), residual
+                if latin.far(found) and latin.slide(load, pressure):
+                    status = Status.INFEASIBLE
+                    break
+            # next iterate, and search directions that follow the status of links and joints
+            x = acceleration.next(np.append(latin.z, latin.r), np.append(z, r), change, size)
+            latin.go_on_from(x[: z.size], x[z.size :])
+            if latin.updated and iteration >= due:
+                renewed = latin.update()
+                if renewed is not None:
+                    acceleration.renew(renewed, np.append(latin.z, latin.r))
+                major = renewed is not None and renewed.all()
+                due = iteration + (MAJOR_INTERVAL if major else MINOR_INTERVAL)
+        converged = status is Status.CONVERGED
+        judged = self.judge(found) if converged and self.judge else {}
+        if converged:
+            latin.go_on_from(z, r)
+            latin.largest = max(latin.largest, latin.size(found))
+        jump, traction = latin.joint_fields(latin.r)
+        problem, team = latin.problem, latin.team
+        tension = team.concatenate(latin.admissible(found.tension))
+        report = {
+            "converged": int(converged),
+            "failure": "" if converged else str(latin.slide(load, pressure) or status.value),
+            "residual": residual,
+            "error_bound": judged.get("error_bound", np.nan),
+            "error_indicator": judged.get("error_indicator", np.nan),
+            "iterations": iteration,
+            "wall_time": perf_counter() - clock,
+            **problem.link_fields(tension, team.concatenate(latin.slack())),
+        }
+        u = problem.average(team.concatenate(found.u))
+        return StepAnswer(u, jump, traction, report)
 
 
 def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
@@ -228,14 +252,3 @@ def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
     return lambda found: {
         "error_bound": bound.evaluate(found.u, found.tension, found.force, team).relative
     }
-
-
-def _fields(method: Latin, column: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Displacement of the nodes, and results of the links and joints of all processes."""
-    problem, team, found = method.problem, method.team, column["found"]
-    u = problem.average(team.concatenate(found.u))
-    fields = {"displacement": problem.displacement(u)}
-    if problem.joints:
-        fields |= {name: column[name].T for name in ("jump", "traction")}
-    tension = team.concatenate(method.admissible(found.tension))
-    return fields | link_fields(problem, tension, team.concatenate(column["slack"]))

@@ -124,6 +124,12 @@ class CutBolt:
     preload: float
     name: str
 
+    def pull(self, n: int) -> np.ndarray:
+        """Return the forces, shape (n,), of the bolt under a tension of one on all unknowns."""
+        pull = np.zeros(n)
+        pull[list(self.unknown)] = 1.0, -1.0
+        return pull
+
 
 @dataclass(frozen=True, eq=False)
 class CutProblem:
@@ -202,8 +208,29 @@ class CutProblem:
 
     def with_laws(self, laws: Sequence[InterfaceLaw]) -> "CutProblem":
         """Return the same structure with other laws of its joints, by their numbers."""
-        joints = tuple(replace(one, law=laws[one.joint]) for one in self.joints)
+        joints = tuple(replace(joint, law=laws[joint.joint]) for joint in self.joints)
         return replace(self, joints=joints)
+
+    def with_locked_bolts(self) -> "CutProblem":
+        """Return the structure with the shanks of its bolts as substructures.
+
+        A load case for each bolt, a tension of 1 N in its washers, follows the other ones.
+        """
+        if not self.bolts:
+            return self
+        position, component = self.places()
+        pulls = np.stack([bolt.pull(self.n) for bolt in self.bolts], axis=1)
+        share = pulls / self.shares[:, None]
+        parts = [
+            replace(part, load=np.column_stack([part.load, share[part.unknown]]))
+            for part in self.substructures
+        ]
+        for bolt in self.bolts:
+            ends = np.array(bolt.unknown)
+            K = csr_array(bolt.stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]]))
+            load = np.zeros((2, self.n_cases + len(self.bolts)))
+            parts.append(Substructure(K, load, ends, position[ends], component[ends]))
+        return replace(self, substructures=tuple(parts), locked=True)
 
     @property
     def n(self) -> int:
@@ -223,8 +250,8 @@ class CutProblem:
         """Unknowns, shape (..., n), from the displacement of the nodes, (..., nodes, c), m."""
         E = self.expansion
         flat = displacement.reshape(-1, E.shape[0])
-        found = factorise(csr_array(E.T @ E), name="the expansion")(E.T @ flat.T)
-        return np.asarray(found.T.reshape(*displacement.shape[:-2], self.n))
+        value = factorise(csr_array(E.T @ E), name="the expansion")(E.T @ flat.T)
+        return np.asarray(value.T.reshape(*displacement.shape[:-2], self.n))
 
     def sum_up(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """Sum over the substructures that share an unknown, shape (n,)."""
@@ -250,6 +277,14 @@ class CutProblem:
         for part in self.substructures:
             position[part.unknown], component[part.unknown] = part.position, part.component
         return position, component
+
+    def link_fields(self, tension: np.ndarray, slack: np.ndarray) -> dict[str, np.ndarray]:
+        """Tension, N, and slack, m, in the order of the structure, given part after part."""
+        if not self.n_links:
+            return {}
+        order = np.concatenate([part.links.number for part in self.substructures if part.links])
+        place = np.argsort(order)
+        return {"tension": tension[place], "slack": slack[place]}
 
     @property
     def n_links(self) -> int:

@@ -1,25 +1,58 @@
 """Semismooth Newton outside, a balanced Schur complement inside."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from multiscale.convergence import Status, check_limits
+from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.macro.interface_newton import ROUNDS
-from multiscale.macro.substructures.cut_results import assemble_result, link_fields, load_factors
 from multiscale.macro.substructures.cut_tangent import Newton
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import Method, StepAnswer
 from multiscale.numerics.newton import Limits, NewtonRun
 from multiscale.schema import Dataset
 
-__all__ = ["solve_schur"]
+__all__ = ["NewtonSchur", "solve_schur"]
 
 OVERFLOW = 1e150
 """Residual whose square, in the linear solver, is no number any more."""
+
+
+@dataclass(frozen=True)
+class NewtonSchur(Method):
+    """Newton's method with a balanced Schur complement; see :func:`solve_schur`.
+
+    It takes all laws but rigid contact, on many processes.
+
+    Parameters
+    ----------
+    parts, after_step
+        As of :class:`Method`.
+    tolerance : float
+        Bound on the largest force out of balance relative to the largest nodal load (without
+        load: to the largest prestress); dimensionless. What rounding makes unavoidable is
+        allowed for; ``residual`` says what was reached.
+    max_iterations : int, limit of Newton steps for one load
+    team : ProcessGroup, optional, as of :class:`LatinMethod`
+    callback : callable, optional
+        Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
+        the order of the substructures (of this process), ``state.displacement()`` of all
+        unknowns, m. All processes give one, or none.
+    """
+
+    name: ClassVar[str] = "Newton-Schur"
+    team: ProcessGroup | None = None
+    callback: Callable[[int, float, Newton], None] | None = None
+
+    def start(self, problem: CutProblem) -> "_SchurSolver":
+        """Lay out shared and coarse unknowns."""
+        return _SchurSolver(problem, self)
 
 
 def solve_schur(
@@ -27,28 +60,16 @@ def solve_schur(
     load_factor: float | np.ndarray = 1.0,
     *,
     after: Dataset | None = None,
-    tolerance: float = 1e-10,
-    max_iterations: int = 100,
-    team: ProcessGroup | None = None,
-    callback: Callable[[int, float, Newton], None] | None = None,
-    after_step: Callable[[], object] | None = None,
+    **options: Any,
 ) -> Dataset:
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
     Parameters
     ----------
-    problem, load_factor, after, team
+    problem, load_factor, after
         As of :func:`solve_latin`.
-    tolerance : float
-        Bound on the largest force out of balance relative to the largest nodal load (without
-        load: to the largest prestress); dimensionless. What rounding makes unavoidable is
-        allowed for; ``residual`` says what was reached.
-    max_iterations : int, limit of Newton steps for one load
-    callback : callable, optional
-        Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
-        the order of the substructures (of this process), ``state.displacement()`` of all
-        unknowns, m. All processes give one, or none.
-    after_step : callable, optional, called after every step that converged
+    options
+        Of :class:`NewtonSchur`.
 
     Returns
     -------
@@ -81,75 +102,57 @@ def solve_schur(
     .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
        doi:10.1137/0917003, on how accurately to solve.
     """
-    check_limits(tolerance, max_iterations)
-    factors = load_factors(problem, load_factor, after)
-    method = Newton(problem, team)
-    if after is not None:
-        method.resume(after)
-    columns: list[dict[str, Any]] = []
-    for factor in factors:
-        columns.append(_solve_step(method, factor, tolerance, max_iterations, callback))
-        if not columns[-1]["converged"]:
-            break
-        if after_step is not None:
-            after_step()
-    return assemble_result(
-        problem,
-        factors,
-        columns,
-        after,
-        shared_unknowns=method.layout.n_shared,
-        coarse_unknowns=method.layout.n_coarse,
-    )
+    return NewtonSchur(**options).solve(problem, load_factor, after)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
-def _solve_step(
-    method: Newton,
-    factor: np.ndarray,
-    tolerance: float,
-    max_iterations: int,
-    callback: Callable[[int, float, Newton], None] | None,
-) -> dict[str, Any]:
-    """Newton's method for one load."""
-    clock = perf_counter()
-    method.start(factor)
-    krylov, closest = 0, method.imbalance()
-    imbalance = closest
+class _SchurSolver:
+    """Newton-Schur on a structure, step by step."""
 
-    def note(iteration: int, residual: float) -> None:
-        if callback is not None:
-            callback(iteration, residual, method)
+    def __init__(self, problem: CutProblem, method: NewtonSchur) -> None:
+        self.method, self.newton = method, Newton(problem, method.team)
+        layout = self.newton.layout
+        self.attributes = {"shared_unknowns": layout.n_shared, "coarse_unknowns": layout.n_coarse}
 
-    run = NewtonRun(Limits(max_iterations, tolerance, note))
-    while run.goes_on(imbalance.residual, imbalance.rounding):
-        if method.lending.exhausted:
-            run.stop(Status.STALLED)
-            break
-        if imbalance.residual > OVERFLOW:  # bodies that slide away
-            run.stop(Status.NOT_FINITE)
-            break
-        try:
-            krylov += method.advance(imbalance, tolerance, search=run.since_best > ROUNDS)
-        except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
-            run.stop(Status.STALLED)
-            break
-        imbalance = method.imbalance()
-        closest = min(closest, imbalance, key=lambda one: one.residual)
-    if run.converged:
-        method.commit()
-    return {
-        "displacement": method.problem.displacement(method.displacement()),
-        **method.joint_fields(imbalance),
-        **link_fields(
-            method.problem,
-            method.team.concatenate(method.tension()),
-            method.team.concatenate(method.slack()),
-        ),
-        "converged": int(run.converged),
-        "failure": "" if run.converged else method.why(run.status, closest),
-        "residual": imbalance.residual,
-        "iterations": run.steps,
-        "krylov_iterations": krylov,
-        "wall_time": perf_counter() - clock,
-    }
+    @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
+    def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
+        """Newton's method for one load."""
+        clock, method, newton = perf_counter(), self.method, self.newton
+        newton.start(state, factor)
+        krylov, closest = 0, newton.imbalance()
+        imbalance = closest
+
+        def note(iteration: int, residual: float) -> None:
+            if method.callback is not None:
+                method.callback(iteration, residual, newton)
+
+        run = NewtonRun(Limits(method.max_iterations, method.tolerance, note))
+        while run.goes_on(imbalance.residual, imbalance.rounding):
+            if newton.lending.exhausted:
+                run.stop(Status.STALLED)
+                break
+            if imbalance.residual > OVERFLOW:  # bodies that slide away
+                run.stop(Status.NOT_FINITE)
+                break
+            try:
+                krylov += newton.advance(
+                    imbalance, method.tolerance, search=run.since_best > ROUNDS
+                )
+            except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
+                run.stop(Status.STALLED)
+                break
+            imbalance = newton.imbalance()
+            closest = min(closest, imbalance, key=lambda place: place.residual)
+        newton.reached, team = newton.displacement(), newton.team
+        report = {
+            "converged": int(run.converged),
+            "failure": "" if run.converged else newton.why(run.status, closest),
+            "residual": imbalance.residual,
+            "iterations": run.steps,
+            "krylov_iterations": krylov,
+            "wall_time": perf_counter() - clock,
+            **newton.problem.link_fields(
+                team.concatenate(newton.tension()), team.concatenate(newton.slack())
+            ),
+        }
+        jump, traction = newton.joined(newton.at), newton.joined(imbalance.traction)
+        return StepAnswer(newton.reached, jump, traction, report)

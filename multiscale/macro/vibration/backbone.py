@@ -28,9 +28,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro.substructures.closed_cycles import closed_cycle
-from multiscale.macro.substructures.joint_state import sliding_share
-from multiscale.macro.substructures.whole_structure import Assembled
+from multiscale.macro.substructures.path import closed_cycle
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import sliding_share
+from multiscale.macro.substructures.whole import Assembled
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.macro.vibration.tangent_modes import TangentModes
 
@@ -146,7 +147,7 @@ class _Point:
     ----------
     value : ndarray, shape (n,), change of the displacement since rest, m
     amplitude, force : float, q, kg^1/2 m, and alpha, kg^1/2 m/s2
-    jump, state : ndarray, of the joints
+    state : JointState, of the joints
     slipping : ndarray, shape (points,), share of the pressure that slips in the step to it
     sheared : float, energy that the tangential tractions of the joints store, J
     failure : str
@@ -155,8 +156,7 @@ class _Point:
     value: np.ndarray
     amplitude: float
     force: float
-    jump: np.ndarray
-    state: np.ndarray
+    state: JointState
     slipping: np.ndarray
     sheared: float
     failure: str = ""
@@ -182,11 +182,10 @@ class _Mode:
     @property
     def start(self) -> _Point:
         """The structure at rest."""
-        points = self.rest.jump.shape[1]
+        law, state = self.rest.law, self.rest.state
         nothing = np.zeros(self.structure.load.shape[0])
-        rest, state = self.rest, self.rest.state
-        stored = float(rest.law.sliding(rest.jump, state).stored @ self.structure.weight)
-        return _Point(nothing, 0.0, 0.0, rest.jump, state, np.zeros(points), stored)
+        stored = float(law.sliding(state.jump, state.history).stored @ self.structure.weight)
+        return _Point(nothing, 0.0, 0.0, state, np.zeros(state.jump.shape[1]), stored)
 
     def follow(self, point: _Point, amplitudes: Sequence[float]) -> Iterator[_Point]:
         """Take the mode to amplitudes one after the other, until it cannot follow."""
@@ -204,11 +203,10 @@ class _Mode:
         spring = SPRING * self.square
         force = point.force + self.square * (amplitude - point.amplitude)
         reach = amplitude + force / spring
-        law, axes = self.rest.law, np.array([[0.0], [1.0], [1.0]])
-        slid, state = point.jump * axes, law.from_here(point.state)
+        law, state = self.rest.law, point.state
         grow = amplitude / point.amplitude if point.amplitude * amplitude > 0.0 else 1.0
         moved = (grow - 1.0) * point.value
-        opened = (self.structure.jump @ moved).reshape(point.jump.shape)
+        opened = (self.structure.jump @ moved).reshape(state.jump.shape)
         starts = [(point.value + moved, opened), (point.value, 0.0 * opened)]
         for value, more in starts:  # along the path, else from where it stands
             with np.errstate(over="ignore", invalid="ignore"):  # where a start is too far
@@ -216,38 +214,37 @@ class _Mode:
                     self.law,
                     np.array([reach]),
                     start=value,
-                    jump=point.jump - slid + more,
-                    state=state,
+                    jump=state.jump + more,
+                    state=state.history,
                     tolerance=TOLERANCE,
                 )
             if solution.converged:
                 break
         q = float(self.structure.load[:, 0] @ solution.value) / spring
-        jump = slid + solution.jump
-        failure = "" if solution.converged else solution.status.value
-        if failure:
-            return replace(point, failure=failure)
-        done = law.sliding(solution.jump, state)
+        if not solution.converged:
+            return replace(point, failure=solution.status.value)
+        state, done = state.advance(law, solution.value, solution.jump, state.traction)
         slipping = sliding_share(law, solution.jump, done)
         force = spring * (reach - q)
         sheared = float(done.stored @ self.structure.weight)
-        return _Point(solution.value, q, force, jump, done.state, slipping, sheared)
+        return _Point(solution.value, q, force, state, slipping, sheared)
 
     def stored(self, point: _Point) -> float:
         """Energy that bodies and joints store at a point of the path since rest, J."""
-        u, rest = point.value, self.rest
+        u, rest = point.value, self.rest.state
         spring = SPRING * self.square * point.amplitude**2
         bodies = 0.5 * (float(u @ (self.structure.stiffness @ u)) - spring)
-        opened, normal = point.jump[0] - rest.jump[0], 0.0
+        opened, normal = point.state.jump[0] - rest.jump[0], 0.0
         for at, weight in zip(0.5 + ABSCISSAE, WEIGHTS, strict=True):
             jump = np.concatenate([[rest.jump[0] + at * opened], rest.jump[1:]])
-            change = self.law.respond(jump, rest.state).traction[0]
+            change = self.law.respond(jump, rest.history).traction[0]
             normal += weight * float((change * opened) @ self.structure.weight)
         return bodies + normal + point.sheared - self.start.sheared
 
     def pressure(self, point: _Point) -> np.ndarray:
         """Pressure at a point of the path, shape (points,), Pa."""
-        return np.asarray(-self.rest.law.respond(point.jump, point.state).traction[0])
+        state = point.state
+        return np.asarray(-self.rest.law.respond(state.jump, state.history).traction[0])
 
     def sliding(self, point: _Point) -> str:
         """Report which interface with friction slides away; nothing if none does."""
@@ -283,7 +280,7 @@ def follow_backbone(
     amplitudes : Amplitudes
     progress : callable, called after each amplitude of each direction
     """
-    square, points = float(modes.square[mode]), rest.jump.shape[1]
+    square, points = float(modes.square[mode]), rest.state.jump.shape[1]
     asked = len(amplitudes.values)
     if not points:
         none = np.zeros((2, asked, 0))
@@ -353,7 +350,7 @@ def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
         own.jump,
         own.weight,
     )
-    still = rest.law.respond(rest.jump, rest.state).traction
+    still = rest.law.respond(rest.state.jump, rest.state.history).traction
     return _Mode(rest, driven, TractionChange(rest.law, still), square)
 
 

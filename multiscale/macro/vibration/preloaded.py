@@ -12,14 +12,14 @@ from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
 from multiscale.macro.interface_newton import face_stiffness
-from multiscale.macro.substructures.assembly_methods import AssembledNewton
-from multiscale.macro.substructures.bolted_path import follow_bolts, lock_bolts
+from multiscale.macro.substructures.capacity import refuse_free
 from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
-from multiscale.macro.substructures.joint_state import joint_shares, state_after
-from multiscale.macro.substructures.load_path import refuse_free
+from multiscale.macro.substructures.measures import joint_shares
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.whole_structure import Assembled, assemble
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import PreparedStructure, follow
+from multiscale.macro.substructures.whole import Assembled, AssembledNewton, assemble
 from multiscale.macro.vibration.tangent_modes import find_free_motions
 from multiscale.schema import Dataset
 
@@ -45,29 +45,28 @@ class Preloaded:
         The same, with springs that hold the motions of the whole that are free.
     path : Dataset, follows ``MACRO_RESULT``, the steps of the preload on the small problem
     law : SideBySide, laws of all joints for further loads, which flow no more
-    jump : ndarray, shape (3, points), m
-    state : ndarray, shape (law.n_state, points)
+    state : JointState, at the end of the preload
     """
 
     free: CutProblem
     condensed: CondensedProblem
     path: Dataset
     law: SideBySide
-    jump: np.ndarray
-    state: np.ndarray
+    state: JointState
 
     def loaded(self, load: np.ndarray) -> Assembled:
         """Return the small structure with locked bolts under loads, (whole unknowns, cases), N."""
-        own = assemble(lock_bolts(self.condensed.with_loads(load).small))
-        return replace(own, load=own.load[:, own.load.shape[1] - load.shape[1] :])
+        structure = assemble(self.condensed.with_loads(load).small.with_locked_bolts())
+        first = self.free.n_cases
+        return replace(structure, load=structure.load[:, first : first + load.shape[1]])
 
     def tangent(self) -> csr_array:
         """Stiffness of the whole against small changes, with locked bolts, no point slipping, N/m.
 
         Shape (whole unknowns, whole unknowns).
         """
-        whole = assemble(lock_bolts(self.free))
-        tangent = self.law.respond(self.jump, self.law.unsheared(self.state)).tangent
+        whole, law = assemble(self.free.with_locked_bolts()), self.law
+        tangent = law.respond(self.state.jump, law.unsheared(self.state.history)).tangent
         B, points = whole.jump, whole.weight.size
         if points:
             most = STIFFEST * face_stiffness(whole.stiffness.diagonal(), B[:points], whole.weight)
@@ -123,7 +122,8 @@ def press_structure(
     pressed = condensed.small
     if preload_laws is not None:
         pressed = pressed.with_laws(preload_laws)
-    path = follow_bolts(pressed, factors, AssembledNewton())
+    followed = follow(PreparedStructure(pressed, AssembledNewton()), factors)
+    path = followed.result
     if not path["converged"].values.all():
         raise ConvergenceError(f"the preload has no equilibrium: {path.attrs['failure']}")
     if joints:
@@ -132,9 +132,7 @@ def press_structure(
         path = with_load_shares(path, shares, data, extrapolate=extrapolate, loads=loads)
         if not (extrapolate or path["known"].values[-1]):
             raise ConvergenceError(f"the preload is unknown: {path.attrs['cautions']}")
-    jump = path["jump"].values[-1].T if joints else np.zeros((3, 0))
-    law, state = condensed.small.law.shaken_down(), state_after(pressed, path)
-    return Preloaded(free, condensed, path, law, jump, state)
+    return Preloaded(free, condensed, path, condensed.small.law.shaken_down(), followed.end)
 
 
 def require_joined(assembly: Assembly) -> None:

@@ -72,12 +72,12 @@ def vibrate(
         "opens": np.concatenate([one.opens for one in curves]).astype(int),
         "converged": np.isfinite(joint).astype(int),
     }
-    if rest.jump.size:
+    if rest.state.jump.size:
         values |= _joints(rest, curves)
     result = VIBRATION.build(values).assign_coords(
         component=["x", "y", "z"], mode=1 + np.arange(len(shape))
     )
-    if rest.jump.size:
+    if rest.state.jump.size:
         result = result.assign_coords(direction=list(COMPONENTS))
     told = [
         f"mode {mode + 1}: contact opens at amplitudes from "

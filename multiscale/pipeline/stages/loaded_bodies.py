@@ -112,11 +112,11 @@ def _with_budget(
     short = replace(
         path, steps=path.steps[:solved], cycles=min(path.cycles, int(whole)), cycle_steps=few or 1
     )
-    follow = partial(_follow, short)
-    near = follow(ready.structure.small, (), ready.method)
+    prepared = substructures.PreparedStructure(ready.structure.small, ready.method)
+    near = substructures.follow(prepared, short.factors())
     rise = path.cycle_steps if path.cycles and whole and sources.laws else 0
     asked = load_answers(result, rise, few)
-    solve = ready.again(follow, near)
+    solve = ready.again(partial(_follow, short), near)
     return with_joint_budget(result, sources, solve, asked, coarser, job)
 
 
@@ -125,7 +125,7 @@ def _follow(
     problem: "substructures.CutProblem",
     areas: Sequence[float],
     method: "substructures.Method",
-    near: Dataset | None = None,
+    near: "substructures.FollowedPath | None" = None,
 ) -> Dataset:
     """Follow a path, maybe near another one, whatever the data of the laws."""
     return substructures.follow_cut_loads(problem, path, method=method, extrapolate=True, near=near)

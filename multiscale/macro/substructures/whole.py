@@ -1,15 +1,17 @@
-"""The structure that the substructures make, in one piece."""
+"""The structure that the substructures make, in one piece, and Newton's method for it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from time import perf_counter
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.linalg import norm
 from scipy.sparse import csr_array, vstack
 
 from multiscale.convergence import Status
+from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.monolithic import (
     FlexibleBodies,
@@ -17,12 +19,17 @@ from multiscale.macro.monolithic import (
     prepare_flexible,
     solve_interface,
 )
+from multiscale.macro.substructures.capacity import find_slide
+from multiscale.macro.substructures.condensed_problem import condense_problem
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import FULL
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import Method, StepAnswer
 from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.factorisation import Solve, factorise
+from multiscale.schema import Dataset
 
-__all__ = ["Assembled", "assemble", "stack_jumps"]
+__all__ = ["Assembled", "AssembledNewton", "assemble", "solve_whole", "stack_jumps"]
 
 FEW = 2000
 """Unknowns up to which the stiffness is taken as a full matrix."""
@@ -120,3 +127,108 @@ def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:
 def _placement(unknown: np.ndarray, n: int) -> csr_array:
     """Pick some unknowns out of all n unknowns of the structure."""
     return csr_array((np.ones(unknown.size), (np.arange(unknown.size), unknown)), (unknown.size, n))
+
+
+@dataclass(frozen=True)
+class AssembledNewton(Method):
+    """Newton's method on the whole, uncut: the fastest where its factors fit into memory.
+
+    It takes all laws but rigid contact, on one process; see :func:`solve_whole`.
+    """
+
+    name: ClassVar[str] = "Newton's method on the whole"
+    condenses: ClassVar[bool] = True
+
+    def start(self, problem: CutProblem) -> "_WholeSolver":
+        """Condense and assemble a structure."""
+        return _WholeSolver(problem, self)
+
+
+def solve_whole(
+    problem: CutProblem,
+    load_factor: float | np.ndarray = 1.0,
+    *,
+    after: Dataset | None = None,
+    **options: Any,
+) -> Dataset:
+    """Solve elastic bodies in one piece: the slow twin of LATIN and Newton-Schur on large cuts.
+
+    Parameters
+    ----------
+    problem, load_factor, after
+        As of :func:`solve_latin`, without links, which :func:`multiscale.macro.solve_static` takes;
+        however it is cut, the answer is the same.
+    options
+        Of :class:`AssembledNewton`; see :func:`~multiscale.macro.monolithic.solve_interface`.
+
+    Returns
+    -------
+    Dataset
+        As :func:`solve_latin` gives it. A step that did not converge is NaN with ``converged`` 0,
+        and the later ones are not tried.
+
+    Raises
+    ------
+    CaseError
+        If load factors do not fit the load cases, there are links, or a joint is one of rigid
+        contact.
+    ConvergenceError
+        If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
+    """
+    return AssembledNewton(**options).solve(problem, load_factor, after)
+
+
+class _WholeSolver:
+    """Newton's method on a structure whose bodies are condensed onto its joints, if few."""
+
+    def __init__(self, problem: CutProblem, method: AssembledNewton) -> None:
+        if problem.n_links:
+            raise CaseError("links are not solved as bodies in one piece; solve_static takes them")
+        if not all(joint.law and joint.law.compliant for joint in problem.joints):
+            raise CaseError(
+                "a joint needs a law that tells the traction of a jump; solve_latin takes rigid "
+                "contact as well"
+            )
+        self.problem, self.method = problem, method
+        self.bodies = condense_problem(problem)
+        self.structure = assemble(self.bodies.small)
+        self.attributes: dict[str, int] = {}
+
+    def step(
+        self,
+        state: JointState,
+        factor: np.ndarray,
+        near: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> StepAnswer:
+        """Solve a step as the path that is near, else from where this one stands."""
+        clock, law = perf_counter(), self.problem.law
+        starts = [(state.unknowns, state.jump)]
+        if near is not None:
+            starts.insert(0, (state.unknowns + near[0], state.jump + near[1]))
+        for start, jump in starts:
+            solution = self.structure.solve(
+                law,
+                factor,
+                start=self.bodies.keep(start),
+                jump=jump,
+                state=state.history,
+                max_iterations=self.method.max_iterations,
+                tolerance=self.method.tolerance,
+            )
+            if solution.converged:
+                break
+        with np.errstate(over="ignore", invalid="ignore"):  # where a failed step may have ended
+            traction = law.respond(solution.jump, state.history).traction
+        failure = ""
+        if not solution.converged:
+            load = self.problem.load(factor)
+            slide = find_slide(self.problem, load, state.pressure, -traction[0])
+            failure = str(slide or solution.status.value)
+        report = {
+            "converged": int(solution.converged),
+            "failure": failure,
+            "residual": solution.residuals[-1],
+            "iterations": len(solution.residuals) - 1,
+            "wall_time": perf_counter() - clock,
+        }
+        return StepAnswer(self.bodies.expand(solution.value), solution.jump, traction, report)

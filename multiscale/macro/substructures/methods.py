@@ -1,4 +1,4 @@
-r"""Which method solves bodies with joints: what each would take, and one rule.
+r"""Methods for bodies with joints: one function for all, and one rule that chooses.
 
 With n unknowns, m of them in a substructure, SuperLU takes about :math:`a n^2` seconds for factors,
 :math:`b n^{4/3}` for a solve and :math:`c n^{4/3}` bytes. Newton's method on the whole factorises
@@ -11,13 +11,19 @@ with errors of a factor of two; they are seconds of no other machine, but their 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from multiscale.executors import usable_memory
-from multiscale.macro.substructures.assembly_methods import AssembledNewton, LatinMethod
-from multiscale.macro.substructures.bolted_path import Method
-from multiscale.macro.substructures.condensed_problem import DENSE
-from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
+import numpy as np
 
-__all__ = ["JointSize", "MethodChoice", "MethodCost", "choose_method"]
+from multiscale.executors import usable_memory
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.substructures.condensed_problem import DENSE
+from multiscale.macro.substructures.cut_bodies import cut_assembly
+from multiscale.macro.substructures.latin_solver import LatinMethod
+from multiscale.macro.substructures.stepping import Method
+from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
+from multiscale.macro.substructures.whole import AssembledNewton
+from multiscale.schema import Dataset
+
+__all__ = ["JointSize", "MethodChoice", "MethodCost", "choose_method", "solve_assembly"]
 
 FACTORS, SOLVE, DENSE_FACTORS = 4e-9, 4e-8, 2.5e-11
 """Seconds: of sparse factors over the square of the unknowns, of a solve over their power of 4/3,
@@ -35,6 +41,57 @@ PAYS = 0.5
 
 CUTS = ((1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4), (8, 8))
 """Substructures of a body along x and y that are tried in turn until the factors fit."""
+
+
+def solve_assembly(
+    assembly: Assembly,
+    load_factor: float | np.ndarray = 1.0,
+    *,
+    method: Method = AssembledNewton(),  # noqa: B008  # frozen
+    after: Dataset | None = None,
+) -> Dataset:
+    """Solve elastic bodies with interfaces, step by step.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+        Factors of the load cases, one row for each step; each starts from the one before. Where
+        there are bolts, the first factor is of their preloads, and a step that changes it tightens
+        them: :func:`~.stepping.follow`.
+    method : Method, :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`
+    after : Dataset, optional
+        An earlier path by the same method and cut, maybe under other loads: the first step goes on
+        from its last, and its steps come first in the result.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: displacement of the nodes of all bodies one after the other,
+        jump and traction at the points of the interfaces, which are nodes, in their own frame
+        (normal, then both tangents), and the force of the bolts. A step that did not converge, or
+        at which a bolt comes loose, is NaN with ``converged`` 0, the later ones are not tried, and
+        the attribute ``failure`` says why. Points come in the order of the pairs of substructures
+        that meet; ``point_joint`` is the interface of each.
+
+    Raises
+    ------
+    CaseError
+        If a body is not elastic, a support moves, faces do not match, a substructure is in
+        pieces, or load factors do not fit the load cases.
+
+    Examples
+    --------
+    >>> from multiscale.laws import Exponential, Sliders
+    >>> from multiscale.laws.bulk import Elastic
+    >>> from multiscale.macro.bodies import stacked_blocks
+    >>> law = Sliders(Exponential(1e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
+    >>> blocks = stacked_blocks((0.02, 0.02, 0.02), (2, 2, 1), [Elastic(210e9, 0.3)] * 2, [law])
+    >>> pressed = solve_assembly(blocks, np.array([[10e6, 0.0]]))  # Pa
+    >>> float((pressed["traction"][0, :, 0] @ pressed["point_area"]).round(6))  # N
+    -4000.0
+    """
+    return method.solve(cut_assembly(assembly, method.parts), load_factor, after)
 
 
 @dataclass(frozen=True)

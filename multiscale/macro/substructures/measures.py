@@ -1,0 +1,441 @@
+"""Measures of a structure under loads: pressure, slip, loss, stiffness, data of the laws."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.bodies.assembly import Assembly
+from multiscale.macro.data_range import (
+    FAR_FACTOR,
+    FAR_SHARE,
+    data_ends,
+    load_shares,
+    with_load_shares,
+)
+from multiscale.macro.substructures.condensed_problem import condense_assembly
+from multiscale.macro.substructures.latin_solver import LatinMethod
+from multiscale.macro.substructures.path import JointLoading, LoadPath, closed_cycle, cycle_work
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.state import JointState
+from multiscale.macro.substructures.stepping import FollowedPath, Method, PreparedStructure, follow
+from multiscale.macro.substructures.tangents import Tangents
+from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
+from multiscale.units import readable
+
+__all__ = [
+    "OPEN",
+    "FollowedJoint",
+    "contact_measures",
+    "follow_cut_loads",
+    "follow_joint",
+    "joint_shares",
+    "load_joint",
+    "measure_joint",
+]
+
+OPENED, STICKS, SLIPS = 0, 1, 2
+"""States of a point of a joint."""
+
+OPEN = 0.01
+"""Pressure, relative to the mean of its joint, up to which a point counts as open: all open points
+together carry less than this share of the force, which laws without a last pressure leave them."""
+
+MOST = 0.5
+"""Share of the pressure of a point above which what slips makes it a slipping one."""
+
+
+def follow_cut_loads(
+    problem: CutProblem,
+    path: LoadPath,
+    *,
+    method: Method,
+    extrapolate: bool = False,
+    near: FollowedPath | None = None,
+) -> Dataset:
+    r"""Load a cut structure with interfaces by named loads.
+
+    Parameters
+    ----------
+    problem : CutProblem
+        Its load cases are those of the path; with bolts, the first is their tightening. The small
+        one of :func:`condense_assembly`, for instance.
+    path : LoadPath
+    method : Method, as of :func:`solve_assembly`
+    extrapolate : bool, as of :func:`load_joint`
+    near : FollowedPath, optional, the same path under other laws, to begin from
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives; of every load its factor, its
+        displacement and its stiffnesses; of every interface its pressure and its open and slipping
+        shares; and the energy that cycles lose.
+
+    Raises
+    ------
+    CaseError
+        If the path has not one factor for each load case.
+
+    Notes
+    -----
+    With the nodal forces :math:`f` of a load at the factor one and their resultant F, its
+    displacement is :math:`q = f \cdot u / F`: the mean along the load where that is even. It
+    counts from bodies without stress whose interfaces have no gap. Its stiffness is
+    :math:`F^2 / (f \cdot u)`, by :meth:`~.tangents.Tangents.work`, against a small
+    rise of its factor away from zero, and against changes so small that no point slips. The energy
+    of a cycle is :math:`F \oint \lambda\, \mathrm{d}q` with the factor :math:`\lambda`, by
+    :func:`~.path.cycle_work`; interfaces share it as slip dissipates at their points.
+    """
+    factors, forces, ends = path.factors(), np.array(path.forces), path.ends()
+    tangents, rise = Tangents(problem), np.where(factors < 0.0, -1.0, 1.0)
+    work = np.full((2, 3, *factors.shape), np.nan)
+
+    def note(step: int, state: JointState) -> None:
+        if ends[step] >= 0:
+            work[:, :, step] = tangents.work(state, rise[step])
+
+    followed = follow(PreparedStructure(problem, method), factors, near=near, note=note)
+    displacement = followed.unknowns @ tangents.whole.load / forces
+    (stuck, *_), (whole, of_interfaces, _) = work
+    free = np.isinf(whole)
+    values: dict[str, Any] = {
+        "path_step": ends,
+        "factor": factors,
+        "load_displacement": displacement,
+        "load_secant": _secants(factors, displacement, forces, not problem.joints),
+        "load_stiffness": forces**2 / whole,
+        "stuck_stiffness": forces**2 / stuck,
+        "interface_compliance": np.where(free, 1.0, of_interfaces / np.where(free, 1.0, whole)),
+    }
+    if problem.joints:
+        measures = contact_measures(followed)
+        values |= measures | _of_interfaces(followed.result, measures["contact_state"])
+    loads = [_say_factors(path.names, row) for row in factors]
+    result = _with_values(followed, values, extrapolate, loads)
+    if path.cycles:
+        energy = path.cycle_energy(result["load_displacement"].to_numpy())
+        energies: dict[str, Any] = {"cycle_energy": energy}
+        if problem.joints:
+            weighted = result["dissipation"].to_numpy() * result["point_area"].to_numpy()
+            lost = _by_interface(result, weighted)
+            slipped = np.array([lost[cycle][1:].sum(axis=0) for cycle in path.closed()])
+            total = slipped.sum(axis=1, keepdims=True)
+            energies["interface_energy"] = (
+                slipped / np.where(total > 0.0, total, 1.0) * energy[:, None]
+            )
+        result = MACRO_RESULT.assign(result, energies).assign_coords(cycle=range(path.cycles))
+    return result.assign_coords(load=list(path.names))
+
+
+def load_joint(
+    assembly: Assembly,
+    loading: JointLoading,
+    *,
+    method: Method = LatinMethod(),  # noqa: B008  # frozen
+    extrapolate: bool = False,
+) -> Dataset:
+    r"""Press and shear bodies with rough joints.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Its load cases are a preload and a shear of 1 Pa, with the areas of the faces that they act
+        on: from :func:`stacked_blocks` or :func:`lap_joint`, for instance. Bolts, with preloads of
+        1 Pa under their washers, take the place of the first; they are locked in the cycles.
+    loading : JointLoading
+    method : Method, see :func:`solve_assembly`
+    extrapolate : bool
+        Whether steps far outside the data of a law keep what it extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``: what :func:`solve_assembly` gives, and approach, shear, stiffness,
+        open, sticking and slipping shares of the joints, their load outside the data of their
+        laws, and energy per cycle; and secant stiffness, slip and loss of the cycles at every
+        preload.
+
+    Raises
+    ------
+    CaseError
+        If faces do not match, a substructure is in pieces, a law is one of rigid contact, or there
+        are not two areas.
+
+    Notes
+    -----
+    With the nodal forces :math:`f` of 1 Pa on a face of area A, the displacement of the face is
+    :math:`q = f \cdot u / A`. The stiffness :math:`A / (f \cdot u)` at a preload is that for
+    vibrations too small for any point to slip, with u of (1) of
+    :meth:`~.tangents.Tangents.work`, and joints and bodies stand in series by the
+    work that each of them stores. The energy of a cycle is the work of the shear on
+    its face, :func:`~.path.cycle_work`.
+
+    Every cycle is solved: pressing makes points slip, and the shear of a lap joint changes its
+    pressure, so that Masing's rule from the first loading does not hold. The secant stiffness is
+    the shear over the displacement between both ends of a cycle. Where the loss arises comes from
+    the dissipation of the steps; their sum is of first order in the step and is scaled to the work
+    of the cycle.
+    """
+    if len(assembly.areas) != 2:
+        raise CaseError(
+            f"a joint needs two load cases, preload and shear, with the area that each acts on, "
+            f"got {len(assembly.areas)} areas"
+        )
+    joint = condense_assembly(assembly, method)
+    followed = follow_joint(joint.small, loading, method=method)
+    return joint.restore(measure_joint(followed, assembly.areas, extrapolate=extrapolate))
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedJoint:
+    """Joints that have been loaded.
+
+    Attributes
+    ----------
+    loading : JointLoading
+    load : ndarray, shape (n, 2), forces of preload and shear of 1 Pa, N
+    work : ndarray, shape (3, steps, 2)
+        Work of preload and shear of 1 Pa on what they move at the preloads without slip, of joints
+        and of bodies in it, J.
+    path : FollowedPath, at the preloads, then in cycles
+    cycles : list of FollowedPath
+        Of all amplitudes from each preload: from there the shear rises in one step to an amplitude,
+        makes a closed cycle and rises to the next. None from the first preload that has failed.
+    """
+
+    loading: JointLoading
+    load: np.ndarray
+    work: np.ndarray
+    path: FollowedPath
+    cycles: list[FollowedPath]
+
+
+def follow_joint(
+    problem: CutProblem, loading: JointLoading, *, method: Method, near: FollowedJoint | None = None
+) -> FollowedJoint:
+    """Press and shear a cut structure.
+
+    Parameters
+    ----------
+    problem : CutProblem
+        The small problem of :func:`condense_assembly`, for instance.
+    loading : JointLoading
+    method : Method
+    near : FollowedJoint, optional
+        The same structure and loading with other laws, from which the method may begin.
+    """
+    factors, levels = loading.path().factors(), len(loading.preloads)
+    tangents, pressed = Tangents(problem), list[JointState]()
+    work = np.full((3, *factors.shape), np.nan)
+
+    def note(step: int, state: JointState) -> None:
+        if step < levels:
+            work[:, step] = tangents.work(state)[0]
+            pressed.append(state)
+
+    prepared, cycles = PreparedStructure(problem, method), list[FollowedPath]()
+    path = follow(prepared, factors, near=near.path if near else None, note=note)
+    top, known = np.array(loading.amplitudes), near.cycles if near else []
+    shear = np.ravel(top[:, None] * np.append(1.0, closed_cycle(loading.amplitude_steps)))
+    for level, state in enumerate(pressed if top.size else ()):
+        swing = np.stack([np.full(shear.size, loading.preloads[level]), shear], axis=1)
+        like = known[level] if level < len(known) else None
+        cycles.append(follow(prepared, swing, after=state, near=like))
+    return FollowedJoint(loading, tangents.whole.load, work, path, cycles)
+
+
+def measure_joint(
+    followed: FollowedJoint, areas: Sequence[float], *, extrapolate: bool = False
+) -> Dataset:
+    """Measure what :func:`load_joint` returns, with the areas of both loaded faces, m²."""
+    loading, path, area = followed.loading, followed.path, np.array(areas)
+    loads = loading.path(areas)
+    (preload, shear), (approach, along) = (
+        loads.factors().T,
+        (path.unknowns @ followed.load / area).T,
+    )
+    whole, of_joints, of_bodies = followed.work
+    values: dict[str, Any] = {
+        "preload": preload,
+        "shear": shear,
+        "approach": approach,
+        "shear_displacement": along,
+        "joint_stiffness": area[0] / whole[:, 0],
+        "tangential_stiffness": area[1] / whole[:, 1],
+        "interface_stiffness": area[0] / of_joints[:, 0],
+        "solid_stiffness": area[0] / of_bodies[:, 0],
+        **contact_measures(path),
+    }
+    result = _with_values(path, values, extrapolate)
+    if loading.cycles:
+        moved = np.stack([result[name] for name in ("approach", "shear_displacement")], axis=1)
+        lost = {"cycle_energy": loads.cycle_energy(moved)}
+        result = MACRO_RESULT.assign(result, lost).assign_coords(cycle=range(loading.cycles))
+    if loading.amplitudes:
+        result = _with_amplitudes(result, followed, float(area[1]), extrapolate)
+    return result
+
+
+def _with_values(
+    followed: FollowedPath, values: dict[str, Any], extrapolate: bool, loads: Sequence[str] = ()
+) -> Dataset:
+    """Add values to the result of a path, and the shares of its load outside the data."""
+    result = MACRO_RESULT.assign(followed.result, values)
+    if not followed.problem.joints:
+        return result
+    shares, data = joint_shares(followed.problem, result)
+    return with_load_shares(result, shares, data, extrapolate=extrapolate, loads=loads)
+
+
+def _with_amplitudes(
+    result: Dataset, followed: FollowedJoint, area: float, extrapolate: bool
+) -> Dataset:
+    """Add secant stiffness, slip and loss of the cycles of shear."""
+    preloads, top = followed.loading.preloads, np.array(followed.loading.amplitudes)
+    cautions: list[str] = []
+    shape = (len(preloads), top.size)
+    loss, secant, slip = (np.full(shape, np.nan) for _ in range(3))
+    density = np.full((*shape, result.sizes["point"]), np.nan)
+    for level, (preload, run) in enumerate(zip(preloads, followed.cycles, strict=False)):
+        along = (run.unknowns @ followed.load[:, 1] / area).reshape(top.size, -1)
+        slides = contact_measures(run)["slipping_load"]
+        far = joint_shares(run.problem, run.result)[0][2].max(axis=1)
+        inside = extrapolate | (far <= FAR_SHARE).reshape(top.size, -1).all(axis=1)
+        kept = inside & np.isfinite(along).all(axis=1)
+        half = along.shape[1] // 2
+        apart = 0.5 * (along[:, 0] + along[:, -1]) - along[:, half]
+        lost = run.dissipated.reshape(*along.shape, -1)[:, 1:].sum(axis=1)
+        loss[level] = np.where(kept, area * cycle_work(top, along), np.nan)
+        secant[level] = np.where(kept, 2.0 * top / apart, np.nan)
+        slip[level] = np.where(kept, slides.reshape(along.shape)[:, -1], np.nan)
+        slipped = lost @ result["point_area"].values  # of first order in the step
+        density[level] = (loss[level] / np.where(slipped > 0.0, slipped, 1.0))[:, None] * lost
+        if not kept.all():
+            why = run.result.attrs.get(
+                "failure",
+                f"more than {100.0 * FAR_SHARE:g} % of the load lies more than a factor of "
+                f"{FAR_FACTOR:g} outside the pressures of the law",
+            )
+            cautions.append(
+                f"cycles at the preload {readable(f'{preload:.4g} Pa')} have no answer from the "
+                f"amplitude {readable(f'{top[~kept][0]:.4g} Pa')} on: {why}"
+            )
+    values = {
+        "cycle_preload": np.array(preloads),
+        "cycle_shear": top,
+        "cycle_loss": loss,
+        "cycle_slip": slip,
+        "secant_stiffness": secant,
+        "loss_density": density,
+    }
+    result = MACRO_RESULT.assign(result, values)
+    labels = {"level": range(shape[0]), "amplitude": range(shape[1])}
+    return with_cautions(result.assign_coords(labels), *cautions)
+
+
+def contact_measures(followed: FollowedPath) -> dict[str, Any]:
+    """State of every point and its shares of the area, slip and loss at every step."""
+    problem, result, slipping = followed.problem, followed.result, followed.slipping
+    pressure, area = -result["traction"].values[..., 0], problem.weight
+    failed = np.isnan(pressure)
+    joint = np.unique(problem.point_joint, return_inverse=True)[1]
+    shares = joint == np.arange(joint.max() + 1)[:, None]  # (joints, points)
+    force = np.maximum(pressure, 0.0) * area
+    total = force @ shares.T  # (steps, joints)
+    mean = (total / (shares @ area))[:, joint]
+    state = np.where(slipping > MOST, SLIPS, STICKS)
+    state = np.where(pressure <= OPEN * mean, OPENED, state)
+    slides = np.where(pressure > 0.0, slipping, 0.0) * force
+    of_all = area / area.sum()
+    laws = [_normal(face.law) for face in problem.joints]
+    sizes = [face.weight.size for face in problem.joints]
+    initial = [np.broadcast_to(law.gap, size) for law, size in zip(laws, sizes, strict=True)]
+
+    def fraction(where: np.ndarray) -> np.ndarray:
+        return np.asarray(np.where(failed, np.nan, where) @ of_all)
+
+    def of_force(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        return np.asarray(part / np.where(whole > 0.0, whole, 1.0) + 0.0 * whole)
+
+    return {
+        "gap": result["jump"].values[..., 0] + np.concatenate(initial) + problem.gap,
+        "point_damage": np.repeat([law.damage for law in laws], sizes),
+        "contact_state": np.where(failed, np.nan, state),
+        "open_fraction": fraction(state == OPENED),
+        "stick_fraction": fraction(state == STICKS),
+        "slip_fraction": fraction(state == SLIPS),
+        "slipping_load": of_force(slides.sum(axis=1), force.sum(axis=1)),
+        "interface_slipping_load": of_force(slides @ shares.T, total),
+        "dissipation": followed.dissipated,
+    }
+
+
+def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of each joint's load outside the data of its law, and the data's bound."""
+    pressure, number = -result["traction"].values[..., 0], result["point_joint"].values
+    area = result["point_area"].values
+    ranges = {face.joint: data_ends(_normal(face.law)) for face in problem.joints}
+    shares = [
+        load_shares(pressure[:, number == joint], area[number == joint], one)
+        for joint, one in ranges.items()
+    ]
+    return np.stack(shares, axis=2), np.array(list(ranges.values()))
+
+
+def _normal(law: InterfaceLaw | None) -> InterfaceLaw:
+    """Law of the pressure of a joint."""
+    assert law is not None  # a joint has one
+    return law.normal_law
+
+
+def _say_factors(names: Sequence[str], factors: np.ndarray) -> str:
+    """Name the factors of the loads that are not zero."""
+    acting = [f"{name} {factor:.4g}" for name, factor in zip(names, factors, strict=True) if factor]
+    return "the loads " + (", ".join(acting) or "zero")
+
+
+def _by_interface(result: Dataset, values: np.ndarray) -> np.ndarray:
+    """Sum over the points of every interface, shape (steps, interfaces)."""
+    number = result["point_joint"].to_numpy()
+    return np.stack([values[:, number == joint].sum(axis=1) for joint in np.unique(number)], axis=1)
+
+
+def _of_interfaces(result: Dataset, state: np.ndarray) -> dict[str, np.ndarray]:
+    """Mean pressure of every interface, and its open and slipping shares."""
+    area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
+    known = np.where(np.isnan(state), np.nan, 1.0)
+    whole = _by_interface(result, known * area)
+    return {
+        "interface_pressure": _by_interface(result, pressure * area) / whole,
+        "interface_open": _by_interface(result, known * (state == OPENED) * area) / whole,
+        "interface_slip": _by_interface(result, known * (state == SLIPS) * area) / whole,
+    }
+
+
+def _secants(
+    factors: np.ndarray, displacement: np.ndarray, forces: np.ndarray, at_rest: bool
+) -> np.ndarray:
+    """Stiffness of every load since it was zero, if only it has changed since, N/m, else NaN.
+
+    Before the first step bodies are at rest if no interface joins them: the gap of an interface is
+    not known without load.
+    """
+    first = np.zeros((int(at_rest), len(forces)))
+    factor, moved = np.vstack([first, factors]), np.vstack([first, displacement])
+    secant = np.full(factor.shape, np.nan)
+    for case, force in enumerate(forces):
+        others = np.delete(factor, case, axis=1)
+        for step in range(1, len(factor)):
+            zero = np.flatnonzero(factor[:step, case] == 0.0)
+            if not zero.size or factor[step, case] == 0.0:
+                continue
+            begin = zero[-1]
+            if np.all(others[begin : step + 1] == others[begin]):
+                change = force * factor[step, case]
+                secant[step, case] = change / (moved[step, case] - moved[begin, case])
+    return secant[len(first) :]

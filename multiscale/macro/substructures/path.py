@@ -1,0 +1,172 @@
+"""Paths of loads: named loads step by step, then closed cycles of one of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from multiscale.errors import CaseError
+
+__all__ = ["FEW_STEPS", "JointLoading", "LoadPath", "closed_cycle", "cycle_work"]
+
+FEW_STEPS = 2
+"""Load steps from zero to an amplitude in the cycles at every preload."""
+
+ROUNDING = 1e-9
+"""Loss of a cycle, relative to the amplitude of its load times its displacement, that is zero."""
+
+
+@dataclass(frozen=True)
+class LoadPath:
+    """Steps over named loads, one after the other, then cycles of one of them.
+
+    Parameters
+    ----------
+    names : tuple of str, names of the load cases of an assembly, in the order of the assembly
+    forces : tuple of float, resultant of each load at the factor one, N
+    steps : tuple of tuple of float, shape (steps, loads)
+        Factors of all loads at the end of each step.
+    substeps : int, equal parts of every step
+    cycled : str, load whose factor then goes to and fro about its last; none if empty
+    amplitude : float, by how much that factor rises, then falls
+    cycles : int, closed cycles after the first rise
+    cycle_steps : int, load steps of that rise: 4 of these make a cycle
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range, or there is no such load.
+    """
+
+    names: tuple[str, ...]
+    forces: tuple[float, ...]
+    steps: tuple[tuple[float, ...], ...]
+    substeps: int = 1
+    cycled: str = ""
+    amplitude: float = 1.0
+    cycles: int = 0
+    cycle_steps: int = 10
+
+    def __post_init__(self) -> None:
+        if not self.steps or any(len(step) != len(self.names) for step in self.steps):
+            raise CaseError(
+                f"a path has one step or more with a factor for each of the loads "
+                f"{', '.join(self.names)}, got {self.steps}"
+            )
+        if self.cycles and self.cycled not in self.names:
+            raise CaseError(
+                f"there is no load {self.cycled!r} to cycle; there are {', '.join(self.names)}"
+            )
+        if min(self.substeps, self.cycle_steps) < 1 or self.cycles < 0 or not self.amplitude > 0.0:
+            raise CaseError(
+                f"substeps and cycle_steps count from 1, cycles from 0, and the amplitude is "
+                f"positive, got {self.substeps}, {self.cycle_steps}, {self.cycles} and "
+                f"{self.amplitude:g}"
+            )
+
+    def factors(self) -> np.ndarray:
+        """Factors of the loads at every load step, shape (load steps, loads)."""
+        ends = np.array([np.zeros(len(self.names)), *self.steps])
+        share = (np.arange(1, self.substeps + 1) / self.substeps)[:, None]
+        path = [(1.0 - share) * last + share * end for last, end in pairwise(ends)]
+        if self.cycles:
+            rise = np.arange(1, self.cycle_steps + 1) / self.cycle_steps
+            cycles = np.tile(closed_cycle(self.cycle_steps), self.cycles)
+            swing = self.amplitude * np.append(rise, cycles)
+            which = np.array(self.names) == self.cycled
+            path.append(ends[-1] + np.outer(swing, which))
+        return np.concatenate(path)
+
+    def closed(self) -> list[slice]:
+        """Find the load steps of every cycle, with both ends."""
+        rise, cycle = self.substeps * len(self.steps) + self.cycle_steps, 4 * self.cycle_steps
+        starts = rise - 1 + cycle * np.arange(self.cycles)
+        return [slice(start, start + cycle + 1) for start in starts.tolist()]
+
+    def cycle_energy(self, displacement: np.ndarray) -> np.ndarray:
+        """Energy that every cycle loses, J, of the displacement of all loads, (load steps, loads).
+
+        See :func:`cycle_work`.
+        """
+        case = self.names.index(self.cycled)
+        q = np.array([displacement[cycle, case] for cycle in self.closed()])
+        return np.asarray(self.forces[case] * cycle_work(self.amplitude, q))
+
+    def ends(self) -> np.ndarray:
+        """Step that each load step ends, or -1, shape (load steps,)."""
+        number = np.full(len(self.factors()), -1)
+        last = self.substeps * (1 + np.arange(len(self.steps))) - 1
+        number[last] = np.arange(len(self.steps))
+        return number
+
+
+@dataclass(frozen=True)
+class JointLoading:
+    """Preloads one after the other, then cycles of shear at the last of them, or at all.
+
+    Parameters
+    ----------
+    preloads : tuple of float, pressures on the pressed face, Pa
+    shear : float, amplitude of the tangential traction on the sheared face, Pa
+    cycles : int, closed cycles from the positive amplitude to the negative one and back; 0 for none
+    steps : int, load steps from zero to the amplitude: 4 of these make a cycle
+    amplitudes : tuple of float
+        Amplitudes of the shear, Pa, rising: one cycle of each at every preload, beside the path.
+    amplitude_steps : int, load steps from zero to each of these amplitudes in its cycle
+
+    Raises
+    ------
+    CaseError
+        If a value is outside its range.
+    """
+
+    preloads: tuple[float, ...]
+    shear: float = 0.0
+    cycles: int = 0
+    steps: int = 10
+    amplitudes: tuple[float, ...] = ()
+    amplitude_steps: int = FEW_STEPS
+
+    def __post_init__(self) -> None:
+        if not self.preloads or not all(0.0 < p < np.inf for p in self.preloads):
+            raise CaseError(f"preloads must be positive (Pa), got {list(self.preloads)}")
+        if self.cycles < 0 or self.steps < 1 or (self.cycles and not 0.0 < self.shear < np.inf):
+            raise CaseError(
+                f"cycles need a positive shear (Pa) and one step or more, got {self.cycles} "
+                f"cycles, {self.shear:g} Pa and {self.steps} steps"
+            )
+        if not np.all(np.diff(self.amplitudes, prepend=0.0) > 0.0):
+            raise CaseError(
+                f"amplitudes must be positive and rise (Pa), got {list(self.amplitudes)}"
+            )
+
+    def path(self, areas: Sequence[float] = (1.0, 1.0)) -> LoadPath:
+        """Path over preload and shear of 1 Pa on faces of some areas, m²."""
+        return LoadPath(
+            ("preload", "shear"),
+            tuple(areas),
+            tuple((preload, 0.0) for preload in self.preloads),
+            cycled="shear",
+            amplitude=self.shear or 1.0,
+            cycles=self.cycles,
+            cycle_steps=self.steps,
+        )
+
+
+def closed_cycle(steps: int) -> np.ndarray:
+    """Shear over its amplitude from the positive amplitude to the negative one and back."""
+    rise = np.arange(1, steps + 1) / steps
+    return np.concatenate([1.0 - rise, -rise, rise - 1.0, rise])
+
+
+def cycle_work(amplitude: np.ndarray | float, displacement: np.ndarray) -> np.ndarray:
+    r"""Work of a closed cycle of shear."""
+    half = displacement.shape[-1] // 2
+    weight = np.ones(half + 1)
+    weight[1:-1:2], weight[2:-1:2] = 4.0, 2.0
+    back, forth = displacement[..., : half + 1], displacement[..., half:]
+    enclosed = 2.0 / (3.0 * half) * np.asarray(amplitude) * ((back - forth) @ weight)
+    work = np.asarray(amplitude * (displacement[..., -1] - displacement[..., 0]) + enclosed)
+    rounding = ROUNDING * np.abs(amplitude) * np.ptp(displacement, axis=-1)
+    return np.where(np.abs(work) < rounding, 0.0, work)

@@ -1,0 +1,368 @@
+r"""Follow a path of loads step by step, whatever solves a step: bolts are tightened, then locked.
+
+While a bolt is tightened, a pair of forces F pulls its washers together and the shank is left out.
+A locked bolt is a substructure, the shank, which shares the middles of the washers. With
+the distance :math:`\delta` of the washers and its value :math:`\delta_0` when the force was F,
+
+.. math:: N = (F - k \delta_0) + k \delta,    \tag{1}
+
+so that the pair of forces is :math:`F - k \delta_0` from then on.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from multiscale.convergence import check_limits
+from multiscale.errors import CaseError
+from multiscale.laws.interface_law import InterfaceLaw, Sliding
+from multiscale.macro.substructures.capacity import find_slide
+from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.state import JointState, stored_state
+from multiscale.schema import COMPONENTS, MACRO_RESULT, Dataset
+
+__all__ = [
+    "FollowedPath",
+    "Method",
+    "PreparedStructure",
+    "StepAnswer",
+    "StepSolver",
+    "follow",
+    "sliding_share",
+]
+
+LOOSE = 1e-9
+"""Force of a bolt, relative to the largest of its path, up to which it is none."""
+
+ALIKE = 0.1
+"""Difference of the slipping share of a first loading and of the slabs that slip in a step, up to
+which the first one, which is continuous, counts."""
+
+NOT_TRIED = {"iterations": 0, "krylov_iterations": 0, "wall_time": 0.0}
+"""Cost of a step after a failure."""
+
+FIELDS = ("displacement", "tension", "slack", "jump", "traction", "bolt_force")
+"""Fields that a step that failed does not have."""
+
+
+class StepAnswer(NamedTuple):
+    """End of a step.
+
+    Attributes
+    ----------
+    unknowns : ndarray, shape (n,), displacement, m
+    jump, traction : ndarray, shape (3, points)
+        m and Pa; tangential jumps count from the state before the step.
+    report : dict
+        ``converged``, ``failure``, ``residual``, ``iterations``, ``wall_time`` and what else a
+        solver adds to the dataset.
+    """
+
+    unknowns: np.ndarray
+    jump: np.ndarray
+    traction: np.ndarray
+    report: dict[str, Any]
+
+
+class StepSolver(Protocol):
+    """A method that has been prepared for a structure. It knows no path."""
+
+    @property
+    def attributes(self) -> dict[str, int]:
+        """Attributes that it adds to a dataset."""
+
+    def step(
+        self,
+        state: JointState,
+        factor: np.ndarray,
+        near: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> StepAnswer:
+        """Go from a committed state to factors of the load cases.
+
+        A step of a path under other laws may tell the likely change of unknowns and jump, m.
+        """
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to solve an assembly.
+
+    Parameters
+    ----------
+    parts : tuple of int, substructures of every body along x and y
+    tolerance : float
+    max_iterations : int, limit of a step
+    after_step : callable, optional, called after every step that converged
+    """
+
+    name: ClassVar[str]
+    condenses: ClassVar[bool] = False
+    """Whether bodies are condensed onto their joints before it follows a path, whose steps may
+    begin as the steps of another path do."""
+
+    parts: tuple[int, int] = (1, 1)
+    tolerance: float = 1e-10
+    max_iterations: int = 100
+    after_step: Callable[[], object] | None = None
+
+    def __post_init__(self) -> None:
+        check_limits(self.tolerance, self.max_iterations)
+
+    @property
+    def coarse(self) -> bool:
+        """Whether a coarse problem balances the resultants of interfaces."""
+        return not self.condenses
+
+    def start(self, problem: CutProblem) -> StepSolver:
+        """Prepare a structure."""
+        raise NotImplementedError
+
+    def solve(
+        self, problem: CutProblem, load_factor: float | np.ndarray, after: Dataset | None = None
+    ) -> Dataset:
+        """Solve at factors of the load cases, maybe after a stored path, which comes first."""
+        factors, state = _load_factors(problem, load_factor), None
+        if after is not None:
+            state = stored_state(problem, after, float(factors[0, 0]))
+        return follow(PreparedStructure(problem, self), factors, after=state, earlier=after).result
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedStructure:
+    """A structure and the method that solves it, prepared once for all paths."""
+
+    problem: CutProblem
+    method: Method
+
+    @cached_property
+    def tightened(self) -> StepSolver:
+        """Solver of the structure whose bolts, if any, have given forces."""
+        return self.method.start(self.problem)
+
+    @cached_property
+    def locked(self) -> StepSolver:
+        """Solver of the structure with the shanks of its bolts."""
+        return self.method.start(self.problem.with_locked_bolts())
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPath:
+    """A path that has been followed. All arrays are NaN from the first step that failed on.
+
+    Attributes
+    ----------
+    problem : CutProblem
+    start, end : JointState, before the first step, and after the last that converged
+    result : Dataset, follows ``MACRO_RESULT``
+    unknowns : ndarray, shape (steps, n), m
+    slipping : ndarray, shape (steps, points), share of the pressure that slips in the step
+    dissipated : ndarray, shape (steps, points), loss by slip, J/m²
+    """
+
+    problem: CutProblem
+    start: JointState
+    end: JointState
+    result: Dataset
+    unknowns: np.ndarray
+    slipping: np.ndarray
+    dissipated: np.ndarray
+
+    def changes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Change of unknowns, (n,), and jump, (3, points), m, in every step that converged."""
+        count = int(np.count_nonzero(self.result["converged"].values == 1))
+        u = np.diff(self.unknowns[:count], axis=0, prepend=self.start.unknowns[None])
+        if not self.problem.joints:
+            return [(moved, self.start.jump) for moved in u]
+        jump = np.swapaxes(self.result["jump"].values[:count], 1, 2)
+        opened = np.diff(jump, axis=0, prepend=self.start.whole_jump[None])
+        return list(zip(u, opened, strict=True))
+
+
+def follow(
+    prepared: PreparedStructure,
+    load_factor: float | np.ndarray,
+    *,
+    after: JointState | None = None,
+    near: FollowedPath | None = None,
+    note: Callable[[int, JointState], object] | None = None,
+    earlier: Dataset | None = None,
+) -> FollowedPath:
+    """Follow factors of the load cases, one row for each step, from rest or from a state.
+
+    Bolts are tightened where the first factor changes, and locked elsewhere. A path ends with its
+    first failure.
+
+    Parameters
+    ----------
+    prepared : PreparedStructure
+    load_factor : float or ndarray, shape (steps,) or (steps, cases)
+    after : JointState, optional
+    near : FollowedPath, optional, the same steps under other laws, as which steps may begin
+    note : callable, optional
+        Called as ``note(step, state)`` after every step that converged.
+    earlier : Dataset, optional, whose steps come first in the result
+
+    Raises
+    ------
+    CaseError
+        If load factors do not fit the load cases, or do not tighten the bolts.
+    ConvergenceError
+        If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
+    """
+    problem, method = prepared.problem, prepared.method
+    factors, law, bolts = _load_factors(problem, load_factor), problem.law, problem.bolts
+    if bolts and not np.all(factors[:, 0] > 0.0):
+        raise CaseError(
+            f"the first load case tightens the bolts, and its factor must be positive at every "
+            f"step, got {factors[:, 0].min():g}"
+        )
+    start = state = after or JointState.at_rest(problem)
+    changes = near.changes() if near else []
+    pulls = np.array([bolt.pull(problem.n) for bolt in bolts]).reshape(-1, problem.n)
+    stiffness, preload = (
+        np.array([getattr(bolt, name) for bolt in bolts]) for name in ("stiffness", "preload")
+    )
+    force, largest = state.pull - stiffness * (pulls @ state.unknowns), 0.0
+    columns: list[dict[str, Any]] = []
+    unknowns = np.full((len(factors), problem.n), np.nan)
+    slipping, dissipated = np.full((2, len(factors), problem.weight.size), np.nan)
+    solver = prepared.tightened
+    for step, factor in enumerate(factors):
+        # solve the step
+        locks = bool(bolts) and factor[0] == state.tightening
+        solver = prepared.locked if locks else prepared.tightened
+        acting = np.append(factor, state.pull - factor[0] * preload) if locks else factor  # (1)
+        answer = solver.step(state, acting, changes[step] if step < len(changes) else None)
+        column = answer.report | {"displacement": problem.displacement(answer.unknowns)}
+        if problem.joints:
+            column |= {"jump": (state.slid + answer.jump).T, "traction": answer.traction.T}
+
+        # forces of the bolts
+        before, stretched = force, -stiffness * (pulls @ answer.unknowns)
+        force = state.pull + stretched if locks else factor[0] * preload
+        if bolts:
+            column["bolt_force"] = force
+            largest = max(largest, float(np.nanmax(np.abs(force), initial=0.0)))
+            loose = [
+                bolt.name for bolt, N in zip(bolts, force, strict=True) if LOOSE * largest >= N
+            ]
+            if column["converged"] and loose:
+                column |= {"converged": 0, "failure": _say_loose(loose)}
+            elif not column["converged"] and locks:
+                parted = _say_parted(problem, factor, state.pressure, before)
+                column["failure"] = parted or column["failure"]
+        columns.append(column)
+        if not column["converged"]:
+            break
+
+        # commit it
+        state, account = state.advance(law, answer.unknowns, answer.jump, answer.traction)
+        if bolts and not locks:
+            state = replace(state, tightening=float(factor[0]), pull=force - stretched)
+        unknowns[step], dissipated[step] = answer.unknowns, account.dissipated
+        slipping[step] = sliding_share(law, answer.jump, account)
+        if note is not None:
+            note(step, state)
+        if method.after_step is not None:
+            method.after_step()
+    result = _assemble_result(problem, factors, columns, earlier, solver.attributes)
+    return FollowedPath(problem, start, state, result, unknowns, slipping, dissipated)
+
+
+def sliding_share(law: InterfaceLaw, jump: np.ndarray, account: Sliding) -> np.ndarray:
+    """Share of the pressure of every point whose contacts slip in a step."""
+    reached = law.slipping_load(jump, account.state)
+    return np.where(np.abs(reached - account.slipping) <= ALIKE, reached, account.slipping)
+
+
+def _load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.ndarray:
+    """One row of factors for each step, shape (steps, cases)."""
+    factors = np.asarray(load_factor, dtype=float)
+    cases = problem.n_cases
+    if factors.ndim < 2 and cases == 1:
+        factors = factors.reshape(-1, 1)
+    if factors.ndim != 2 or factors.shape[1] != cases or not np.isfinite(factors).all():
+        raise CaseError(
+            f"load_factor must have one finite column for each of {cases} load cases, got shape "
+            f"{np.shape(load_factor)}"
+        )
+    return factors
+
+
+def _say_loose(names: list[str]) -> str:
+    return (
+        f"the load leaves {' and '.join(names)} loose, as its force falls to zero; tighten it "
+        f"harder, or lower the load"
+    )
+
+
+def _say_parted(
+    problem: CutProblem, factor: np.ndarray, pressure: np.ndarray, tension: np.ndarray
+) -> str:
+    """Report a load that parts what bolts of given tensions, N, clamp; nothing if it does not."""
+    load = problem.load(factor)
+    slide = find_slide(problem, load, pressure)
+    if slide is None or slide.joints:
+        return ""
+    component = np.concatenate([part.component for part in problem.substructures])
+    force = np.bincount(component, load, minlength=3)  # the pulls of bolts cancel each other
+    along = ", ".join(f"{1e-3 * amount:.4g}" for amount in force)
+    bolts = ", ".join(f"{1e-3 * amount:.4g}" for amount in tension)
+    return (
+        f"the load opens the faces that the bolts clamp: it is {along} kN along x, y and z, and "
+        f"the bolts hold {bolts} kN at the step before; tighten them harder, or lower the load"
+    )
+
+
+def _assemble_result(
+    problem: CutProblem,
+    factors: np.ndarray,
+    columns: list[dict[str, Any]],
+    earlier: Dataset | None,
+    attributes: dict[str, int],
+) -> Dataset:
+    """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN.
+
+    A path ends with its first failure: later steps have no column.
+    """
+    failure = columns[-1]["failure"]
+    columns = [*columns, *[columns[-1] | NOT_TRIED] * (len(factors) - len(columns))]
+    values: dict[str, Any] = {
+        name: np.array([column[name] for column in columns])
+        for name in columns[0]
+        if name != "failure"
+    }
+    for name in values.keys() & set(FIELDS):
+        values[name][values["converged"] == 0] = np.nan
+    if factors.shape[1] == 1:
+        values["load_factor"] = factors[:, 0]
+    if earlier is not None:
+        if lacking := sorted(set(values) - set(earlier.variables)):
+            raise CaseError(
+                f"the earlier path has no {lacking[0]!r}: another method has made it; go on by the "
+                f"same method"
+            )
+        values = {name: np.concatenate([earlier[name], value]) for name, value in values.items()}
+    values["position"] = problem.position
+    if "jump" in values:
+        values |= {
+            "point_position": np.concatenate([face.position for face in problem.joints]),
+            "point_area": problem.weight,
+            "point_joint": problem.point_joint,
+        }
+    result = MACRO_RESULT.build(
+        values,
+        unknowns=problem.n,
+        substructures=len(problem.substructures),
+        interfaces=len(problem.interfaces),
+        **attributes,
+    )
+    if "jump" in values:
+        result = result.assign_coords(direction=list(COMPONENTS))
+    failed = np.flatnonzero(values["converged"] == 0)
+    if failed.size:
+        result = result.assign_attrs(failure=f"the steps end before step {failed[0]}: {failure}")
+    return result.assign_coords(component=["x", "y", "z"])
