@@ -19,8 +19,7 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
 from multiscale.macro.substructures import CutProblem, LatinMethod, cut_assembly, solve_whole
-from multiscale.macro.substructures.bound import Admissible
-from multiscale.macro.substructures.indicator import JointError, indicate_error
+from multiscale.macro.substructures.error import Admissible, JointError, indicate_error
 from multiscale.macro.substructures.latin import LatinIterate
 from multiscale.macro.substructures.latin_solver import LatinSolver
 from multiscale.macro.substructures.state import JointState
@@ -114,13 +113,13 @@ def measure_effectivity(scene: JointScene) -> list[list[Columns]]:
     clock = perf_counter()
 
     def note(iteration: int, residual: float, iterate: LatinIterate) -> None:
-        error = indicate_error(method, admissible, iterate)
+        error = indicate_error(admissible, iterate)
         found.append((perf_counter() - clock, error))
 
     options = LatinMethod(tolerance=TOLERANCE, max_iterations=LIMIT, callback=note)
     solver, state = LatinSolver(problem, options, judged=False), JointState.at_rest(problem)
     method = solver.iteration
-    admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
+    admissible = Admissible(method)
 
     def norm(u: np.ndarray, traction: np.ndarray, compliance: np.ndarray) -> float:
         bodies = u @ (method.stack.stiffness @ u)

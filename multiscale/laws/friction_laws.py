@@ -343,10 +343,6 @@ class RigidContact(InterfaceLaw):
         """Return the state of no tangential jump."""
         return np.zeros_like(state)
 
-    def from_here(self, state: np.ndarray) -> np.ndarray:
-        """Return the state of no tangential jump."""
-        return np.zeros_like(state)
-
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Return zero traction at open points, NaN at closed points, and the new state."""
         apart = np.where(jump[0] + self.gap > 0.0, 0.0, np.nan)

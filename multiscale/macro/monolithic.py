@@ -1,4 +1,18 @@
-"""Semismooth Newton on the assembled problem: default for small problems, and oracle."""
+r"""Newton's method for elastic bodies joined by an interface law, whatever their matrices.
+
+On a law much stiffer than the bodies, or with friction, the energy along a Newton step bends within
+a small share of the step, so that a line search crawls. There the bodies take the whole step, and
+the law goes on from another jump: from the traction :math:`t^*` of its tangent at the jump
+:math:`y` and the new jump :math:`j` of the bodies, along the search direction of the stiffness k of
+the bodies, to the next :math:`y` on the law,
+
+.. math:: t(y) + k y = t^* + k j, \qquad t^* = t(y_0) + D(y_0) (j - y_0).    \tag{1}
+
+The next tangent is that at y. This is the local stage of LATIN with the tangent of the law as the
+direction of its linear stage; at the solution y = j. On the way the bodies are out of balance with
+the traction of the law at y by :math:`k (j - y)` per area, so that one residual measures both the
+distance of the traction and of the jump from the solution, however stiff the law is.
+"""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,27 +25,51 @@ from numpy.linalg import norm
 from scipy.sparse import csr_array, diags_array, issparse
 
 from multiscale.convergence import Solution, Status, check_limits
-from multiscale.errors import MultiscaleError
+from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.condensation import compliances
-from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.interface_newton import (
-    FLOOR,
-    GROWTH,
-    PATIENCE,
-    ROUNDS,
-    face_stiffness,
-    go_on_along_law,
-    soften_tangent,
-    tangent_traction,
-)
+from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
 from multiscale.numerics.line_search import enough, step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["FlexibleBodies", "InterfaceSolution", "prepare_flexible", "solve_interface"]
+__all__ = [
+    "FLOOR",
+    "Equilibrium",
+    "FlexibleBodies",
+    "InterfaceSolution",
+    "Place",
+    "face_stiffness",
+    "find_equilibrium",
+    "prepare_flexible",
+    "solve_interface",
+]
+
+PATIENCE = 30
+"""Iterations without a smaller residual after which the solver gives up."""
+
+SOFT = 0.25
+"""Stiffness of the bodies along a jump over their mean diagonal stiffness: the sides stand in
+series, and the material around a node gives way. With the whole stiffness, iterations on metal that
+flows and slips go round in circles."""
+
+FLOOR = 1e-8
+"""Stiffness lent to an open or frictionless interface in a singular tangent, relative to the
+stiffness of the bodies."""
+
+STIFFEST = 1e8
+"""Stiffness of a tangent over the stiffness of the bodies, above which a spring in series softens
+it: beside a stiffer one, the stiffness of the bodies is rounded away."""
+
+GROWTH, ROUNDS = 1e4, 8
+"""Factor of the residual beyond which a whole step has left all that is known of the law, and steps
+without a smaller residual after which the iteration may go round in circles: the length of the step
+is then that of the least energy."""
 
 UNSURE = 1e-8
-"""Largest residual that rounding excuses."""
+"""Largest residual that rounding excuses: without a limit, a body that runs away would count as
+in balance."""
+
+NO_LINKS = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -98,7 +136,7 @@ def solve_interface(
 
     Returns
     -------
-    InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; ``jump`` tells the traction of the law
+    InterfaceSolution, ``value`` is :math:`u`, shape (n,), m; the law's traction is at ``jump``
 
     Raises
     ------
@@ -108,12 +146,11 @@ def solve_interface(
     Notes
     -----
     A Newton step that lowers the derivative of the energy along it is taken as it is. After any
-    other the law goes on from a jump of its own, (1) of :mod:`multiscale.macro.interface_newton`,
-    which laws without energy and laws of any stiffness allow; the residual is that of the traction
-    there. The energy tells the length of the
-    step, from the iterate of the smallest residual, where a small stiffness holds bodies that an
-    open interface leaves loose, where the residual explodes, and where it has not fallen for some
-    steps.
+    other the law goes on from a jump that is not the bodies', (1) of this module, which laws
+    without energy and laws of any stiffness allow; the residual is that of the traction there. The
+    least energy gives the length of the step, from the iterate of the smallest residual, where a
+    small stiffness holds bodies that an open interface does not, where the residual explodes, and
+    where it has not fallen for some steps.
     """
     check_limits(tolerance, max_iterations)
     n, points = stiffness.shape[0], weight.size
@@ -125,53 +162,32 @@ def solve_interface(
     u = np.zeros(n) if start is None else np.array(start, dtype=float)
     state = np.zeros((law.n_state, points)) if state is None else state
     jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
-    resistance = face_stiffness(stiffness.diagonal(), jump_operator[:points], weight)
-    whole = _Whole(stiffness, load, jump_operator, weight, law, state, resistance, flexible)
-    scale = float(norm(load)) or float(norm(whole.linearise(u, jump).gradient)) or 1.0
+    whole = _Whole(stiffness, load, jump_operator, weight, law, state, flexible)
+    here = whole.place(u, jump)
+    whole.scale = float(norm(load)) or float(norm(here.gradient)) or 1.0
     run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
-    whole = replace(whole, scale=scale)
-    return _iterate(whole, whole.linearise(u, jump), run)
-
-
-@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
-def _iterate(whole: "_Whole", here: "_Tangent", run: NewtonRun) -> InterfaceSolution:
-    """Newton's method from a start; see :func:`solve_interface`."""
-    closest = here
-    while run.goes_on(whole.residual(here), whole.rounding(here)):
-        if here.at is here.jump and not run.since_best:
-            closest = here
-        direction = whole.direction(here)
-        if direction is None and here.at is not here.jump:
-            direction = whole.direction(here, FLOOR)
-        there = None if direction is None else whole.step(here, direction)
-        explodes = there is None or not whole.residual(there) <= GROWTH * run.residuals[-1]
-        if there is None or explodes or run.since_best > ROUNDS:
-            # from a jump of its own, the law would mislead the search
-            direction = whole.direction(closest)
-            if direction is None:
-                direction = whole.direction(closest, FLOOR)
-            if direction is None:
-                run.stop(Status.STALLED)
-                break
-            there = closest = whole.search(closest, direction)
-        here = there
+    here, _ = find_equilibrium(whole, here, run)
     return InterfaceSolution(
         here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Tangent:
+class Place:
     """Bodies at some unknowns, with the tangent of the law at a jump that need not be theirs.
+
+    Jumps and tensions are summed up over the steps: the difference of both sides would round them.
 
     Attributes
     ----------
     value, gradient : ndarray, shape (n,)
         Unknowns, m, and forces out of balance with the tangent, N.
     jump, at : ndarray, shape (d, points), jump of the bodies, and jump on the law, m
+    elastic : ndarray, shape (links,), change of tension without slack, N
+    traction : ndarray, shape (d, points), of the law, Pa
     tangent : ndarray, shape (d, d, points)
         Tangent of the law, times the weights of the points, N/m.
-    imbalance : float, norm of the forces out of balance with the traction of the law, N
+    imbalance : float, size of the forces out of balance with the traction of the law, N
     softened : bool, whether the law is stiffer than its tangent somewhere, so that it must go on
     """
 
@@ -179,90 +195,199 @@ class _Tangent:
     gradient: np.ndarray
     jump: np.ndarray
     at: np.ndarray
+    elastic: np.ndarray
+    traction: np.ndarray
     tangent: np.ndarray
     imbalance: float
     softened: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Whole:
-    """Equation (1), the stiffness of the bodies per area, Pa/m, and the size of the forces, N.
+class Equilibrium:
+    """Bodies under a load that are joined by a law: K u + B^T (w t(B u)) = f.
 
-    Bodies that are prepared tell the direction of tangents that are not softened.
+    A subclass finds Newton directions; one of a structure that has been cut adds up over its parts.
+
+    Attributes
+    ----------
+    stiffness, load, jump_operator, weight, law, state
+        As of :func:`solve_interface`.
+    resistance : float, stiffness of the bodies per area, Pa/m
+    resists : bool, whether more than the law resists, so that the law may go on by itself
+    descends : bool, whether every step lowers the energy, so that none needs a search
+    scale : float, force to which residuals are relative, N
     """
 
-    stiffness: csr_array | np.ndarray
-    load: np.ndarray
-    jump_operator: csr_array
-    weight: np.ndarray
-    law: InterfaceLaw
-    state: np.ndarray
-    resistance: float
-    prepared: "PreparedBodies | None" = None
-    scale: float = 1.0
+    def __init__(
+        self,
+        stiffness: csr_array | np.ndarray,
+        load: np.ndarray,
+        jump_operator: csr_array,
+        weight: np.ndarray,
+        law: InterfaceLaw,
+        state: np.ndarray,
+    ) -> None:
+        self.stiffness, self.load, self.jump_operator = stiffness, load, jump_operator
+        self.weight, self.law, self.state, self.scale = weight, law, state, 1.0
+        self.resistance = 0.0
+        if weight.size:
+            normal_jump = jump_operator[: weight.size]
+            self.resistance = face_stiffness(stiffness.diagonal(), normal_jump, weight)
+        self.resists, self.descends = self.resistance > 0.0, False
 
-    def linearise(self, u: np.ndarray, jump: np.ndarray, at: np.ndarray | None = None) -> _Tangent:
+    def inner(self, value: np.ndarray, elastic: np.ndarray) -> np.ndarray:
+        """Return the forces of bodies and links less the load, N."""
+        return np.asarray(self.stiffness @ value - self.load)
+
+    def stretch(self, direction: np.ndarray) -> np.ndarray:
+        """Change of tension without slack along a direction, N."""
+        return NO_LINKS
+
+    def size(self, force: np.ndarray) -> float:
+        """Norm of forces, N."""
+        return float(norm(force))
+
+    def largest(self, here: Place) -> float:
+        """Size of the forces that cancel in the balance, N."""
+        return float(norm(self.magnitude @ np.abs(here.value)))
+
+    def dot(self, one: np.ndarray, other: np.ndarray) -> float:
+        """Work of forces on a displacement, J."""
+        return float(one @ other)
+
+    def anywhere(self, flag: bool) -> bool:
+        """Whether a flag is set in any process."""
+        return flag
+
+    @cached_property
+    def magnitude(self) -> csr_array | np.ndarray:
+        """Magnitudes of the entries of the stiffness, N/m."""
+        return abs(self.stiffness)
+
+    def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
+        """Newton direction, m; None if the tangent is singular, even with a floor of the law's."""
+        raise NotImplementedError
+
+    def place(
+        self,
+        value: np.ndarray,
+        jump: np.ndarray,
+        at: np.ndarray | None = None,
+        elastic: np.ndarray = NO_LINKS,
+    ) -> Place:
         """Evaluate the law and the imbalance K u + B^T (w t) - f, N.
 
         The law is taken at the jump of the bodies if no other jump is given, and t is the traction
         of the tangent there.
         """
         at = jump if at is None else at
-        own = self.law.respond(at, self.state)
-        response = soften_tangent(own, self.resistance)
-        inner = self.stiffness @ u - self.load
-        traction = tangent_traction(response, at, jump)
+        exact = self.law.respond(at, self.state)
+        response = soften_tangent(exact, self.resistance)
+        inner = self.inner(value, elastic)
         gradient, fault = (
-            inner + self.jump_operator.T @ (self.weight * one).ravel()
-            for one in (traction, response.traction)
+            inner + self.jump_operator.T @ (self.weight * traction).ravel()
+            for traction in (tangent_traction(response, at, jump), response.traction)
         )
-        tangent = self.weight * response.tangent
-        return _Tangent(u, gradient, jump, at, tangent, float(norm(fault)), response is not own)
+        return Place(
+            value,
+            gradient,
+            jump,
+            at,
+            elastic,
+            exact.traction,
+            self.weight * response.tangent,
+            self.size(fault),
+            self.anywhere(response is not exact),
+        )
 
-    def step(self, here: _Tangent, direction: np.ndarray) -> _Tangent:
-        """Take a whole step, after which the law may go on from a jump of its own."""
-        there = self.move(here, 1.0, direction)
-        first, last = (float(direction @ one.gradient) for one in (here, there))
-        if enough(first, last) and not here.softened:
-            return there
-        return self.go_on(here, there)
+    def residual(self, here: Place) -> float:
+        """Imbalance relative to the load."""
+        return here.imbalance / self.scale
 
-    def move(self, here: _Tangent, step: float, direction: np.ndarray) -> _Tangent:
+    def rounding(self, here: Place) -> float:
+        """Residual that rounding makes unavoidable where bodies move far on a soft law."""
+        return min(8.0 * float(np.finfo(float).eps) * self.largest(here) / self.scale, UNSURE)
+
+    def move(self, here: Place, step: float, direction: np.ndarray) -> Place:
         """Take a step of the bodies, m."""
         opened = (self.jump_operator @ direction).reshape(here.jump.shape)
-        return self.linearise(here.value + step * direction, here.jump + step * opened)
+        elastic = here.elastic + step * self.stretch(direction)
+        return self.place(here.value + step * direction, here.jump + step * opened, elastic=elastic)
 
-    def search(self, here: _Tangent, direction: np.ndarray) -> _Tangent:
+    def step(self, here: Place, direction: np.ndarray) -> Place:
+        """Take a whole step, after which the law may go on from a jump that is not the bodies'."""
+        there = self.move(here, 1.0, direction)
+        first, last = (self.dot(direction, place.gradient) for place in (here, there))
+        if (enough(first, last) and not here.softened) or not self.resists:
+            return there
+        at = go_on_along_law(self.law, here.at, there.jump, self.resistance, self.state)
+        return self.place(there.value, there.jump, at, there.elastic)
+
+    def search(self, here: Place, direction: np.ndarray) -> Place:
         """Take the step to the least energy."""
 
         def slope(step: float) -> float:
-            return float(direction @ self.move(here, step, direction).gradient)
+            return self.dot(direction, self.move(here, step, direction).gradient)
 
-        step = step_length(slope, float(direction @ here.gradient))
+        step = step_length(slope, self.dot(direction, here.gradient))
         return self.move(here, step, direction)
 
-    def go_on(self, tangent: _Tangent, here: _Tangent) -> _Tangent:
-        """Let the law go on from the tangent with which the bodies have come here."""
-        if not self.resistance:  # nothing resists but the law
-            return here
-        at = go_on_along_law(self.law, tangent.at, here.jump, self.resistance, self.state)
-        return self.linearise(here.value, here.jump, at)
 
-    def residual(self, here: _Tangent) -> float:
-        """Norm of (1) relative to the load."""
-        return here.imbalance / self.scale
+@np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
+def find_equilibrium(
+    problem: Equilibrium,
+    here: Place,
+    run: NewtonRun,
+    note: Callable[[Place], object] = lambda here: None,
+) -> tuple[Place, Place]:
+    """Newton's method from a start; see :func:`solve_interface`.
 
-    def rounding(self, here: _Tangent) -> float:
-        """Norm that rounding makes unavoidable where bodies move far on a soft law, like (1)."""
-        size = float(norm(self.size @ np.abs(here.value)))
-        return min(8.0 * np.finfo(float).eps * size / self.scale, UNSURE)
+    Returns the last place and the one of the smallest residual.
+    """
+    closest = best = here
+    note(here)
+    while run.goes_on(problem.residual(here), problem.rounding(here)):
+        if not run.since_best:
+            best = here
+            closest = here if here.at is here.jump else closest
+        # a whole step; a tangent that is singular at a jump of the law's is held a little
+        direction = problem.direction(here)
+        if direction is None and here.at is not here.jump:
+            direction = problem.direction(here, FLOOR)
+        there = None if direction is None else problem.step(here, direction)
+        if there is not None and not problem.descends:
+            explodes = not problem.residual(there) <= GROWTH * run.residuals[-1]
+            there = None if explodes or run.since_best > ROUNDS else there
+        if there is None:
+            # from a jump that is not the bodies', the law would mislead the search
+            direction = problem.direction(closest)
+            if direction is None:
+                direction = problem.direction(closest, FLOOR)
+            if direction is None:
+                run.stop(Status.STALLED)
+                break
+            there = closest = problem.search(closest, direction)
+        here = there
+        note(here)
+    return here, best if run.since_best else here
 
-    @cached_property
-    def size(self) -> csr_array | np.ndarray:
-        """Magnitudes of the entries of the stiffness, N/m."""
-        return abs(self.stiffness)
 
-    def direction(self, here: _Tangent, floor: float = 0.0) -> np.ndarray | None:
+class _Whole(Equilibrium):
+    """Equation (1), by factors of the tangent or by bodies that have been prepared."""
+
+    def __init__(
+        self,
+        stiffness: csr_array | np.ndarray,
+        load: np.ndarray,
+        jump_operator: csr_array,
+        weight: np.ndarray,
+        law: InterfaceLaw,
+        state: np.ndarray,
+        prepared: "PreparedBodies | None",
+    ) -> None:
+        super().__init__(stiffness, load, jump_operator, weight, law, state)
+        self.prepared = prepared
+
+    def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular."""
         B, points, tangent = self.jump_operator, self.weight.size, here.tangent
         if floor:
@@ -344,3 +469,41 @@ def prepare_flexible(
         solve = factorise(held, name="the held bodies")
         return FlexibleBodies(solve, springs, compliances(solve, jump_operator)[0])
     return None
+
+
+def soften_tangent(response: Response, stiffness: float) -> Response:
+    """Put a spring in series with the tangent where it is far stiffer than the bodies, Pa/m."""
+    most = STIFFEST * stiffness
+    largest = np.abs(response.tangent).max(axis=(0, 1))
+    stiff = (most > 0.0) & (largest > most) & np.isfinite(largest)
+    if not np.any(stiff):
+        return response
+    D = np.moveaxis(
+        response.tangent[..., stiff] / np.maximum(largest[stiff] / (1e6 * most), 1.0), -1, 0
+    )
+    tangent = response.tangent.copy()
+    tangent[..., stiff] = np.moveaxis(np.linalg.solve(np.eye(D.shape[1]) + D / most, D), 0, -1)
+    return replace(response, tangent=tangent)
+
+
+def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np.ndarray:
+    """Traction of the tangent of a law at one jump, for another, shape (d, points), Pa."""
+    change = np.einsum("ijp,jp->ip", response.tangent, jump - at)
+    return np.asarray(response.traction + change)
+
+
+def go_on_along_law(
+    law: InterfaceLaw, at: np.ndarray, jump: np.ndarray, stiffness: float, state: np.ndarray
+) -> np.ndarray:
+    """Find the next jump (1) on the law, m."""
+    traction = tangent_traction(soften_tangent(law.respond(at, state), stiffness), at, jump)
+    try:
+        return np.asarray(law.resolvent(traction + stiffness * jump, stiffness, state))
+    except ConvergenceError:  # a whole step may end where the law has no numbers
+        return jump
+
+
+def face_stiffness(diagonal: np.ndarray, normal_jump: csr_array, weight: np.ndarray) -> float:
+    """Stiffness of bodies per area of an interface, Pa/m, from those of its unknowns, N/m."""
+    touched = abs(normal_jump).T @ weight
+    return SOFT * float(np.sum(np.abs(diagonal)[touched > 0.0]) / np.sum(touched))

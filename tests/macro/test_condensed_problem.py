@@ -14,7 +14,7 @@ from multiscale.macro.substructures import (
     JointLoading,
     LoadPath,
     condense_assembly,
-    condensed_problem,
+    condensed,
     follow_cut_loads,
     follow_joint,
     load_joint,
@@ -30,7 +30,7 @@ PINS = ((0.0, 0.0, 0.0), (0.0, EDGE, 0.0), (EDGE, 0.0, 0.0))
 def load_whole(monkeypatch, *arguments):
     """Load a joint with all unknowns of the bodies kept."""
     with monkeypatch.context() as patch:
-        patch.setattr(condensed_problem, "DENSE", 0)
+        patch.setattr(condensed, "DENSE", 0)
         return load_joint(*arguments, method=AssembledNewton(), extrapolate=True)
 
 
@@ -98,7 +98,9 @@ def test_a_changed_law_near_a_path_has_its_own_answer_in_fewer_steps():
     one, other = (measure_joint(found, areas, extrapolate=True) for found in (alone, near))
     for name in ("cycle_loss", "secant_stiffness", "joint_stiffness", "traction"):
         np.testing.assert_allclose(other[name], one[name], rtol=1e-6, atol=1.0, err_msg=name)
-    newton = [int(sum(run.result.iterations.sum() for run in found.cycles)) for found in (alone, near)]
+    newton = [
+        int(sum(run.result.iterations.sum() for run in found.cycles)) for found in (alone, near)
+    ]
     assert newton[1] < 0.8 * newton[0]
     again = follow_joint(joint, loading, method=method, near=base)
     assert sum(int(run.result.iterations.sum()) for run in again.cycles) == 0

@@ -18,7 +18,7 @@ from multiscale.macro.substructures import (
     solve_latin,
     solve_schur,
 )
-from multiscale.macro.substructures.joint_directions import law_stiffness
+from multiscale.macro.substructures.directions import law_stiffness
 from multiscale.nonsmooth import solve_friction
 
 E = 210e9

@@ -18,7 +18,7 @@ from multiscale.macro.substructures import (
     split_grid,
 )
 from multiscale.macro.substructures.balancing import prepare_balancing
-from multiscale.macro.substructures.cut_tangent import Newton
+from multiscale.macro.substructures.schur import NewtonSchur
 from multiscale.macro.substructures.stack import Factors
 from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.factorisation import factorise
@@ -107,7 +107,7 @@ def test_condensation_solves_a_system_that_is_not_symmetric():
 
 @pytest.mark.parametrize("parts", [2, 4])
 def test_preconditioned_eigenvalues_lie_between_one_and_a_small_number(parts):
-    method = Newton(thin_plate(parts))
+    method = NewtonSchur().start(thin_plate(parts))
     matrix = method.stack.matrix(np.zeros(0), None)
     condensed = condense(matrix, method.parts, Factors())
     schur = method.layout.gather(condensed.blocks)
@@ -139,7 +139,7 @@ def test_a_load_that_overflows_ends_the_path_without_an_answer(grid):
 
 
 def test_linear_systems_left_unfinished_are_told(monkeypatch):
-    monkeypatch.setattr("multiscale.macro.substructures.cut_tangent.KRYLOV", 1)
+    monkeypatch.setattr("multiscale.macro.substructures.schur.KRYLOV", 1)
     result = solve_schur(thin_plate(4), max_iterations=3)
     assert result.converged == 0
     assert "3 of its linear systems were left unfinished after 1 iterations" in result.failure

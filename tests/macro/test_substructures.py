@@ -13,7 +13,6 @@ from multiscale.laws.link import Bar, Cable
 from multiscale.macro import Assembly, Body, solve_static, tensegrity_grid
 from multiscale.macro.substructures import (
     assemble,
-    bisect,
     cut_assembly,
     cut_links,
     solve_latin,
@@ -74,6 +73,23 @@ def test_loads_step_by_step_end_where_one_step_does(grid, tensions, solve):
         assert tension_error(grid, result.tension.values[step], tensions[load_factor]) < 1e-8
         slack = solve_static(grid, load_factor).slack.values > 0.0
         np.testing.assert_array_equal(result.slack.values[step] > 0.0, slack)
+
+
+def bisect(system, count):
+    """Split links in two along the longest side, again and again."""
+    middle, owner = system.position[system.ends].mean(axis=1), np.zeros(system.n_links, dtype=int)
+
+    def split(rows, first, pieces):
+        owner[rows] = first
+        if pieces > 1:
+            axis = int(np.argmax(np.ptp(middle[rows], axis=0)))
+            order, half = rows[np.argsort(middle[rows, axis], kind="stable")], pieces // 2
+            at = order.size * half // pieces
+            split(order[:at], first, half)
+            split(order[at:], first + half, pieces - half)
+
+    split(np.arange(system.n_links), 0, count)
+    return owner
 
 
 @pytest.mark.parametrize("solve", SOLVERS)

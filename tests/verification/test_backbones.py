@@ -10,8 +10,7 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
-from multiscale.macro.substructures.bolted_path import lock_bolts
-from multiscale.macro.substructures.whole_structure import Assembled, assemble
+from multiscale.macro.substructures.whole import Assembled, assemble
 from multiscale.macro.vibration import Amplitudes, follow_backbone, structure_mass
 from multiscale.macro.vibration.backbone import TOLERANCE, TractionChange
 from tests.macro.test_vibration import DENSITY, UNIT, E, block_between_friction, first_mode
@@ -89,20 +88,19 @@ def free_decay(rest, mass, velocity, step, count):
 
     the tractions of joints follow the law from middle to middle.
     """
-    whole, inertia = assemble(lock_bolts(rest.free)), csr_array(4.0 / step**2 * mass)
+    whole, inertia = assemble(rest.free.with_locked_bolts()), csr_array(4.0 / step**2 * mass)
     moving = Assembled(csr_array(whole.stiffness + inertia), inertia, whole.jump, whole.weight)
-    law = TractionChange(rest.law, rest.law.respond(rest.jump, rest.state).traction)
-    jump, state, middle = rest.jump, rest.state, np.zeros(velocity.size)
+    state, middle = rest.state, np.zeros(velocity.size)
+    law = TractionChange(rest.law, rest.law.respond(state.jump, state.history).traction)
     change = np.zeros((count + 1, velocity.size))
     for k in range(count):
         ahead = change[k] + 0.5 * step * velocity
-        slid, state = jump * np.array([[0.0], [1.0], [1.0]]), rest.law.from_here(state)
-        opened = (whole.jump @ (ahead - middle)).reshape(jump.shape)
+        jump = state.jump + (whole.jump @ (ahead - middle)).reshape(state.jump.shape)
         solution = moving.solve(
-            law, ahead, start=ahead, jump=jump - slid + opened, state=state, tolerance=TOLERANCE
+            law, ahead, start=ahead, jump=jump, state=state.history, tolerance=TOLERANCE
         )  # (1)
         assert solution.converged
-        jump, state = slid + solution.jump, rest.law.sliding(solution.jump, state).state
+        state, _ = state.advance(rest.law, solution.value, solution.jump, state.traction)
         middle = solution.value
         change[k + 1] = 2.0 * middle - change[k]
         velocity = 4.0 / step * (middle - change[k]) - velocity

@@ -14,7 +14,7 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.platen import Platen
 from multiscale.macro.continuum.body import Body
-from multiscale.macro.substructures.condensed_problem import condense_problem
+from multiscale.macro.substructures.condensed import condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.whole import Assembled, assemble
 

@@ -74,10 +74,12 @@ class SlackStiffness:
     Attributes
     ----------
     share : float, stiffness of a slack link relative to its elastic stiffness
+    least : float, to which the share falls
     short : int, number of successive short steps
     """
 
     share: float = RESIDUAL_STIFFNESS
+    least: float = RESIDUAL_STIFFNESS
     short: int = 0
 
     @property
@@ -88,7 +90,7 @@ class SlackStiffness:
     def reset(self) -> None:
         """Restore the smallest stiffness, once the set of slack links is constant."""
         if not self.short:
-            self.share = RESIDUAL_STIFFNESS
+            self.share = self.least
 
     def adapt(self, step: float) -> None:
         """Increase the stiffness after a short step, decrease it after a long step."""
@@ -96,7 +98,7 @@ class SlackStiffness:
         if self.short:
             self.share = min(max(10.0 * self.share, SINGULAR_STIFFNESS), 1.0)
         elif step > GOOD_STEP:
-            self.share = max(0.1 * self.share, RESIDUAL_STIFFNESS)
+            self.share = max(0.1 * self.share, self.least)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual

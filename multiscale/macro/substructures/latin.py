@@ -1,33 +1,31 @@
-r"""Micro-macro LATIN: one stage knows the links and laws, the other the structure."""
+r"""Micro-macro LATIN: a local stage for links and laws, a linear stage for the structure."""
 
 from collections import defaultdict
-from dataclasses import dataclass
 from itertools import count
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.macro.substructures.capacity import Slide, find_slide
 from multiscale.macro.substructures.coarse import coarse_basis, prepare_coarse
-from multiscale.macro.substructures.joint_directions import (
+from multiscale.macro.substructures.directions import (
     body_stiffness,
+    interface_stiffness,
     joint_directions,
     law_stiffness,
-)
-from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
-from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.search_directions import (
-    interface_stiffness,
     schur_complements,
     side_stiffness,
 )
+from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share
+from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 from multiscale.macro.substructures.state import JointState
 
 __all__ = ["Latin", "LatinIterate"]
 
 FIRST, TAUT, SLACK = 1.0, 10.0, 0.05
-"""Stiffness of the search direction of a link relative to its own: at first, and by status."""
+"""Stiffness of the search direction of a link over that of the link: at first, and by status."""
 
 MAJOR_INTERVAL, MINOR_INTERVAL = 8, 4
 """Iterations until the status is checked again, after it changed in many links or in few."""
@@ -46,7 +44,7 @@ stiffness of interfaces and the accelerating iterates are kept."""
 
 REST = 1e-2
 """Forces below this part of the largest of the steps before are judged against that part: a step
-that takes all load away has none of its own."""
+that takes all load away has none."""
 
 
 ROUNDING, UNSURE = 1e3 * np.finfo(float).eps, 1e-6
@@ -55,9 +53,8 @@ the diagonal of the stiffness, measured on blocks on joints a million times soft
 that is allowed for: without a limit, a body that runs away would count as in balance."""
 
 
-@dataclass(frozen=True, eq=False)
-class LatinIterate:
-    """What one iteration leaves.
+class LatinIterate(NamedTuple):
+    """State after the linear stage.
 
     Attributes
     ----------
@@ -77,7 +74,7 @@ class Latin:
 
     The unknown of the iteration is :math:`x = (z, r)` with :math:`z = \tau - l \lambda` in the
     links and :math:`r = k_0 T u - F` on the sides: the part of a state that one stage hands to
-    the other. The *local stage* knows slack and interfaces, the *linear stage* the equilibrium
+    the other. The *local stage* is slack and interfaces, the *linear stage* the equilibrium
     of every substructure and, through the coarse problem, the equilibrium of the coarse
     forces.
     """
@@ -96,7 +93,7 @@ class Latin:
         self.sides, self.stack = lay_out_sides(problem), stack_parts(problem, self.parts)
         self.basis = coarse_basis(problem)
         first = self.sides.start[self.parts.start]
-        self.own = slice(first, first + self.stack.trace.shape[0])
+        self.rows = slice(first, first + self.stack.trace.shape[0])
         self.factors = Factors(), Factors(), Factors()
         links = self.stack.links
         self.diagonal = self.stack.stiffness.diagonal()
@@ -116,7 +113,7 @@ class Latin:
         self.largest = 0.0
 
     def resume(self, state: JointState) -> None:
-        """Start from another state, which does not tell forces on perfect interfaces."""
+        """Start from another state, which has no forces on perfect interfaces."""
         self.state, self.largest = state, 0.0
         local = [state.unknowns[self.problem.substructures[part].unknown] for part in self.parts]
         moved = self.stack.trace @ np.concatenate(local)
@@ -137,7 +134,7 @@ class Latin:
             for place, k in zip(self.sides.place[index], sides, strict=True):
                 ground[place] = k
         schur = schur_complements(
-            self.stack, carries, diags_array(ground[self.own]), self.factors[0]
+            self.stack, carries, diags_array(ground[self.rows]), self.factors[0]
         )
         self.perfect_k = interface_stiffness(
             self.problem, schur, self.parts, self.team, self.perfect_k
@@ -151,8 +148,8 @@ class Latin:
         self.compliance = 1.0 / self.k0.matrix.diagonal()[self.sides.joints]  # of sides of joints
         k, across = links.stiffness, self.across
         effective = np.where(self.stack.one_sided, k * across / (k + across), k)
-        own = self.k0.matrix[self.own][:, self.own]
-        self.solve = self.factors[1](self.stack.matrix(effective, own))
+        sides = self.k0.matrix[self.rows][:, self.rows]
+        self.solve = self.factors[1](self.stack.matrix(effective, sides))
         self.coarse = None
         if self.coarse_wanted and self.n_coarse:
             self.coarse = prepare_coarse(
@@ -169,14 +166,16 @@ class Latin:
     def iterate(self, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, LatinIterate]:
         """Run the local and the linear stage from z and r."""
         links, k, across = self.stack.links, self.stack.links.stiffness, self.across
-        one = self.stack.one_sided
+        one_sided = self.stack.one_sided
         # local stage: tau + l lambda on the other side of the projection; eq (15)
         a = 2.0 * np.clip(self.z, links.lower, links.upper) - self.z
         g = self.local_sides(self.r)
 
         # linear stage
-        start = np.where(one, (k * a + across * links.prestress) / (k + across), links.prestress)
-        b = load - self.pull @ start + self.lift @ g[self.own]
+        start = np.where(
+            one_sided, (k * a + across * links.prestress) / (k + across), links.prestress
+        )
+        b = load - self.pull @ start + self.lift @ g[self.rows]
         u = self.solve(b)
         moved = self.team.concatenate(self.stack.trace @ u)
         if self.coarse is not None:
@@ -185,19 +184,15 @@ class Latin:
             moved = self.team.concatenate(self.stack.trace @ u)
             g = g + self.coarse.push @ w
         e = links.operator @ u
-        slack = np.where(one, (a - links.prestress - k * e) / (k + across), 0.0)
+        slack = np.where(one_sided, (a - links.prestress - k * e) / (k + across), 0.0)
         tension = links.prestress + k * (e + slack)
         push = self.k0.matrix @ moved
         force = g - push
         return (
-            np.where(one, tension - across * slack, tension),
+            np.where(one_sided, tension - across * slack, tension),
             push - force,
             LatinIterate(u, tension, force, push),
         )
-
-    def go_on_from(self, z: np.ndarray, r: np.ndarray) -> None:
-        """Let the next iteration start from z and r."""
-        self.z, self.r = z, r
 
     def local_sides(self, r: np.ndarray) -> np.ndarray:
         """Return F + k_0 W of every side on its interface: eqs (16), (17), or the law."""
@@ -218,10 +213,11 @@ class Latin:
 
     def update(self) -> np.ndarray | None:
         """Adapt the search directions to the status of links and joints."""
-        links, one, known = self.stack.links, self.stack.one_sided, self.status is not None
+        links, one_sided = self.stack.links, self.stack.one_sided
+        known = self.status is not None
         tension = np.clip(self.z, links.lower, links.upper)
-        slack = np.where(one, (tension - self.z) / self.across, 0.0)
-        taut = ~one | (slack == 0.0)
+        slack = np.where(one_sided, (tension - self.z) / self.across, 0.0)
+        taut = ~one_sided | (slack == 0.0)
         other = taut != self.status if known else np.ones(taut.size, dtype=bool)
         changed, of = self.team.total(np.array([np.count_nonzero(other), taut.size], dtype=float))
         g = self.local_sides(self.r)
@@ -238,25 +234,25 @@ class Latin:
             elif known and changed < MINOR_CHANGE * of:
                 self.slack_direction = max(SOFTEST, SOFTER * self.slack_direction)
             self.status, soft = taut, self.slack_direction
-            relative = np.where(one, np.where(taut, TAUT, soft), 1.0)
+            relative = np.where(one_sided, np.where(taut, TAUT, soft), 1.0)
             if not minor:
                 self.look_behind(np.where(taut, 1.0, soft / (1.0 + soft)))
         self.direct(relative)
         # the same tensions, slacks, forces and displacements with the new directions
-        self.z = np.where(one, tension - self.across * slack, tension)
+        self.z = np.where(one_sided, tension - self.across * slack, tension)
         self.r = self.k0.matrix @ (old.inverse_root @ (old.inverse_root @ held)) - force
         return np.append(other if minor else np.ones_like(other), np.full(self.r.size, not minor))
 
     def update_joints(self) -> bool:
-        """Adapt the search directions of joints to the laws where they are; say if any did."""
+        """Adapt the search directions of joints to the tangents; return whether any changed."""
         jump = self.law.opened(self.joint_fields(self.r)[0])
         tangent, changed = np.zeros_like(jump), False
         for law, at in zip(self.law.laws, self.law.points, strict=True):
             tangent[:, at] = law_stiffness(law, jump[:, at], self.state.history[: law.n_state, at])
-        for index, found in self.directions(tangent).items():
-            ratio = np.concatenate(found) / np.concatenate(self.joint_k[index])
+        for index, sides in self.directions(tangent).items():
+            ratio = np.concatenate(sides) / np.concatenate(self.joint_k[index])
             if max(ratio.max(), 1.0 / ratio.min()) > CHANGE:
-                self.joint_k[index], changed = found, True
+                self.joint_k[index], changed = sides, True
         return changed
 
     def directions(self, tangent: np.ndarray) -> dict[int, tuple[np.ndarray, ...]]:
@@ -284,7 +280,7 @@ class Latin:
         return np.asarray(np.clip(tension, self.stack.links.lower, self.stack.links.upper))
 
     def residual(
-        self, found: LatinIterate, last: LatinIterate | None, distance: np.ndarray
+        self, iterate: LatinIterate, last: LatinIterate | None, distance: np.ndarray
     ) -> float:
         """Change of the forces relative to them, or of all relative to all, if that is larger.
 
@@ -293,28 +289,28 @@ class Latin:
         away move without limit: relative to the forces are what is out of balance on perfect
         interfaces and, on joints, the distance, twice that of these forces from the laws.
         """
-        size, links = max(self.size(found), REST * self.largest), np.zeros(found.tension.size)
-        loose = self.k0.inverse_root @ self.sides.mean(found.force)
+        size, links = max(self.size(iterate), REST * self.largest), np.zeros(iterate.tension.size)
+        loose = self.k0.inverse_root @ self.sides.mean(iterate.force)
         astray = np.where(self.sides.perfect, loose, distance[links.size :])
-        held = self.k0.inverse_root @ (found.push)  # k_0^(1/2) T u
+        held = self.k0.inverse_root @ (iterate.push)  # k_0^(1/2) T u
         whole = np.hypot(size, self.norm(np.append(links, held)))
-        change = self.norm(self._forces(found) - self._forces(last)) if last else 0.0
+        change = self.norm(self._forces(iterate) - self._forces(last)) if last else 0.0
         change = max(change, float(np.linalg.norm(astray)))
         return max(change / (size or 1.0), self.norm(distance) / (whole or 1.0))
 
-    def size(self, found: LatinIterate) -> float:
+    def size(self, iterate: LatinIterate) -> float:
         """Measure the forces of a state and what they store in the bodies, J^1/2."""
-        bodies = self.team.total(np.array([found.u @ (self.stack.stiffness @ found.u)]))[0]
-        return float(np.hypot(self.norm(self._forces(found)), np.sqrt(max(float(bodies), 0.0))))
+        bodies = self.team.total(np.array([iterate.u @ (self.stack.stiffness @ iterate.u)]))[0]
+        return float(np.hypot(self.norm(self._forces(iterate)), np.sqrt(max(float(bodies), 0.0))))
 
-    def rounding(self, found: LatinIterate) -> float:
+    def rounding(self, iterate: LatinIterate) -> float:
         """Bound what rounding leaves of a residual where bodies move but hardly deform."""
-        moved = self.team.total(np.array([self.diagonal @ found.u**2]))[0]
-        return min(UNSURE, ROUNDING * float(np.sqrt(moved)) / (self.size(found) or 1.0))
+        moved = self.team.total(np.array([self.diagonal @ iterate.u**2]))[0]
+        return min(UNSURE, ROUNDING * float(np.sqrt(moved)) / (self.size(iterate) or 1.0))
 
-    def far(self, found: LatinIterate) -> bool:
+    def far(self, iterate: LatinIterate) -> bool:
         """Whether a body has moved by more than the size of the structure."""
-        moved = self.team.concatenate(np.array([np.abs(found.u).max(initial=0.0)]))
+        moved = self.team.concatenate(np.array([np.abs(iterate.u).max(initial=0.0)]))
         return float(moved.max()) > float(np.ptp(self.problem.position, axis=0).max())
 
     def pressure(self) -> np.ndarray:
@@ -330,11 +326,11 @@ class Latin:
         links, sides = value[: self.z.size], value[self.z.size :]
         return float(np.sqrt(self.team.total(np.array([links @ links]))[0] + sides @ sides))
 
-    def _forces(self, found: LatinIterate) -> np.ndarray:
+    def _forces(self, iterate: LatinIterate) -> np.ndarray:
         """Tensions, less the prestress, and forces in the energy norm, shape (rows + m,)."""
         links = self.stack.links
-        change = (found.tension - links.prestress) / np.sqrt(links.stiffness)
-        return np.append(change, self.k0.inverse_root @ found.force)
+        change = (iterate.tension - links.prestress) / np.sqrt(links.stiffness)
+        return np.append(change, self.k0.inverse_root @ iterate.force)
 
     def distance(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Difference from z and r in the energy norm, shape (rows + m,)."""

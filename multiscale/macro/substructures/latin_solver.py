@@ -10,8 +10,7 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.errors import MultiscaleError
 from multiscale.fe.rigid_motion import count_free_motions
-from multiscale.macro.substructures.bound import Admissible, ErrorBound
-from multiscale.macro.substructures.indicator import indicate_error
+from multiscale.macro.substructures.error import Admissible, ErrorBound, ForceError, indicate_error
 from multiscale.macro.substructures.latin import MAJOR_INTERVAL, MINOR_INTERVAL, Latin, LatinIterate
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
@@ -33,7 +32,7 @@ HEURISTIC = 0.1
 class LatinMethod(Method):
     """Micro-macro LATIN: all laws, rigid contact too, and many processes; see :func:`solve_latin`.
 
-    It alone gives an indicator of the error.
+    Only it gives an indicator of the error.
 
     Parameters
     ----------
@@ -96,8 +95,8 @@ def solve_latin(
         Follows ``MACRO_RESULT``. A step that did not converge is NaN with ``converged`` 0, and
         the later ones are not tried. Attributes: ``unknowns``, ``coarse_unknowns``,
         ``substructures``, ``interfaces`` and, of a step that failed, ``failure``: where friction
-        cannot carry the load, :func:`~.capacity.find_slide` says so. Joints add jump and traction
-        at their points, in their own frame: normal, then both tangents.
+        cannot carry the load, with load and capacity of :func:`~.capacity.find_slide`. Joints add
+        jump and traction at their points, in the frame of each: normal, then both tangents.
 
     Raises
     ------
@@ -146,7 +145,12 @@ class LatinSolver:
             updated=method.updated,
             team=method.team,
         )
-        self.judge = _judge(self.iteration) if judged and method.coarse else None
+        self.judge: Callable[[LatinIterate], ForceError] | None = None
+        if judged and method.coarse:
+            admissible = Admissible(self.iteration)
+            self.judge = ErrorBound(admissible)
+            if problem.joints:  # friction has no bound
+                self.judge = lambda iterate: indicate_error(admissible, iterate).estimate
         self.reached: np.ndarray | None = None
         self.report: dict[str, Any] = {}
 
@@ -189,28 +193,28 @@ class LatinSolver:
         pressure, closest = latin.pressure(), np.inf
         for iteration in range(1, method.max_iterations + 1):
             # both stages, and the distance of their states
-            z, r, found = latin.iterate(load)
+            z, r, iterate = latin.iterate(load)
             change = latin.distance(z, r)
             size = latin.norm(change)
-            residual, last = latin.residual(found, last, change), found
+            residual, last = latin.residual(iterate, last, change), iterate
             if method.callback is not None:
-                method.callback(iteration, residual, found)
+                method.callback(iteration, residual, iterate)
             if not np.isfinite(residual):
                 status = Status.NOT_FINITE
                 break
-            if residual <= max(HEURISTIC * method.tolerance, latin.rounding(found)):
+            if residual <= max(HEURISTIC * method.tolerance, latin.rounding(iterate)):
                 status = Status.CONVERGED
                 break
             # bodies that run away
             if iteration % MAJOR_INTERVAL == 0:
                 if residual < closest:  # they take wild pressures on their way
                     pressure, closest = latin.pressure(), residual
-                if latin.far(found) and latin.slide(load, pressure):
+                if latin.far(iterate) and latin.slide(load, pressure):
                     status = Status.INFEASIBLE
                     break
             # next iterate, and search directions that follow the status of links and joints
             x = acceleration.next(np.append(latin.z, latin.r), np.append(z, r), change, size)
-            latin.go_on_from(x[: z.size], x[z.size :])
+            latin.z, latin.r = x[: z.size], x[z.size :]
             if latin.updated and iteration >= due:
                 renewed = latin.update()
                 if renewed is not None:
@@ -218,37 +222,22 @@ class LatinSolver:
                 major = renewed is not None and renewed.all()
                 due = iteration + (MAJOR_INTERVAL if major else MINOR_INTERVAL)
         converged = status is Status.CONVERGED
-        judged = self.judge(found) if converged and self.judge else {}
+        error = self.judge(iterate).relative if converged and self.judge else np.nan
         if converged:
-            latin.go_on_from(z, r)
-            latin.largest = max(latin.largest, latin.size(found))
+            latin.z, latin.r = z, r
+            latin.largest = max(latin.largest, latin.size(iterate))
         jump, traction = latin.joint_fields(latin.r)
         problem, team = latin.problem, latin.team
-        tension = team.concatenate(latin.admissible(found.tension))
+        tension = team.concatenate(latin.admissible(iterate.tension))
         report = {
             "converged": int(converged),
             "failure": "" if converged else str(latin.slide(load, pressure) or status.value),
             "residual": residual,
-            "error_bound": judged.get("error_bound", np.nan),
-            "error_indicator": judged.get("error_indicator", np.nan),
+            "error_bound": np.nan if latin.joints else error,
+            "error_indicator": error if latin.joints else np.nan,
             "iterations": iteration,
             "wall_time": perf_counter() - clock,
             **problem.link_fields(tension, team.concatenate(latin.slack())),
         }
-        u = problem.average(team.concatenate(found.u))
+        u = problem.average(team.concatenate(iterate.u))
         return StepAnswer(u, jump, traction, report)
-
-
-def _judge(method: Latin) -> Callable[[LatinIterate], dict[str, float]]:
-    """Return what measures the error of a state, relative to its size: friction has no bound."""
-    admissible = Admissible(method.stack, method.sides, method.k0.matrix, method.own)
-    if method.problem.joints:
-
-        def indicate(found: LatinIterate) -> dict[str, float]:
-            return {"error_indicator": indicate_error(method, admissible, found).estimate.relative}
-
-        return indicate
-    bound, team = ErrorBound(method.stack, admissible), method.team
-    return lambda found: {
-        "error_bound": bound.evaluate(found.u, found.tension, found.force, team).relative
-    }

@@ -16,7 +16,7 @@ from multiscale.macro.data_range import (
     load_shares,
     with_load_shares,
 )
-from multiscale.macro.substructures.condensed_problem import condense_assembly
+from multiscale.macro.substructures.condensed import condense_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
 from multiscale.macro.substructures.path import JointLoading, LoadPath, closed_cycle, cycle_work
 from multiscale.macro.substructures.problem import CutProblem
@@ -45,7 +45,7 @@ OPEN = 0.01
 together carry less than this share of the force, which laws without a last pressure leave them."""
 
 MOST = 0.5
-"""Share of the pressure of a point above which what slips makes it a slipping one."""
+"""Slipping share of the pressure of a point above which the point slips."""
 
 
 def follow_cut_loads(
@@ -381,8 +381,8 @@ def joint_shares(problem: CutProblem, result: Dataset) -> tuple[np.ndarray, np.n
     area = result["point_area"].values
     ranges = {face.joint: data_ends(_normal(face.law)) for face in problem.joints}
     shares = [
-        load_shares(pressure[:, number == joint], area[number == joint], one)
-        for joint, one in ranges.items()
+        load_shares(pressure[:, number == joint], area[number == joint], ends)
+        for joint, ends in ranges.items()
     ]
     return np.stack(shares, axis=2), np.array(list(ranges.values()))
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from multiscale.executors import usable_memory
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.substructures.condensed_problem import DENSE
+from multiscale.macro.substructures.condensed import DENSE
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
+from multiscale.macro.substructures.needs import PER_UNKNOWN, latin_memory
 from multiscale.macro.substructures.stepping import Method
-from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
 from multiscale.macro.substructures.whole import AssembledNewton
 from multiscale.schema import Dataset
 
@@ -68,11 +68,11 @@ def solve_assembly(
     -------
     Dataset
         Follows ``MACRO_RESULT``: displacement of the nodes of all bodies one after the other,
-        jump and traction at the points of the interfaces, which are nodes, in their own frame
+        jump and traction at the points of the interfaces, which are nodes, in the frame of each
         (normal, then both tangents), and the force of the bolts. A step that did not converge, or
         at which a bolt comes loose, is NaN with ``converged`` 0, the later ones are not tried, and
-        the attribute ``failure`` says why. Points come in the order of the pairs of substructures
-        that meet; ``point_joint`` is the interface of each.
+        the attribute ``failure`` has the reason. Points come in the order of the pairs of
+        substructures that meet; ``point_joint`` is the interface of each.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class JointSize:
     Attributes
     ----------
     unknowns, joint_points, bodies, steps : int, of all bodies, all joints, and the whole path
-    compliant : bool, whether the laws tell the traction of a jump; rigid contact does not
+    compliant : bool, whether the laws give the traction of a jump; rigid contact does not
     """
 
     unknowns: int
@@ -113,7 +113,7 @@ class JointSize:
 
 @dataclass(frozen=True)
 class MethodCost:
-    """What a method would take: peak memory, byte, and about how many seconds on one process.
+    """Cost of a method: peak memory, byte, and about how many seconds on one process.
 
     The whole is one substructure.
     """
@@ -124,7 +124,7 @@ class MethodCost:
     seconds: float
 
     def __str__(self) -> str:
-        """Say it in a few words."""
+        """Return method, memory and time in words."""
         x, y = self.method.parts
         cut = "" if x * y == 1 else f" in {x} x {y} parts a body"
         size, time = f"{1e-9 * self.memory:.2g} GB", f"{self.seconds:.2g} s"
@@ -133,14 +133,14 @@ class MethodCost:
 
 @dataclass(frozen=True)
 class MethodChoice:
-    """The method to take, why, and what the others would take."""
+    """The method to take, the reason, and the costs of the others."""
 
     taken: MethodCost
     why: str
     others: tuple[MethodCost, ...]
 
     def explain(self) -> str:
-        """Say all of it in one line."""
+        """Return choice, reason and costs in a line."""
         others = "; ".join(str(other) for other in self.others)
         return f"{self.taken}: {self.why}" + (f" ({others})" if others else "")
 

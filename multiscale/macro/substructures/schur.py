@@ -1,27 +1,60 @@
-"""Semismooth Newton outside, a balanced Schur complement inside."""
+"""Newton-Schur: the assembled Newton's method of a structure in parts, with another inner solve.
+
+The tangent is condensed onto the unknowns that substructures share, and a Krylov method solves for
+these; see :mod:`~.balancing` for its preconditioner. A joint belongs to its second substructure.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from scipy.sparse import block_array, csr_array, diags_array
+from scipy.sparse.linalg import LinearOperator, cg, gmres
 
-from multiscale.convergence import Status
-from multiscale.errors import MultiscaleError
-from multiscale.macro.interface_newton import ROUNDS
-from multiscale.macro.substructures.cut_tangent import Newton
-from multiscale.macro.substructures.parallel import ProcessGroup
-from multiscale.macro.substructures.problem import CutProblem
+from multiscale.errors import CaseError, MultiscaleError
+from multiscale.fe.condensation import CondensedStiffness, condense, split
+from multiscale.laws.side_by_side import lay_side_by_side
+from multiscale.macro.links.link_newton import SlackStiffness, exact_step
+from multiscale.macro.monolithic import NO_LINKS, Equilibrium, Place, find_equilibrium
+from multiscale.macro.substructures.balancing import Balancing, lay_out, prepare_balancing
+from multiscale.macro.substructures.capacity import find_slide
+from multiscale.macro.substructures.coarse import coarse_basis
+from multiscale.macro.substructures.parallel import Alone, ProcessGroup, share, together
+from multiscale.macro.substructures.problem import CutProblem, Substructure
+from multiscale.macro.substructures.stack import Factors, lay_out_sides, stack_parts
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import Method, StepAnswer
+from multiscale.macro.substructures.whole import stack_jumps
+from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.line_search import step_length
 from multiscale.numerics.newton import Limits, NewtonRun
 from multiscale.schema import Dataset
 
-__all__ = ["NewtonSchur", "solve_schur"]
+__all__ = ["NewtonSchur", "SchurIterate", "SchurSolver", "solve_schur"]
+
+HELD = 1e-12
+"""Stiffness lent to every unknown in the tangent, relative to its diagonal."""
+
+REGULAR = 1e-10
+"""Stiffness lent to shared unknowns in the preconditioner, relative to the diagonal without slack:
+more is an elastic foundation below all interfaces, which costs Krylov iterations."""
+
+SLACK, SLACKEST = 0.3, 1e-5
+"""Stiffness of slack links in the tangent, relative to their elastic one: at first, to which it
+falls by long steps."""
+
+LOOSE, FINEST = 1e-2, 1e-10
+"""Largest and smallest residual at which a linear system counts as solved."""
+
+KRYLOV, RESTART = 2000, 100
+"""Iterations of a linear system, and those before GMRES starts anew. They cost far less than the
+factors; a direction that they left unfinished would slow Newton's method down on large grids."""
 
 OVERFLOW = 1e150
-"""Residual whose square, in the linear solver, is no number any more."""
+"""Residual with a square, in the linear solver, that is no number."""
 
 
 @dataclass(frozen=True)
@@ -37,22 +70,21 @@ class NewtonSchur(Method):
     tolerance : float
         Bound on the largest force out of balance relative to the largest nodal load (without
         load: to the largest prestress); dimensionless. What rounding makes unavoidable is
-        allowed for; ``residual`` says what was reached.
+        allowed for; ``residual`` is the one reached.
     max_iterations : int, limit of Newton steps for one load
     team : ProcessGroup, optional, as of :class:`LatinMethod`
     callback : callable, optional
-        Called as ``callback(iteration, residual, state)``: ``state.tension()`` of the links, N, in
-        the order of the substructures (of this process), ``state.displacement()`` of all
-        unknowns, m. All processes give one, or none.
+        Called as ``callback(iteration, residual, iterate)`` with a :class:`SchurIterate`. All
+        processes give one, or none.
     """
 
     name: ClassVar[str] = "Newton-Schur"
     team: ProcessGroup | None = None
-    callback: Callable[[int, float, Newton], None] | None = None
+    callback: Callable[[int, float, "SchurIterate"], None] | None = None
 
-    def start(self, problem: CutProblem) -> "_SchurSolver":
+    def start(self, problem: CutProblem) -> "SchurSolver":
         """Lay out shared and coarse unknowns."""
-        return _SchurSolver(problem, self)
+        return SchurSolver(problem, self)
 
 
 def solve_schur(
@@ -78,7 +110,7 @@ def solve_schur(
         later ones are not tried. ``iterations`` counts the Newton steps, ``krylov_iterations`` the
         iterations of the linear solver in all of them. Attributes: ``unknowns``,
         ``shared_unknowns``, ``coarse_unknowns``, ``substructures``, ``interfaces`` and, of a step
-        that failed, ``failure``, as in :func:`solve_latin`, which says what joints add.
+        that failed, ``failure``, as in :func:`solve_latin`, which lists the fields of joints.
 
     Raises
     ------
@@ -105,54 +137,397 @@ def solve_schur(
     return NewtonSchur(**options).solve(problem, load_factor, after)
 
 
-class _SchurSolver:
-    """Newton-Schur on a structure, step by step."""
+class _Factored(NamedTuple):
+    """A tangent, condensed; its Schur complements in one table; and its preconditioner."""
+
+    condensed: CondensedStiffness
+    schur: np.ndarray
+    balancing: Balancing
+    symmetric: bool
+
+
+class SchurSolver:
+    """Newton-Schur on a structure, step by step; a process holds some of the substructures."""
 
     def __init__(self, problem: CutProblem, method: NewtonSchur) -> None:
-        self.method, self.newton = method, Newton(problem, method.team)
-        layout = self.newton.layout
-        self.attributes = {"shared_unknowns": layout.n_shared, "coarse_unknowns": layout.n_coarse}
+        self.problem, self.method, self.team = problem, method, method.team or Alone()
+        perfect, inner = _move_joints_inside(problem)
+        mine = share(len(perfect.substructures), self.team)
+        self.stack = stack_parts(perfect, mine)
+        self.unknown = np.concatenate([perfect.substructures[part].unknown for part in mine])
+
+        # shared and coarse unknowns
+        self.parts = split(self.stack.start, self.stack.shared)
+        sides, slot = lay_out_sides(perfect), np.zeros(self.stack.n, dtype=int)
+        slot[self.stack.trace.indices] = sides.slot[sides.start[mine[0]] : sides.start[mine.stop]]
+        self.slot = slot[self.parts.edge]
+        basis = coarse_basis(perfect)
+        self.layout = lay_out(self.parts, self.slot, basis, perfect.interfaces, mine, self.team)
+        self.attributes = {
+            "shared_unknowns": self.layout.n_shared,
+            "coarse_unknowns": self.layout.n_coarse,
+        }
+
+        # joints inside the substructures of this process
+        places = [place for place, (owner, _) in enumerate(inner) if owner in mine]
+        joints = [problem.joints[place] for place in places]
+        self.points = np.r_[(slice(0), *(problem.points[place] for place in places))]
+        laws = [joint.law for joint in joints if joint.law]
+        counts = [joint.weight.size for joint in joints]
+        self.law = lay_side_by_side(laws, counts, problem.gap[self.points])
+        jumps = [self._placed(inner[at][1], inner[at][0] - mine[0]) for at in places]
+        self.jump_operator = stack_jumps(jumps, self.stack.n)
+
+        links = self.stack.links
+        self.taut = self.assemble(self.stack.matrix(links.stiffness, None).diagonal())[self.unknown]
+        self.factors = Factors(), Factors()
+        self.factored: _Factored | None = None
+        self.key = np.full(links.stiffness.size + 1, np.nan)
+        self.reached = np.zeros(problem.n), np.zeros(self.stack.n), np.zeros(links.stiffness.size)
+
+    def _placed(self, operator: csr_array, part: int) -> csr_array:
+        """Extend an operator on one substructure to the unknowns of all."""
+        shape = (operator.shape[0], self.stack.n)
+        columns = operator.indices + self.stack.start[part]
+        return csr_array((operator.data, columns, operator.indptr), shape=shape)
+
+    def assemble(self, force: np.ndarray) -> np.ndarray:
+        """Add up over the substructures of all processes, shape (problem.n,)."""
+        return self.team.total(np.bincount(self.unknown, force, minlength=self.problem.n))
+
+    def total(self, value: float | np.integer) -> float:
+        """Add up over the processes."""
+        return float(self.team.total(np.array([value], dtype=float))[0])
+
+    def carried(self, elastic: np.ndarray) -> np.ndarray:
+        """Change of the tension of the links, N, from that without slack."""
+        links = self.stack.links
+        lower, upper = links.lower - links.prestress, links.upper - links.prestress
+        return np.asarray(np.clip(elastic, lower, upper))
+
+    def tension(self, elastic: np.ndarray) -> np.ndarray:
+        """Tension of the links, N, from its change without slack."""
+        return np.asarray(self.stack.links.prestress + self.carried(elastic))
+
+    def joined(self, value: np.ndarray) -> np.ndarray:
+        """Jump or traction at the points of the joints of all processes."""
+        every = np.zeros((3, self.problem.weight.size))
+        every[:, self.points] = value
+        return self.team.total(every)
 
     @np.errstate(over="ignore", invalid="ignore")  # an overflow shows in the residual
     def step(self, state: JointState, factor: np.ndarray, near: object = None) -> StepAnswer:
         """Newton's method for one load."""
-        clock, method, newton = perf_counter(), self.method, self.newton
-        newton.start(state, factor)
-        krylov, closest = 0, newton.imbalance()
-        imbalance = closest
+        clock, method, links = perf_counter(), self.method, self.stack.links
+        # unknowns of the substructures and tensions go on from the step before
+        known, u, elastic = self.reached
+        if state.unknowns is not known:
+            u = state.unknowns[self.unknown]
+            elastic = links.stiffness * (links.operator @ u)
+        balance = _CutEquilibrium(self, self.stack.load @ factor, state)
+        here = balance.place(u, state.jump[:, self.points], elastic=elastic)
+        latest = [here]
 
-        def note(iteration: int, residual: float) -> None:
+        def report(iteration: int, residual: float) -> None:
             if method.callback is not None:
-                method.callback(iteration, residual, newton)
+                method.callback(iteration, residual, SchurIterate(self, latest[0]))
 
-        run = NewtonRun(Limits(method.max_iterations, method.tolerance, note))
-        while run.goes_on(imbalance.residual, imbalance.rounding):
-            if newton.lending.exhausted:
-                run.stop(Status.STALLED)
-                break
-            if imbalance.residual > OVERFLOW:  # bodies that slide away
-                run.stop(Status.NOT_FINITE)
-                break
-            try:
-                krylov += newton.advance(
-                    imbalance, method.tolerance, search=run.since_best > ROUNDS
-                )
-            except (MultiscaleError, np.linalg.LinAlgError):  # the tangent is singular
-                run.stop(Status.STALLED)
-                break
-            imbalance = newton.imbalance()
-            closest = min(closest, imbalance, key=lambda place: place.residual)
-        newton.reached, team = newton.displacement(), newton.team
-        report = {
+        run = NewtonRun(Limits(method.max_iterations, method.tolerance, report))
+
+        def note(place: Place) -> None:
+            latest[0] = place
+
+        here, best = find_equilibrium(balance, here, run, note)
+        iterate = SchurIterate(self, here)
+        self.reached = iterate.displacement(), here.value, here.elastic
+        tension = iterate.tension()
+        slack = np.abs(self.carried(here.elastic) - here.elastic) / links.stiffness
+        columns = {
             "converged": int(run.converged),
-            "failure": "" if run.converged else newton.why(run.status, closest),
-            "residual": imbalance.residual,
+            "failure": "" if run.converged else self._why(run, factor, state, best, balance),
+            "residual": balance.residual(here),
             "iterations": run.steps,
-            "krylov_iterations": krylov,
+            "krylov_iterations": balance.krylov,
             "wall_time": perf_counter() - clock,
-            **newton.problem.link_fields(
-                team.concatenate(newton.tension()), team.concatenate(newton.slack())
+            **self.problem.link_fields(
+                self.team.concatenate(tension), self.team.concatenate(slack)
             ),
         }
-        jump, traction = newton.joined(newton.at), newton.joined(imbalance.traction)
-        return StepAnswer(newton.reached, jump, traction, report)
+        return StepAnswer(
+            self.reached[0], self.joined(here.at), self.joined(here.traction), columns
+        )
+
+    def _why(
+        self,
+        run: NewtonRun,
+        factor: np.ndarray,
+        state: JointState,
+        best: Place,
+        balance: "_CutEquilibrium",
+    ) -> str:
+        """Explain why a step failed, from where it was closest to a solution."""
+        load, pressure = self.problem.load(factor), -self.joined(best.traction)[0]
+        if slide := find_slide(self.problem, load, state.pressure, pressure):
+            return str(slide)
+        if balance.unfinished:
+            return (
+                f"{run.status.value}; {balance.unfinished} of its linear systems were left "
+                f"unfinished after {KRYLOV} iterations, so cut the structure into fewer or more "
+                f"compact parts"
+            )
+        return run.status.value
+
+    def factorise(self, tangent: np.ndarray, carried: np.ndarray) -> _Factored:
+        """Condense the tangent of joints and links and prepare its preconditioner."""
+        matrix = self.stack.matrix(carried * self.stack.links.stiffness, None)
+        if self.points.size:
+            blocks = [[diags_array(entry) for entry in row] for row in tangent]
+            B = self.jump_operator
+            matrix += B.T @ block_array(blocks, format="csr") @ B
+        matrix = csr_array(matrix + HELD * diags_array(self.taut))
+        symmetric = not self.total(not np.array_equal(tangent, tangent.transpose(1, 0, 2)))
+        inside, coarse = self.factors if symmetric else (factorise, factorise)
+        condensed = together(self.team, lambda: condense(matrix, self.parts, inside))
+        schur = self.layout.gather(condensed.blocks)
+        added = np.zeros(self.layout.shared.shape)
+        added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
+        balancing = prepare_balancing(self.layout, schur, added, coarse)
+        return _Factored(condensed, schur, balancing, symmetric)
+
+    def solve_shared(
+        self, factored: _Factored, force: np.ndarray, accuracy: float
+    ) -> tuple[np.ndarray, int, bool]:
+        """Displacement of the shared unknowns by a preconditioned Krylov method.
+
+        Also the number of its iterations, and whether it was left unfinished.
+        """
+        layout, n, count = self.layout, self.layout.n_shared, 0
+        if not n:
+            return np.zeros(0), 0, False
+
+        def note(_: object) -> None:
+            nonlocal count
+            count += 1
+
+        reduced = np.bincount(self.slot, factored.condensed.reduce(force), minlength=n)
+        right = self.team.total(reduced)
+        bound = accuracy * float(np.linalg.norm(self.assemble(force)))
+        S = LinearOperator((n, n), matvec=partial(layout.multiply, factored.schur), dtype=float)
+        M = LinearOperator((n, n), matvec=factored.balancing, dtype=float)
+        options = {"rtol": 0.0, "atol": bound, "M": M, "maxiter": KRYLOV, "callback": note}
+        krylov = cg
+        if not factored.symmetric:
+            restarted = {"restart": RESTART, "maxiter": KRYLOV // RESTART}
+            krylov, options = gmres, options | restarted | {"callback_type": "pr_norm"}
+        edge, info = krylov(S, right, **options)
+        return edge, count, bool(info)  # Newton's residual judges the worth of such a direction
+
+
+class _CutEquilibrium(Equilibrium):
+    r"""Balance of a structure in parts under one load.
+
+    .. math::
+        \sum_E R_E^T \left( K u_E + B^T P(\tau^0 + k B u_E) + J^T w\, t(J u_E) - f_E \right) = 0,
+        \qquad u_E = R_E u,    \tag{1}
+
+    with the links and joints of every substructure :math:`E`. Without joints steps are exact along
+    every direction.
+    """
+
+    def __init__(self, cut: SchurSolver, load: np.ndarray, state: JointState) -> None:
+        super().__init__(
+            cut.stack.stiffness,
+            load,
+            cut.jump_operator,
+            cut.problem.weight[cut.points],
+            cut.law,
+            state.history[: cut.law.n_state, cut.points],
+        )
+        self.cut, self.links = cut, cut.stack.links
+        self.resists, self.descends = bool(cut.problem.joints), cut.problem.n_links > 0
+        self.lending, self.known = SlackStiffness(SLACK, SLACKEST), None
+        self.krylov = self.unfinished = 0
+        largest = float(np.abs(cut.assemble(load)).max(initial=0.0))
+        self.scale = largest or self._most(self.links.prestress) or 1.0
+
+    def _most(self, value: np.ndarray) -> float:
+        """Largest size of an entry in all processes."""
+        most = np.abs(value).max(initial=0.0)
+        return float(self.cut.team.concatenate(np.array([most])).max())
+
+    def inner(self, value: np.ndarray, elastic: np.ndarray) -> np.ndarray:
+        """Return the forces of bodies and links less the load, N."""
+        links = self.links.operator.T @ self.cut.tension(elastic)
+        return np.asarray(super().inner(value, elastic) + links)
+
+    def stretch(self, direction: np.ndarray) -> np.ndarray:
+        """Change of tension without slack along a direction, N."""
+        return np.asarray(self.links.stiffness * (self.links.operator @ direction))
+
+    def size(self, force: np.ndarray) -> float:
+        """Largest force of the whole structure, N."""
+        return float(np.abs(self.cut.assemble(force)).max(initial=0.0))
+
+    def largest(self, here: Place) -> float:
+        """Size of the forces that cancel in the balance, N."""
+        forces = self.magnitude @ np.abs(here.value)
+        return self._most(np.append(forces, self.cut.tension(here.elastic)))
+
+    def dot(self, one: np.ndarray, other: np.ndarray) -> float:
+        """Work in all substructures, J."""
+        return self.cut.total(float(one @ other))
+
+    def anywhere(self, flag: bool) -> bool:
+        """Whether a flag is set in any process."""
+        return bool(self.cut.total(flag))
+
+    def residual(self, here: Place) -> float:
+        """Largest force out of balance relative to the load; infinite if its square is."""
+        residual = super().residual(here)
+        return residual if residual <= OVERFLOW else np.inf
+
+    def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
+        """Newton direction, m; None if the tangent is singular."""
+        cut, residual = self.cut, self.residual(here)
+        if self.lending.exhausted:
+            return None
+        # links: their status, and the stiffness that is lent to the slack ones
+        carries = cut.carried(here.elastic) == here.elastic
+        if self.known is not None and not cut.total(np.count_nonzero(carries != self.known)):
+            self.lending.reset()
+        self.known = carries
+        key = np.append(carries, self.lending.share)
+        changed = cut.total(np.count_nonzero(key != cut.key))
+        try:
+            # factors last until a link or a joint changes
+            factored = cut.factored
+            if cut.problem.joints or factored is None or changed:
+                lent = floor * self.resistance * self.weight * np.eye(3)[:, :, None]
+                carried = np.where(carries, 1.0, self.lending.share)
+                factored = cut.factorise(here.tangent + lent, carried)
+                cut.factored, cut.key = factored, key
+            # the closer the solution, the more accurate the direction
+            accuracy = min(LOOSE, residual)
+            accuracy = max(accuracy, 0.1 * cut.method.tolerance / residual, FINEST)
+            edge, count, unfinished = cut.solve_shared(factored, -here.gradient, accuracy)
+        except (MultiscaleError, np.linalg.LinAlgError):
+            return None
+        self.krylov, self.unfinished = self.krylov + count, self.unfinished + unfinished
+        return np.asarray(factored.condensed.expand(-here.gradient, edge[cut.slot]))
+
+    def step(self, here: Place, direction: np.ndarray) -> Place:
+        """Take an exact step along links, a searched one along links and joints, else a whole one.
+
+        The length along links and joints is that of the least energy.
+        """
+        if not self.cut.problem.n_links:
+            return super().step(here, direction)
+        if self.cut.problem.joints:
+            length = step_length(
+                lambda step: self.dot(direction, self.move(here, step, direction).gradient),
+                self.dot(direction, here.gradient),
+            )
+        else:
+            length = self._exact_step(here, direction)
+        self.lending.adapt(length)
+        return self.move(here, length, direction)
+
+    def _exact_step(self, here: Place, direction: np.ndarray) -> float:
+        """Step to the least energy; what is linear counts as one more link that never slackens."""
+        links, team = self.links, self.cut.team
+        curvature = self.dot(direction, self.stiffness @ direction)
+        no_bound = np.array([np.inf]) if curvature > 0.0 else NO_LINKS
+        rest = np.full(no_bound.size, curvature)
+        elastic, growth, stiffness, lower, upper = (
+            team.concatenate(value)
+            for value in (
+                here.elastic,
+                self.stretch(direction),
+                links.stiffness,
+                links.lower - links.prestress,
+                links.upper - links.prestress,
+            )
+        )
+        return float(
+            exact_step(
+                np.append(elastic, 0.0 * rest),
+                np.append(growth, rest),
+                np.append(stiffness, rest),
+                np.append(lower, -no_bound),
+                np.append(upper, no_bound),
+                -self.dot(direction, here.gradient),
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class SchurIterate:
+    """Iterate of Newton's method."""
+
+    cut: SchurSolver
+    here: Place
+
+    def tension(self) -> np.ndarray:
+        """Tension of the links, N, in the order of the substructures (of this process)."""
+        return self.cut.tension(self.here.elastic)
+
+    def displacement(self) -> np.ndarray:
+        """Displacement of the unknowns of the whole structure, m."""
+        shares = self.cut.assemble(np.ones(self.cut.stack.n))
+        return np.asarray(self.cut.assemble(self.here.value) / np.maximum(shares, 1.0))
+
+
+def _move_joints_inside(problem: CutProblem) -> tuple[CutProblem, list[tuple[int, csr_array]]]:
+    """Add every joint to its second side, and to it the unknowns of the first side on the joint.
+
+    A joint between two substructures becomes a perfect interface, on the first side of the joint,
+    between one of them and the other with the joint: its stiffness, from none to rigid, is a
+    stiffness of this substructure.
+    """
+    parts = list(problem.substructures)
+    for joint in problem.joints:
+        first, second = joint.sides
+        touched = np.unique(joint.trace[0].indices)
+        new = ~np.isin(problem.substructures[first].unknown[touched], parts[second].unknown)
+        parts[second] = _widen(parts[second], problem.substructures[first], touched[new])
+    inner = []
+    for joint in problem.joints:
+        first, second = joint.sides
+        part, lower, upper = parts[second], problem.substructures[first], joint.trace[1]
+        order = np.argsort(part.unknown)
+        place = np.zeros(lower.n, dtype=int)
+        touched = np.unique(joint.trace[0].indices)
+        place[touched] = order[np.searchsorted(part.unknown[order], lower.unknown[touched])]
+        rows = joint.trace[0].tocoo()
+        below = csr_array(
+            (rows.data, (rows.coords[0], place[rows.coords[1]])), shape=(joint.size, part.n)
+        )
+        above = csr_array((upper.data, upper.indices, upper.indptr), shape=(joint.size, part.n))
+        if joint.law is None or not joint.law.compliant:
+            raise CaseError(
+                f"a joint of substructures {joint.sides} needs a law that gives the traction of a "
+                f"jump; solve_latin takes rigid contact as well"
+            )
+        inner.append((second, csr_array(above - below)))
+    return CutProblem(tuple(parts), problem.position, problem.expansion), inner
+
+
+def _widen(part: Substructure, other: Substructure, unknowns: np.ndarray) -> Substructure:
+    """Append unknowns of another substructure."""
+    n, added = part.n + unknowns.size, unknowns.size
+    K = part.stiffness
+    start = np.append(K.indptr, np.full(added, K.indptr[-1]))
+    links = part.links
+    if links is not None:
+        B = links.operator
+        links = replace(
+            links, operator=csr_array((B.data, B.indices, B.indptr), shape=(B.shape[0], n))
+        )
+    return Substructure(
+        csr_array((K.data, K.indices, start), shape=(n, n)),
+        np.concatenate([part.load, np.zeros((added, part.load.shape[1]))]),
+        np.append(part.unknown, other.unknown[unknowns]),
+        np.concatenate([part.position, other.position[unknowns]]),
+        np.append(part.component, other.component[unknowns]),
+        links,
+    )

@@ -90,7 +90,7 @@ class JointState:
 
 
 def stored_state(problem: CutProblem, path: Dataset, tightening: float) -> JointState:
-    """State at the end of a path that has been stored: its jumps tell the history of the laws.
+    """State at the end of a stored path: the history of the laws follows from its jumps.
 
     Raises
     ------

@@ -68,7 +68,7 @@ class StepAnswer(NamedTuple):
 
 
 class StepSolver(Protocol):
-    """A method that has been prepared for a structure. It knows no path."""
+    """A method that has been prepared for a structure; it has no path."""
 
     @property
     def attributes(self) -> dict[str, int]:
@@ -82,7 +82,7 @@ class StepSolver(Protocol):
     ) -> StepAnswer:
         """Go from a committed state to factors of the load cases.
 
-        A step of a path under other laws may tell the likely change of unknowns and jump, m.
+        The change of unknowns and jump, m, in a step of a path under other laws is a first guess.
         """
 
 
@@ -100,8 +100,8 @@ class Method:
 
     name: ClassVar[str]
     condenses: ClassVar[bool] = False
-    """Whether bodies are condensed onto their joints before it follows a path, whose steps may
-    begin as the steps of another path do."""
+    """Whether bodies are condensed onto their joints before a path. Its steps may then begin as
+    those of another path do."""
 
     parts: tuple[int, int] = (1, 1)
     tolerance: float = 1e-10

@@ -9,7 +9,7 @@ from scipy.sparse import block_array, csr_array, diags_array
 
 from multiscale.errors import MultiscaleError
 from multiscale.laws.side_by_side import SideBySide
-from multiscale.macro.interface_newton import FLOOR, face_stiffness
+from multiscale.macro.monolithic import FLOOR, face_stiffness
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors
 from multiscale.macro.substructures.state import JointState

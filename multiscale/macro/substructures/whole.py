@@ -20,7 +20,7 @@ from multiscale.macro.monolithic import (
     solve_interface,
 )
 from multiscale.macro.substructures.capacity import find_slide
-from multiscale.macro.substructures.condensed_problem import condense_problem
+from multiscale.macro.substructures.condensed import condense_problem
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import FULL
 from multiscale.macro.substructures.state import JointState
@@ -186,7 +186,7 @@ class _WholeSolver:
             raise CaseError("links are not solved as bodies in one piece; solve_static takes them")
         if not all(joint.law and joint.law.compliant for joint in problem.joints):
             raise CaseError(
-                "a joint needs a law that tells the traction of a jump; solve_latin takes rigid "
+                "a joint needs a law that gives the traction of a jump; solve_latin takes rigid "
                 "contact as well"
             )
         self.problem, self.method = problem, method

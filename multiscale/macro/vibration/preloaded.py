@@ -11,9 +11,9 @@ from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.laws.side_by_side import SideBySide
 from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.data_range import with_load_shares
-from multiscale.macro.interface_newton import face_stiffness
+from multiscale.macro.monolithic import face_stiffness
 from multiscale.macro.substructures.capacity import refuse_free
-from multiscale.macro.substructures.condensed_problem import CondensedProblem, condense_problem
+from multiscale.macro.substructures.condensed import CondensedProblem, condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.measures import joint_shares
 from multiscale.macro.substructures.problem import CutProblem

@@ -1,4 +1,4 @@
-"""Search directions: the stiffness by which one stage looks for the other."""
+"""Search directions of LATIN: the stiffness of sides by which one stage looks for the other."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,11 +7,20 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.fe.condensation import condense, split
+from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.substructures.parallel import ProcessGroup
-from multiscale.macro.substructures.problem import CutProblem
+from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
 
-__all__ = ["SideStiffness", "interface_stiffness", "schur_complements", "side_stiffness"]
+__all__ = [
+    "SideStiffness",
+    "body_stiffness",
+    "interface_stiffness",
+    "joint_directions",
+    "law_stiffness",
+    "schur_complements",
+    "side_stiffness",
+]
 
 SOFTEST = 1e-9
 """Below this share of the stiffest motion of an interface all are taken as equally soft."""
@@ -21,6 +30,18 @@ SETTLED, PASSES = 0.05, 40
 
 HELD = 1e-9
 """Stiffness lent to the inside of a substructure, relative to its diagonal."""
+
+STRENGTH = 0.6
+"""Stiffness of a side relative to the stiffness of body and law in series."""
+
+LEAN = 0.25
+"""How far the stiffness of one side leans towards the stiffness of the other, as an exponent."""
+
+RIGID = 1e4
+"""Stiffness of a side that a support holds, relative to the bodies."""
+
+SOFT, OPEN = 1e-3, 1e-9
+"""Least stiffness of a law at a point relative to its mean over the joint, and to the bodies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,3 +172,47 @@ def side_stiffness(
         for entries in (values, roots)
     )
     return SideStiffness(matrix, root)
+
+
+def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
+    """Stiffness per area of what either side of a joint stands for, shape (3, points), Pa/m.
+
+    The diagonal of a body is the stiffness of the shortest waves; the stiffness of the longest is
+    less by their ratio of lengths; the mean of both is taken. The stiffer side is taken a little
+    softer and the softer one stiffer: a stiff body has soft motions too. Where a support holds a
+    side it is as good as rigid, whatever the body.
+    """
+    weight, found, held = np.tile(joint.weight, 3), [], []
+    for owner, trace in zip(joint.sides, joint.trace, strict=True):
+        touched = abs(trace).T @ weight > 0.0
+        total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
+        found.append(total / weight.sum() / joint.weight.size**0.25)
+        held.append((np.diff(trace.indptr) == 0).reshape(3, -1))
+    found = [k or max(found) for k in found]  # of a side that is held as a whole
+    lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (found, found[::-1])]
+    return tuple(np.where(rows, RIGID * max(found), k) for rows, k in zip(held, lean, strict=True))
+
+
+def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
+    """Diagonal of the tangent of a law, alike for both tangents, shape (3, points), Pa/m.
+
+    It is infinite for rigid contact, open or closed: nothing lies between none and infinite, and
+    directions that go to and fro between both do not converge.
+    """
+    if not law.compliant:
+        return np.full_like(jump, np.inf)
+    tangent = law.respond(jump, state).tangent
+    shear = np.maximum(tangent[1, 1], tangent[2, 2])
+    return np.stack([tangent[0, 0], shear, shear])
+
+
+def joint_directions(
+    joint: CutInterface, bodies: tuple[np.ndarray, ...], law: np.ndarray, mean: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Stiffness of both sides of a joint: the body and half of the law in series, N/m.
+
+    A law that is much stiffer than the bodies does not count then, nor do bodies on a soft law; one
+    number for both makes the iterations grow with the root of their ratio or worse.
+    """
+    law = np.maximum(law, np.maximum(SOFT * mean, OPEN * np.minimum(*bodies)))
+    return tuple(STRENGTH * (joint.weight / (1.0 / body + 0.5 / law)).ravel() for body in bodies)

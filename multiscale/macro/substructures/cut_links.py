@@ -9,7 +9,7 @@ from multiscale.macro.links.link_equations import compatibility, equations
 from multiscale.macro.links.link_system import LinkSystem
 from multiscale.macro.substructures.problem import CutProblem, Links, Substructure, expand_numbers
 
-__all__ = ["bisect", "cut_links", "split_grid"]
+__all__ = ["cut_links", "split_grid"]
 
 
 def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
@@ -19,7 +19,7 @@ def cut_links(system: LinkSystem, owner: np.ndarray) -> CutProblem:
     ----------
     system : LinkSystem, the structure; links of finite stiffness
     owner : ndarray of int, shape (links,)
-        Substructure of every link: 0, 1, ...; :func:`split_grid` and :func:`bisect` make it.
+        Substructure of every link: 0, 1, ...; of :func:`split_grid`, for instance.
 
     Returns
     -------
@@ -94,36 +94,6 @@ def split_grid(system: LinkSystem, parts: tuple[int, int]) -> np.ndarray:
     box = np.floor((centre - low) / (high - low) * parts).astype(int)
     box = np.clip(box, 0, np.array(parts) - 1)
     return np.unique((box[:, 1] * parts[0] + box[:, 0])[index], return_inverse=True)[1]
-
-
-def bisect(system: LinkSystem, count: int) -> np.ndarray:
-    """Split links in two along the longest side, again and again.
-
-    Parameters
-    ----------
-    system : LinkSystem, any structure
-    count : int, number of substructures, from 1 to the number of links
-
-    Returns
-    -------
-    ndarray of int, shape (links,), substructure of every link
-    """
-    middle = system.position[system.ends].mean(axis=1)
-    owner = np.zeros(system.n_links, dtype=int)
-
-    def split(rows: np.ndarray, first: int, pieces: int) -> None:
-        owner[rows] = first
-        if pieces == 1:
-            return
-        axis = int(np.argmax(np.ptp(middle[rows], axis=0)))
-        order = rows[np.argsort(middle[rows, axis], kind="stable")]
-        half = pieces // 2
-        at = order.size * half // pieces
-        split(order[:at], first, half)
-        split(order[at:], first + half, pieces - half)
-
-    split(np.arange(system.n_links), 0, count)
-    return owner
 
 
 def _check_pieces(system: LinkSystem, owner: np.ndarray) -> None:

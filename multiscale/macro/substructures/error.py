@@ -1,0 +1,165 @@
+r"""Error of a state of LATIN: a guaranteed bound for links, a heuristic indicator for rough joints.
+
+With a displacement :math:`\bar u` that is continuous over the interfaces, and tensions
+:math:`\tau^*` that are in equilibrium and nowhere forbidden, the sum of the energy of one and the
+complementary energy of the other, the duality gap, is at least
+
+.. math:: \tfrac12 \| \tau - \tau^* \|^2_{k^{-1}}    \tag{1}
+
+for the exact tensions :math:`\tau` [1]_. Forces that balance are tractions :math:`t^*` of joints
+and displacements :math:`u^*` in equilibrium with them. The state on the law that is nearest to them
+and to the jumps :math:`\bar\jmath`, along the search direction :math:`\kappa`, has the traction
+:math:`\hat t` with
+
+.. math:: \hat t(\hat\jmath) + \kappa \hat\jmath = t^* + \kappa \bar\jmath,    \tag{2}
+
+and the indicator is the root of
+
+.. math::
+    \| u^* - \bar u \|^2_K + 4 \sum_\text{points} w\, |t^* - \hat t|^2_{\kappa^{-1}}.    \tag{3}
+
+For a linear law without friction, whose stiffness is :math:`\kappa`, half of its square is the
+duality gap of both fields, which is a bound. With friction the limit of a traction depends on the
+solution: there is no potential and no guarantee, and how far (3) may be trusted was measured.
+
+References
+----------
+.. [1] P. Ladevèze, J.-P. Pelle, Mastering calculations in linear and nonlinear mechanics,
+   Springer, 2005, doi:10.1007/b138705.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from multiscale.macro.substructures.latin import Latin, LatinIterate
+from multiscale.macro.substructures.stack import Factors
+
+__all__ = ["Admissible", "ErrorBound", "ForceError", "JointError", "indicate_error"]
+
+HELD = 1e-10
+"""Stiffness that stands for the neighbours where only forces are given, relative to it."""
+
+UNBALANCED = 1e-9
+"""Force out of balance, relative to the largest tension, up to which a prestress holds itself."""
+
+
+class ForceError(NamedTuple):
+    """Error of forces, root of twice the duality gap or of (3), and their size, J^1/2."""
+
+    error: float
+    size: float
+
+    @property
+    def relative(self) -> float:
+        """Error over size."""
+        return self.error / self.size if self.size > 0.0 else 0.0 if self.error == 0.0 else np.inf
+
+
+class JointError(NamedTuple):
+    """Indicator (3) with displacement u*, (n,), m, and traction t*, (3, points), Pa."""
+
+    estimate: ForceError
+    stressed: np.ndarray
+    traction: np.ndarray
+
+
+class Admissible:
+    """Makes states of the linear stage, with balanced coarse forces, admissible."""
+
+    def __init__(self, latin: Latin) -> None:
+        self.latin, stack, mine = latin, latin.stack, latin.rows
+        tiny = csr_array(HELD * latin.k0.matrix[mine][:, mine])
+        self.factors = Factors()  # its solves live as long as they do
+        self.solve = self.factors(stack.matrix(stack.links.stiffness, tiny))
+        self.perfect = latin.sides.perfect[mine]
+
+    def __call__(self, iterate: LatinIterate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Share out gaps and forces out of balance equally between the sides.
+
+        Returns a displacement that is alike on all sides of perfect interfaces, (n,), m, forces on
+        all sides that balance on every interface, (m,), N, and the displacement, (n,), m, that
+        brings the substructures into equilibrium with them.
+        """
+        latin, trace = self.latin, self.latin.stack.trace
+        balanced = iterate.force - latin.sides.mean(iterate.force)
+        change = self.solve(trace.T @ (balanced - iterate.force)[latin.rows])
+        moved = latin.team.concatenate(trace @ iterate.u)
+        step = (latin.sides.mean(moved) - moved)[latin.rows]
+        return iterate.u + trace.T @ np.where(self.perfect, step, 0.0), balanced, change
+
+
+class ErrorBound:
+    """Bound on the error of substructures without joints.
+
+    The prestress of a substructure that holds itself may be added to tensions in equilibrium:
+    with just enough of it no cable is pushed. Without prestress there is no bound.
+    """
+
+    def __init__(self, admissible: Admissible) -> None:
+        self.admissible, self.stack = admissible, admissible.latin.stack
+        links, start = self.stack.links, self.stack.start
+        unbalanced = np.abs(links.operator.T @ links.prestress)
+        worst = np.zeros(len(start) - 1)
+        np.maximum.at(worst, np.repeat(np.arange(worst.size), np.diff(start)), unbalanced)
+        self.self_stressed = worst <= UNBALANCED * float(np.abs(links.prestress).max(initial=0.0))
+        first = links.operator.indices[links.operator.indptr[:-1]]
+        self.part_of_link = np.searchsorted(start, first, "right") - 1
+
+    def __call__(self, iterate: LatinIterate) -> ForceError:
+        """Measure a state of the linear stage by (1)."""
+        K, links = self.stack.stiffness, self.stack.links
+        continuous, _, change = self.admissible(iterate)
+        t0, k = links.prestress, links.stiffness
+        statical, possible = self._pull(iterate.tension + k * (links.operator @ change))
+        e = links.operator @ continuous
+        kinematic = np.clip(t0 + k * e, links.lower, links.upper)
+        apart = statical - kinematic
+        # Fenchel's inequality, link by link; of two terms that are never negative
+        gap = apart**2 / (2.0 * k) + apart * ((kinematic - t0) / k - e)
+        solid = iterate.u + change
+        difference = continuous - solid
+        sums = [
+            float(gap.sum()) + 0.5 * float(difference @ (K @ difference)),
+            float(np.sum((statical - t0) ** 2 / k)) + float(solid @ (K @ solid)),
+            0.0 if possible else 1.0,
+        ]
+        total, size, impossible = self.admissible.latin.team.total(np.array(sums))
+        error = np.inf if impossible else np.sqrt(2.0 * max(total, 0.0))
+        return ForceError(float(error), float(np.sqrt(size)))
+
+    def _pull(self, tension: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Add so much of the prestress that every link is within its limits."""
+        links = self.stack.links
+        low, high = tension < links.lower, tension > links.upper
+        limit = np.where(low, links.lower, np.where(high, links.upper, tension))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            short = np.where(low | high, (limit - tension) / links.prestress, 0.0)
+        helps = np.isfinite(short) & (short > 0.0) & self.self_stressed[self.part_of_link]
+        wrong = low | high
+        if np.any(wrong & ~helps):
+            return tension, False
+        need = np.zeros(len(self.stack.start) - 1)
+        np.maximum.at(need, self.part_of_link[wrong], short[wrong])
+        return tension + need[self.part_of_link] * links.prestress, True
+
+
+def indicate_error(admissible: Admissible, iterate: LatinIterate) -> JointError:
+    """Evaluate (3) for a state of the linear stage."""
+    latin = admissible.latin
+    K, trace, team = latin.stack.stiffness, latin.stack.trace, latin.team
+    continuous, balanced, change = admissible(iterate)
+    moved, stressed = team.concatenate(trace @ continuous), iterate.u + change
+    apart = stressed - continuous
+    bodies = team.total(np.array([apart @ (K @ apart), stressed @ (K @ stressed)]))
+    error, size = np.maximum(bodies, 0.0)  # rounding may leave less
+    (first, second), weight = latin.sides.joints, latin.weight
+    traction = balanced[first] / weight
+    k1, k2 = (latin.k0.matrix.diagonal()[side] for side in latin.sides.joints)
+    kappa = k1 * k2 / (k1 + k2) / weight
+    source = traction + kappa * (moved[second] - moved[first] - latin.state.slid)  # (2)
+    on_law = source - kappa * latin.law.resolvent(source, kappa, latin.state.history)
+    error += 4.0 * np.sum(weight * (traction - on_law) ** 2 / kappa)  # (3)
+    size += np.sum(weight * traction**2 / kappa)
+    return JointError(ForceError(float(np.sqrt(error)), float(np.sqrt(size))), stressed, traction)
