@@ -17,7 +17,7 @@ from multiscale import __version__
 from multiscale.bench import FAMILIES, STABILITY_FAMILIES
 from multiscale.errors import CaseError, ConvergenceError, MultiscaleError
 from multiscale.executors import cores, workers
-from multiscale.needs import say_time
+from multiscale.needs import readable_time
 from multiscale.units import to_lengths, to_si
 
 if TYPE_CHECKING:
@@ -667,7 +667,7 @@ def _lines() -> "ShowProgress":
         left = ""
         if first < finished < total:
             each = (perf_counter() - since) / (finished - first)
-            left = f", about {say_time(each * (total - finished))} left"
+            left = f", about {readable_time(each * (total - finished))} left"
         typer.echo(f"{finished} of {total} {parts}{left}", err=True)
 
     return tell

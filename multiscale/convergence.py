@@ -77,7 +77,7 @@ class Solution:
 
 
 def check_limits(tolerance: float, max_iterations: int | None = None) -> None:
-    """Refuse limits with which no iteration can end as it should."""
+    """Refuse limits with which no iteration can converge or stop."""
     if not 0.0 < tolerance < 1.0:
         raise CaseError(f"tolerance is relative and must lie between 0 and 1, got {tolerance:g}")
     if max_iterations is not None and max_iterations < 1:

@@ -1,21 +1,21 @@
-"""The needs of a scene, told in words: choices that are built or left out, and why."""
+"""Needs of a scene in words: parts that are built or left out, and why."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isnan, nan
 
-__all__ = ["Choice", "Cost", "Needs", "choose", "join_needs", "say_time"]
+__all__ = ["Choice", "Cost", "Needs", "choose", "join_needs", "readable_time"]
 
 
-def say_time(seconds: float) -> str:
-    """Say a time in the unit in which it is read best."""
+def readable_time(seconds: float) -> str:
+    """Format a time in its most readable unit."""
     for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 1.5 * length:
             return f"{float(f'{seconds / length:.3g}'):.12g} {unit}"
     return f"{seconds:.2g} s"
 
 
-def _say_memory(size: int) -> str:
+def _readable_memory(size: int) -> str:
     return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e9:.3g} GB"
 
 
@@ -37,7 +37,7 @@ class Choice:
 
 
 def choose(part: str, built: bool, why: str, why_not: str) -> Choice:
-    """Return the choice of a part with the reason that holds."""
+    """Return the choice of a part with the reason that applies."""
     return Choice(part, why if built else why_not, built)
 
 
@@ -58,21 +58,19 @@ class Cost:
 
     def __str__(self) -> str:
         """Return the cost in words, as far as it is estimated."""
-        time = "" if isnan(self.seconds) else f"about {say_time(self.seconds)} on one core"
-        size = _say_memory(self.memory) if self.memory else ""
+        time = "" if isnan(self.seconds) else f"about {readable_time(self.seconds)} on one core"
+        size = _readable_memory(self.memory) if self.memory else ""
         return ", ".join(filter(None, (time, size))) or "not estimated"
 
 
 @dataclass(frozen=True)
 class Needs:
-    """What one scene uses, and nothing else.
-
-    This is for a reader: solvers look at the cell, structure or options themselves.
+    """Needs of a single scene, for a reader; solvers use the cell, structure or options.
 
     Attributes
     ----------
     unknowns_per_contact : int, 1 without friction, 3 with it
-    kinematics : str, for instance ``"small strain, the mesh follows the surface"``
+    kinematics : str, such as ``"small strain, the mesh follows the surface"``
     choices : tuple of Choice, parts that are built, and parts that only other scenes build
     state_variables : tuple of str, history kept at each point; none for an elastic scene
     fields : tuple of str, local fields kept in the result
@@ -111,7 +109,7 @@ class Needs:
             ("history kept", ", ".join(self.state_variables) or "none"),
             ("fields kept", ", ".join(self.fields) or "none"),
             ("libraries", ", ".join(self.libraries)),
-            ("memory", f"{_say_memory(self.memory)} for the largest solve"),
+            ("memory", f"{_readable_memory(self.memory)} for the largest solve"),
             *((f"cost of {cost.stage}", str(cost)) for cost in self.costs),
             *((f"builds {part}", reason) for part, reason in self.built.items()),
             *((f"leaves out {part}", reason) for part, reason in self.omitted.items()),

@@ -12,7 +12,7 @@ import typer
 import multiscale
 from multiscale import cli
 from multiscale.executors import workers
-from multiscale.needs import say_time
+from multiscale.needs import readable_time
 from tests.support import PORES, run_python, write_scene
 
 
@@ -49,7 +49,7 @@ def test_a_run_that_lacks_answers_shows_what_it_has_and_ends_with_one(
 
 
 def test_long_times_are_told_in_minutes_hours_and_days():
-    times = [say_time(t) for t in (89.0, 600.0, 9000.0, 1.8e6)]
+    times = [readable_time(t) for t in (89.0, 600.0, 9000.0, 1.8e6)]
     assert times == ["89 s", "10 min", "2.5 h", "20.8 d"]
 
 

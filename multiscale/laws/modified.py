@@ -58,7 +58,7 @@ class Damaged(NormalLaw):
         return (1.0 - self.damage) * self.law.pressure_limit
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
-        """Evaluate (1); the unit is Pa."""
+        """Evaluate (1), Pa."""
         return np.asarray((1.0 - self.damage) * self.law.pressure(gap))
 
     def stiffness(self, gap: np.ndarray) -> np.ndarray:
@@ -72,14 +72,13 @@ class Damaged(NormalLaw):
 
 @dataclass(frozen=True)
 class StretchedLaw(NormalLaw):
-    r"""Law :math:`p(g) = p_0(g_c + (g - g_c - d) / f)` from the pressure :math:`p_0` of a law.
+    r"""Law with stretched gaps, for errors of a law: :math:`p(g) = p_0(g_c + (g - g_c - d) / f)`.
 
     Parameters
     ----------
-    law : NormalLaw, law of the pressure :math:`p_0`
+    law : NormalLaw, law of the pressure :math:`p_0`; its initial gap is not used
     factor : float, factor :math:`f > 0` of the distance of all gaps to the centre, dimensionless
-    gap : float, default 0.0
-        Initial gap between the mean planes, m; the gap of the other law is not used.
+    gap : float, default 0.0, initial gap between the mean planes, m
     centre : float, default 0.0, gap :math:`g_c` that is not stretched, m
     shift : float, default 0.0, increase :math:`d` of all gaps, m
 

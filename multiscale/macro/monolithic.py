@@ -29,8 +29,7 @@ from multiscale.errors import ConvergenceError, MultiscaleError
 from multiscale.fe.condensation import compliances
 from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.numerics.factorisation import Solve, factorise
-from multiscale.numerics.line_search import enough, step_length
-from multiscale.numerics.newton import Limits, NewtonRun
+from multiscale.numerics.newton import Limits, NewtonRun, enough, step_length
 
 __all__ = [
     "FLOOR",

@@ -1,4 +1,4 @@
-"""Anderson acceleration of a fixed-point iteration, with a way back."""
+"""Anderson acceleration of a fixed-point iteration, with a restart."""
 
 from collections.abc import Callable
 
@@ -14,12 +14,12 @@ REGULAR = 1e-10
 
 
 class Anderson:
-    """Combine the last iterates so that their residual becomes least.
+    """Combine the last iterates to the least residual.
 
     Parameters
     ----------
-    memory : int, iterates that are kept beside the last
-    relaxation : float, share of an image in the next iterate; the rest is the iterate itself
+    memory : int, number of iterates before the last one
+    relaxation : float, share of an image in the next iterate; the rest is the last iterate
     products : callable, inner products of the columns of two arrays (n, k) and (n, m), shape (k, m)
 
     References
@@ -44,7 +44,7 @@ class Anderson:
         self.best = np.inf
 
     def renew(self, where: np.ndarray, x: np.ndarray) -> None:
-        """Let some entries of the iterates mean something else: those kept differ there no more."""
+        """Set some entries of all iterates to a new value, where their meaning has changed."""
         if where.all():
             self.forget()
         for point, residual in zip(self.points, self.residuals, strict=True):
@@ -55,6 +55,7 @@ class Anderson:
         self, x: np.ndarray, image: np.ndarray, residual: np.ndarray, size: float
     ) -> np.ndarray:
         """Return the next iterate from the last one, its image and their distance."""
+        # a much larger residual: restart with a damped step
         if self.points and size > WORSE * self.best:
             self.forget()
             self.best = size
@@ -65,6 +66,7 @@ class Anderson:
         self.best = min(size, self.best)
         if len(self.points) == 1:
             return plain
+        # least squares in the changes, scaled and regularised
         change = residual[:, None] - np.array(self.residuals[:-1]).T
         matrix = self.products(change, change)
         scale = np.sqrt(matrix.diagonal())

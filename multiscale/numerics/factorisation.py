@@ -1,8 +1,8 @@
-"""Linear systems: factorised once and solved often."""
+"""Linear systems: block-diagonal matrices, factorised once and solved often."""
 
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from copy import copy
 from functools import cache
 from importlib import import_module
@@ -11,12 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.linalg import norm
 from scipy.linalg import lu_factor, lu_solve
-from scipy.sparse import csc_array, csr_array, csr_matrix, diags_array, issparse
+from scipy.sparse import (
+    block_diag,
+    coo_array,
+    csc_array,
+    csr_array,
+    csr_matrix,
+    diags_array,
+    issparse,
+)
 from scipy.sparse.linalg import splu
 
 from multiscale.errors import MultiscaleError
 
-__all__ = ["Solve", "factorise", "new_pardiso", "symmetric_lu"]
+__all__ = ["Solve", "factorise", "new_pardiso", "on_diagonal", "symmetric_lu"]
 
 LARGEST_CONDITION = 1e13
 """Above this condition number, after scaling by the diagonal, a matrix counts as singular."""
@@ -25,7 +33,7 @@ SMALL_PIVOT = 1e-2
 """Below this share of the largest entry of its column a pivot leaves the diagonal."""
 
 LARGEST_ASYMMETRY = 0.1
-"""Part of the entries without an opposite up to which a pattern counts as symmetric."""
+"""Part of the entries without a mirrored entry up to which a pattern counts as symmetric."""
 
 LARGEST_BACKWARD_ERROR = 1e-13
 """Above this backward error the pivots were too small, and the usual order is taken."""
@@ -79,7 +87,7 @@ def _factors(matrix: csr_array | np.ndarray) -> Solve:
     """LU factors by PARDISO, SuperLU or LAPACK; a singular matrix may pass."""
     if not issparse(matrix):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the estimate of the condition says it better
+            warnings.simplefilter("ignore")  # the condition number is estimated below
             dense = lu_factor(matrix)
         return lambda rhs: np.asarray(lu_solve(dense, rhs, check_finite=False))
     scale = _diagonal_scale(matrix)
@@ -115,7 +123,7 @@ def new_pardiso(matrix_type: int = 11) -> Any:
 
 @cache
 def _blank_pardiso(matrix_type: int) -> Any:
-    """Load the library; pypardiso searches the file system for it every time."""
+    """Load the library once: pypardiso searches the file system for it every time."""
     try:
         return import_module("pypardiso").PyPardisoSolver(mtype=matrix_type)
     except ImportError:
@@ -145,7 +153,7 @@ def _superlu_factors(matrix: csr_array, scale: np.ndarray) -> Solve:
 
 
 def _has_symmetric_pattern(matrix: csc_array) -> bool:
-    """Whether nearly every entry has one opposite it."""
+    """Whether nearly every entry has a mirrored entry."""
     entries = (np.ones(matrix.nnz, dtype=np.int8), matrix.indices, matrix.indptr)
     ones = csc_array(entries, shape=matrix.shape)
     return bool((ones != ones.T).nnz <= LARGEST_ASYMMETRY * matrix.nnz)
@@ -159,13 +167,13 @@ def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:
 
 
 def _scaled_solve(solve: Solve, scale: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Solve with D K D in the place of K."""
+    """Solve with the factors of D K D."""
     columns = scale if rhs.ndim == 1 else scale[:, None]
     return np.asarray(columns * solve(columns * rhs))
 
 
 def _random_signs(n: int) -> np.ndarray:
-    """Draw a right-hand side that no structure of a matrix is orthogonal to."""
+    """Random right-hand side, to which no structure of a matrix is orthogonal."""
     return np.random.default_rng(seed=0).choice([-1.0, 1.0], size=n)
 
 
@@ -186,14 +194,20 @@ def _diagonal_scale(matrix: csr_array | np.ndarray) -> np.ndarray:
 
 
 def _loose_unknown(matrix: csr_array | np.ndarray) -> int:
-    """Find the unknown that moves most in a singular matrix, by holding all of them softly."""
+    """Find the unknown that moves most in a singular matrix, by a soft spring on each of them."""
     diagonal = np.abs(matrix.diagonal())
     if not diagonal.all():
         return int(np.argmin(diagonal))
-    hold = 1e-12 * diagonal
-    held = matrix + (diags_array(hold) if issparse(matrix) else np.diag(hold))
+    spring = 1e-12 * diagonal
+    fixed = matrix + (diags_array(spring) if issparse(matrix) else np.diag(spring))
     try:
-        motion = _softest_motion(held, _factors(csr_array(held) if issparse(held) else held))[1]
+        motion = _softest_motion(fixed, _factors(csr_array(fixed) if issparse(fixed) else fixed))[1]
     except RuntimeError:
         return int(np.argmin(diagonal))
     return int(np.argmax(np.nan_to_num(motion)))
+
+
+def on_diagonal(matrices: Iterable[csr_array | np.ndarray]) -> csr_array:
+    """Return the sparse matrix with the given matrices as its diagonal blocks."""
+    # sparse arrays go in: of other matrices, versions of SciPy make different types
+    return csr_array(block_diag([coo_array(matrix) for matrix in matrices], format="csr"))

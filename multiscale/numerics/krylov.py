@@ -64,6 +64,6 @@ def minimal_residual(
         return np.zeros_like(right_hand_side), 0
     shape = 2 * right_hand_side.shape
     dtype = right_hand_side.dtype
-    A, M = (LinearOperator(shape, one, dtype=dtype) for one in (apply, counted))
+    A, M = (LinearOperator(shape, product, dtype=dtype) for product in (apply, counted))
     x, _ = gcrotmk(A, right_hand_side, M=M, rtol=0.0, atol=goal, maxiter=1, m=room, k=1)
     return x, iterations

@@ -1,9 +1,8 @@
-"""The frame that Newton's methods share: stopping, record, and steps on a path.
+"""Parts of Newton's methods: stopping and record, line search, and steps along a path.
 
-Loops that are other algorithms stay apart: active sets, conjugate gradients and LATIN, friction
-methods (they keep the best iterate, see :mod:`multiscale.nonsmooth.progress`), and many small
-problems solved at once, where each has its own damping. Cells at large strain lengthen their
-increments too, and extrapolate.
+Other algorithms have loops of another form: active sets, conjugate gradients, LATIN, friction
+(:class:`multiscale.nonsmooth.friction_problem.Progress` keeps the best iterate), and many small
+problems at once with separate damping.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,14 +15,31 @@ import numpy as np
 from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import ConvergenceError
 
-__all__ = ["Limits", "NewtonRun", "PathPart", "join_solutions", "march"]
+__all__ = [
+    "Limits",
+    "NewtonRun",
+    "PathPart",
+    "enough",
+    "join_solutions",
+    "march",
+    "step_length",
+]
 
 State = TypeVar("State")
+
+SUFFICIENT = 0.1
+"""Share of the first slope that may be left after a full step."""
+
+BRACKET = 0.05
+"""Width, relative to its end, at which a bracket of the minimum is narrow enough."""
+
+MAX_EVALUATIONS = 2200
+"""Enough to double or halve from one end of the floating-point numbers to the other."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """When the user wants a Newton iteration to stop.
+    """Limits of a Newton iteration, as the user gives them.
 
     Attributes
     ----------
@@ -42,11 +58,11 @@ class Limits:
 
 @dataclass
 class NewtonRun:
-    """Record of one Newton iteration, which says when to stop; the iterates stay in the loop.
+    """Record of a Newton iteration that decides when to stop; the iterates stay in the loop.
 
     Attributes
     ----------
-    limits : Limits, when the user wants it to stop
+    limits : Limits
     patience : float, iterations without a smaller residual after which the iteration gives up
     status : Status, why it stopped
     residuals, seconds : list of float, residual and time, s, of every iterate
@@ -70,9 +86,9 @@ class NewtonRun:
     begin: float = field(default_factory=perf_counter)
 
     def goes_on(self, residual: float, floor: float = 0.0) -> bool:
-        """Record the residual of an iterate and say whether another step is worth taking.
+        """Record the residual of an iterate and return whether to take another step.
 
-        A residual up to ``floor``, which rounding leaves, counts as converged too.
+        A residual up to ``floor``, the rounding error, counts as converged too.
         """
         if self.limits.callback is not None:
             self.limits.callback(len(self.residuals), residual)
@@ -83,7 +99,7 @@ class NewtonRun:
         return reason is None and self.steps < self.limits.max_iterations
 
     def stop(self, status: Status) -> None:
-        """Say why the loop is left although it could go on."""
+        """Set the reason for leaving the loop before its limits."""
         self.status = status
 
     @property
@@ -106,9 +122,44 @@ class NewtonRun:
         return Solution(value, self.status, tuple(self.residuals), tuple(self.seconds))
 
 
+def enough(first: float, last: float) -> bool:
+    """Whether the slope after a step, J, is so small that it needs no search."""
+    return abs(last) <= SUFFICIENT * abs(first)
+
+
+def step_length(slope: Callable[[float], float], first: float) -> float:
+    r"""Return the step that (nearly) minimises a convex potential along a direction.
+
+    Examples
+    --------
+    >>> step_length(lambda a: a - 1.0, -1.0)
+    1.0
+    >>> 9.4 < step_length(lambda a: a - 10.0, -10.0) < 10.0
+    True
+    """
+    if not first < 0.0 or enough(first, slope(1.0)):
+        return 1.0
+    # bracket of the minimum by doubling
+    lower, upper = 0.0, 1.0
+    for _ in range(MAX_EVALUATIONS):
+        if not slope(upper) < 0.0:
+            break
+        lower, upper = upper, 2.0 * upper
+    # bisection
+    for _ in range(MAX_EVALUATIONS):
+        if upper - lower <= BRACKET * upper:
+            break
+        middle = 0.5 * (lower + upper)
+        if slope(middle) < 0.0:
+            lower = middle
+        else:
+            upper = middle
+    return lower
+
+
 @dataclass(frozen=True)
 class PathPart(Generic[State]):
-    """An attempt to get further on a path: its aim, the solution, and the state at its end."""
+    """Attempted step on a path: its aim, the solution, and the state at its end."""
 
     aim: float
     solution: Solution
@@ -121,12 +172,13 @@ def march(
     way: tuple[float, float],
     cuts: int,
 ) -> list[PathPart[State]]:
-    """Go from one place of a path to another, in one step or in halves of it."""
+    """Follow a path between two places, in a single step or in halves of it, cut some times."""
     state, (reached, target) = start, way
     length = target - reached
     smallest = abs(length) * 0.5**cuts
     parts: list[PathPart[State]] = []
     while True:
+        # a last step may be longer by a half, so that no sliver remains
         aim = target if abs(target - reached) <= 1.5 * abs(length) else reached + length
         try:
             part = PathPart(aim, *attempt(state, aim))
@@ -147,7 +199,7 @@ def march(
 
 
 def join_solutions(solutions: Sequence[Solution], trail: Sequence[str] = ()) -> Solution:
-    """Give the last of some solutions in turn the residuals and times of all."""
+    """Return the last of successive solutions with the residuals and times of all."""
     seconds: list[float] = []
     for part in solutions:
         done = seconds[-1] if seconds else 0.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
-from multiscale.needs import Cost, Needs, join_needs, say_time
+from multiscale.needs import Cost, Needs, join_needs, readable_time
 from multiscale.pipeline.case import AnyCase, taken_cases
 from multiscale.pipeline.planner import pilot_cases
 from multiscale.pipeline.run_folder import is_up_to_date
@@ -87,6 +87,6 @@ def refuse_excess(cases: Iterable[AnyCase], folders: Iterable[Path], *, jobs: in
             if seconds > LONGEST * workers:
                 raise CaseError(
                     f"{case.title}: the stages up to {stage.name} take about "
-                    f"{say_time(seconds / workers)} with --jobs {workers}, more than a day; ask "
-                    f"for less, or give --force"
+                    f"{readable_time(seconds / workers)} with --jobs {workers}, more than a day; "
+                    f"ask for less, or give --force"
                 )

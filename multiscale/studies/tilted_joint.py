@@ -17,7 +17,7 @@ from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.monolithic import solve_interface
 from multiscale.micro import FlatCell, Surface, contact_modulus
-from multiscale.numerics.blocks import on_diagonal
+from multiscale.numerics.factorisation import on_diagonal
 from multiscale.studies.rough_structure import Answer, RoughStructure
 
 __all__ = ["TiltedJoint"]

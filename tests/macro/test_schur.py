@@ -20,8 +20,7 @@ from multiscale.macro.substructures import (
 from multiscale.macro.substructures.balancing import prepare_balancing
 from multiscale.macro.substructures.schur import NewtonSchur
 from multiscale.macro.substructures.stack import Factors
-from multiscale.numerics.blocks import on_diagonal
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import factorise, on_diagonal
 from tests.macro.test_cut_joints import stacked_blocks, whole_blocks
 from tests.macro.test_substructures import tension_error, thin_plate
 

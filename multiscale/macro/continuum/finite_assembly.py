@@ -24,7 +24,7 @@ from multiscale.macro.continuum.interface import (
     slip_operator,
 )
 from multiscale.macro.continuum.rigid_obstacle import obstacle_motion
-from multiscale.numerics.blocks import on_diagonal
+from multiscale.numerics.factorisation import on_diagonal
 
 __all__ = ["FiniteAssembly", "JoinedContacts"]
 

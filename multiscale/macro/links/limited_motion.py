@@ -10,8 +10,7 @@ from scipy.sparse import csr_array
 from multiscale.convergence import Solution
 from multiscale.nonsmooth import solve_lcp
 from multiscale.numerics.factorisation import Solve
-from multiscale.numerics.line_search import step_length
-from multiscale.numerics.newton import Limits, NewtonRun
+from multiscale.numerics.newton import Limits, NewtonRun, step_length
 
 __all__ = ["MomentumBalance", "largest", "limited_motion"]
 

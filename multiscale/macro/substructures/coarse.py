@@ -9,8 +9,7 @@ from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
 from multiscale.macro.substructures.stack import Factors, Sides, Stack
-from multiscale.numerics.blocks import on_diagonal
-from multiscale.numerics.factorisation import Solve
+from multiscale.numerics.factorisation import Solve, on_diagonal
 
 __all__ = ["Coarse", "coarse_basis", "prepare_coarse"]
 

@@ -21,7 +21,7 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.problem import CutProblem, Substructure, expand_numbers
 from multiscale.macro.substructures.stepping import Method
-from multiscale.numerics.blocks import on_diagonal
+from multiscale.numerics.factorisation import on_diagonal
 from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["DENSE", "CondensedProblem", "condense_assembly", "condense_problem"]

@@ -10,7 +10,7 @@ from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack_parts
-from multiscale.numerics.blocks import on_diagonal
+from multiscale.numerics.factorisation import on_diagonal
 from multiscale.schema import HOMOGENISED, Dataset
 
 __all__ = ["homogenise"]

@@ -29,8 +29,7 @@ from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import Method, StepAnswer
 from multiscale.macro.substructures.whole import stack_jumps
 from multiscale.numerics.factorisation import factorise
-from multiscale.numerics.line_search import step_length
-from multiscale.numerics.newton import Limits, NewtonRun
+from multiscale.numerics.newton import Limits, NewtonRun, step_length
 from multiscale.schema import Dataset
 
 __all__ = ["NewtonSchur", "SchurIterate", "SchurSolver", "solve_schur"]

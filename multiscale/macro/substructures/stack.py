@@ -8,9 +8,8 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array, diags_array, vstack
 
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
-from multiscale.numerics.blocks import on_diagonal
 from multiscale.numerics.cholesky import Factorise, prepare_cholesky
-from multiscale.numerics.factorisation import Solve
+from multiscale.numerics.factorisation import Solve, on_diagonal
 
 __all__ = ["Sides", "Stack", "lay_out_sides", "stack_parts"]
 

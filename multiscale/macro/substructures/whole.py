@@ -25,8 +25,7 @@ from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.stack import FULL
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import Method, StepAnswer
-from multiscale.numerics.blocks import on_diagonal
-from multiscale.numerics.factorisation import Solve, factorise
+from multiscale.numerics.factorisation import Solve, factorise, on_diagonal
 from multiscale.schema import Dataset
 
 __all__ = ["Assembled", "AssembledNewton", "assemble", "solve_whole", "stack_jumps"]

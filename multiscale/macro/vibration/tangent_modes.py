@@ -14,8 +14,7 @@ from multiscale.fe.elasticity import assemble_mass
 from multiscale.fe.rigid_motion import free_motions, rigid_motions
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.numerics.blocks import on_diagonal
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import factorise, on_diagonal
 
 __all__ = ["FreeMotions", "TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
 

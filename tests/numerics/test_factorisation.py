@@ -8,8 +8,7 @@ from scipy.sparse.linalg import splu
 from multiscale.errors import MultiscaleError
 from multiscale.fe.condensation import compliances, condense_body
 from multiscale.numerics import factorisation
-from multiscale.numerics.blocks import on_diagonal
-from multiscale.numerics.factorisation import factorise
+from multiscale.numerics.factorisation import factorise, on_diagonal
 from multiscale.numerics.krylov import minimal_residual
 
 
