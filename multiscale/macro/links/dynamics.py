@@ -279,16 +279,9 @@ class _Scheme:
         elastic = self.prestress + self.stiffness * elongation
         return np.asarray(np.clip(elastic, self.model.lower, self.model.upper))
 
-    def slack(self, elongation: np.ndarray) -> np.ndarray:
-        """Return the slack of each link, m; zero if it is taut."""
-        stretch = elongation + self.model.prestress / self.model.stiffness
-        short = np.where(np.isfinite(self.model.lower), np.maximum(0.0, -stretch), 0.0)
-        return np.where(np.isfinite(self.model.upper), np.maximum(0.0, stretch), short)
-
-    def stored(self, tension: np.ndarray) -> np.ndarray:
+    def stored(self, state: _State) -> np.ndarray:
         """Return the elastic energy of each link relative to its relaxed length, J."""
-        k = np.where(self.extensible, self.model.stiffness, np.inf)
-        return np.asarray(0.5 * tension**2 / k)
+        return np.asarray(0.5 * state.tension**2 / self.model.stiffness)
 
     def advance(self, old: _State, time: float) -> tuple[_State, float, Status]:
         """Solve a step; return the new state, the residual and the status."""
@@ -380,7 +373,7 @@ class _Scheme:
             mean = 0.5 * new.step * self.model.elongate(old.v + new.v)
             growth = np.where(self.extensible, growth, mean + new.support - old.support)
             change = change + self.model.gather(new.impulse) / self.mass
-        before, after = self.stored(old.tension), self.stored(new.tension)
+        before, after = self.stored(old), self.stored(new)
         lost = new.mean * growth - (after - before)
         work = float(force @ (new.u - old.u)) + float(new.mean @ (new.support - old.support))
         numerical = (self.theta - 0.5) * float(change @ (self.mass * change))  # (4)
@@ -389,12 +382,15 @@ class _Scheme:
 
     def report(self, state: _State, residual: float, seconds: float) -> dict[str, Any]:
         """Return the variables of a time."""
-        links = self.system.n_links
+        links, model = self.system.n_links, self.model
+        stretch = state.elongation + model.prestress / model.stiffness
+        slack = np.where(np.isfinite(model.lower), np.maximum(0.0, -stretch), 0.0)
+        slack = np.where(np.isfinite(model.upper), np.maximum(0.0, stretch), slack)
         tension = np.where(self.extensible, state.tension, state.impulse / state.step)[:links]
-        displacement = self.model.at_nodes(state.u)
+        displacement = model.at_nodes(state.u)
         if self.support_motion is not None:
             displacement = displacement + np.where(
-                self.model.number < 0, self.support_motion(state.time), 0.0
+                model.number < 0, self.support_motion(state.time), 0.0
             )
         return {
             "time": state.time,
@@ -402,12 +398,12 @@ class _Scheme:
             "residual": residual,
             "wall_time": seconds,
             "tension": tension,
-            "slack": self.slack(state.elongation)[:links],
+            "slack": slack[:links],
             "impulse": state.impulse[:links],
             "displacement": displacement[:, :3],
-            "velocity": self.model.at_nodes(state.v)[:, :3],
+            "velocity": model.at_nodes(state.v)[:, :3],
             "kinetic_energy": 0.5 * float(state.v @ (self.mass * state.v)),
-            "elastic_energy": float(np.sum(self.stored(state.tension))),
+            "elastic_energy": float(np.sum(self.stored(state))),
         }
 
 

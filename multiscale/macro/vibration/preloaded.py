@@ -155,7 +155,7 @@ def _hold(problem: CutProblem) -> CutProblem:
     B = whole.jump
     K = csr_array(whole.stiffness + B.T @ diags_array(k.ravel()) @ B)
     springs = np.zeros(problem.n)
-    springs[find_free_motions(problem, K).pins] = size
+    springs[find_free_motions(problem, K)[1]] = size
     parts = []
     for part in problem.substructures:  # the first that has the unknown has the spring
         own = springs[part.unknown]

@@ -16,53 +16,36 @@ from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.numerics.factorisation import factorise, on_diagonal
 
-__all__ = ["FreeMotions", "TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
+__all__ = ["TangentModes", "find_free_motions", "structure_mass", "tangent_modes"]
 
 FEW = 600
-"""Unknowns up to which all modes are found at once."""
+"""Unknowns up to which a dense solver computes all modes."""
 
-BESIDE = 2
-"""Modes beyond the last that is asked for, which tell whether it stands alone."""
+MORE = 2
+"""Modes computed beyond the last that is wanted, to detect coinciding frequencies."""
 
 COINCIDE = 1e-4
 """Distance of two frequencies, relative to them, up to which their shapes are not determined."""
 
 RIGID = 0.5
-"""Share of the mass of a shape in rigid motions from which it is one."""
+"""Share of the mass of a mode in rigid motions from which it counts as rigid."""
 
 NAMES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
-@dataclass(frozen=True, eq=False)
-class FreeMotions:
-    """Rigid motions of a whole structure that no support resists.
+def find_free_motions(
+    problem: CutProblem, stiffness: csr_array
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Find the rigid motions of all bodies together that the stiffness does not resist.
 
-    Attributes
-    ----------
-    motion : ndarray, shape (n, motions), displacement of the unknowns, m
-    pins : ndarray of int, shape (motions,)
-        Unknowns which, when held, hold these motions and nothing else. Loads that balance each
-        other find no reaction in them.
-    names : tuple of str, the motions, such as ``"along x"`` and ``"about z"``
+    Returns the displacement of the unknowns in them, shape (n, motions), m; as many unknowns that
+    fix these motions and nothing else if they are fixed, so that loads that balance each other
+    have no reaction there; and names such as ``"along x"`` and ``"about z"``.
     """
-
-    motion: np.ndarray
-    pins: np.ndarray
-    names: tuple[str, ...]
-
-    def hold(self, stiffness: csr_array) -> csr_array:
-        """Add a spring of the mean stiffness of the unknowns at every pin, N/m."""
-        held = np.zeros(stiffness.shape[0])
-        held[self.pins] = stiffness.diagonal().mean()
-        return csr_array(stiffness + diags_array(held))
-
-
-def find_free_motions(problem: CutProblem, stiffness: csr_array) -> FreeMotions:
-    """Find the rigid motions of all bodies together that the stiffness does not resist."""
     rigid = rigid_motions(*problem.places())
     motion = free_motions(stiffness, rigid)
     if not motion.shape[1]:
-        return FreeMotions(motion, np.zeros(0, dtype=int), ())
+        return motion, np.zeros(0, dtype=int), ()
     pins = qr(motion.T, mode="r", pivoting=True)[1][: motion.shape[1]]
     names = [
         name
@@ -71,7 +54,7 @@ def find_free_motions(problem: CutProblem, stiffness: csr_array) -> FreeMotions:
     ]
     others = motion.shape[1] - len(names)
     screws = [f"{others} that turn and move at once"] if others else []
-    return FreeMotions(motion, pins, (*names, *screws))
+    return motion, pins, (*names, *screws)
 
 
 def structure_mass(
@@ -97,9 +80,9 @@ def structure_mass(
                 f"{density:g}; without mass nothing vibrates"
             )
     pairs = zip(bodies, densities, strict=True)
-    own = [assemble_mass(body.basis, density) for body, density in pairs]
+    masses = [assemble_mass(body.basis, density) for body, density in pairs]
     E = problem.expansion
-    return csr_array(E.T @ on_diagonal(own) @ E)
+    return csr_array(E.T @ on_diagonal(masses) @ E)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +93,11 @@ class TangentModes:
     ----------
     square : ndarray, shape (modes,), rising squares :math:`\omega^2` of the frequencies, s⁻²
     shape : ndarray, shape (n, modes)
-        Shapes of unit modal mass, :math:`\phi^T M \phi = 1`, kg^-1/2, whose largest displacement
-        is positive.
-    rigid : tuple of str, motions that are left out, as no stiffness resists them
+        Shapes of unit modal mass, :math:`\phi^T M \phi = 1`, kg^-1/2, with a positive largest
+        displacement.
+    rigid : tuple of str, motions that no stiffness resists, which are left out
     coinciding : tuple of tuple of int
-        Groups of modes, counted from 0, of one frequency: their shapes are chosen to move along
-        the axes.
+        Groups of modes of one frequency, counted from 0; their shapes move along the axes.
     """
 
     square: np.ndarray
@@ -130,7 +112,7 @@ class TangentModes:
 
     def nodal(self, problem: CutProblem) -> np.ndarray:
         """Displacement of all nodes in the shapes, shape (modes, nodes, 3), kg^-1/2."""
-        return np.stack([problem.displacement(one) for one in self.shape.T])
+        return np.stack([problem.displacement(shape) for shape in self.shape.T])
 
 
 def tangent_modes(
@@ -140,7 +122,7 @@ def tangent_modes(
 
     Parameters
     ----------
-    problem : CutProblem, tells the place of the unknowns
+    problem : CutProblem, gives the places of the unknowns
     stiffness : csr_array, shape (n, n), symmetric tangent K with bolts and joints, N/m
     mass : csr_array, shape (n, n), M, kg
     count : int, number of modes
@@ -158,13 +140,13 @@ def tangent_modes(
 
     Notes
     -----
-    With the free rigid motions R, :math:`R^T M R = 1`, and the stiffness :math:`\hat K` held at as
-    many unknowns as there are motions, modes belong to the largest eigenvalues of
-    :math:`P \hat K^{-1} P^T M`, :math:`P = 1 - R R^T M`: loads that balance each other find no
-    reaction where it is held.
+    With the free rigid motions R, :math:`R^T M R = 1`, and the stiffness :math:`\hat K` with as
+    many springs to the ground as there are motions, modes belong to the largest eigenvalues of
+    :math:`P \hat K^{-1} P^T M`, :math:`P = 1 - R R^T M`: loads that balance each other have no
+    reaction in the springs.
     """
-    free = find_free_motions(problem, stiffness)
-    n, rigid = stiffness.shape[0], free.motion
+    rigid, pins, names = find_free_motions(problem, stiffness)
+    n = stiffness.shape[0]
     if rigid.shape[1]:
         rigid = rigid @ np.linalg.inv(np.linalg.cholesky(rigid.T @ (mass @ rigid))).T
     if not 1 <= count <= n - rigid.shape[1]:
@@ -172,13 +154,16 @@ def tangent_modes(
             f"mode {count} is wanted, and the model has {n - rigid.shape[1]} modes; count them "
             f"from 1, or give finer meshes"
         )
-    wanted = min(count + BESIDE, n - rigid.shape[1])
+    wanted = min(count + MORE, n - rigid.shape[1])
     if n <= max(FEW, 4 * wanted):
         square, shape = eigh(stiffness.toarray(), mass.toarray())
-        kept = norm(rigid.T @ (mass @ shape), axis=0) ** 2 < RIGID
-        square, shape = square[kept], shape[:, kept]
+        elastic = norm(rigid.T @ (mass @ shape), axis=0) ** 2 < RIGID
+        square, shape = square[elastic], shape[:, elastic]
     else:
-        solve = factorise(free.hold(stiffness), name="the tangent stiffness of the structure")
+        springs = np.zeros(n)
+        springs[pins] = stiffness.diagonal().mean()
+        held = csr_array(stiffness + diags_array(springs))
+        solve = factorise(held, name="the tangent stiffness of the structure")
 
         def balanced(force: np.ndarray) -> np.ndarray:
             u = solve(force - mass @ (rigid @ (rigid.T @ force)))
@@ -195,19 +180,19 @@ def tangent_modes(
             f"{square[0]:.3g} s-2, so that it leaves its rest by itself; check the laws of the "
             f"interfaces and the preload"
         )
+    # modes of one frequency, and signs of the shapes
     groups = np.split(
         np.arange(square.size), 1 + np.flatnonzero(np.diff(square) > 2.0 * COINCIDE * square[1:])
     )
     for group in groups:
-        if group.size > 1:
-            shape[:, group] = _along_axes(problem, mass, shape[:, group])
+        if group.size > 1:  # rotated by the shares of their masses that move along the axes
+            lean = (1.0 + problem.places()[1] % 3)[:, None]
+            together = shape[:, group]
+            axes = np.linalg.eigh(together.T @ (lean * (mass @ together)))[1]
+            shape[:, group] = together @ axes
     largest = np.argmax(np.abs(shape), axis=0)
     shape = shape * np.sign(shape[largest, np.arange(square.size)])
-    told = tuple(tuple(map(int, one)) for one in groups if one.size > 1 and one[0] < count)
-    return TangentModes(square[:count], shape[:, :count], free.names, told)
-
-
-def _along_axes(problem: CutProblem, mass: csr_array, shape: np.ndarray) -> np.ndarray:
-    """Choose shapes of one frequency by the shares of their masses that move along the axes."""
-    lean = 1.0 + problem.places()[1] % 3
-    return np.asarray(shape @ np.linalg.eigh(shape.T @ (lean[:, None] * (mass @ shape)))[1])
+    coinciding = tuple(
+        tuple(group.tolist()) for group in groups if group.size > 1 and group[0] < count
+    )
+    return TangentModes(square[:count], shape[:, :count], names, coinciding)
