@@ -1,9 +1,8 @@
 """Vibration of preloaded structures with joints: frequency and damping against amplitude."""
 
-from multiscale.macro.vibration.backbone import Amplitudes, Backbone, follow_backbone
+from multiscale.macro.vibration.backbone import Amplitudes, Backbone, follow_backbone, vibrate
 from multiscale.macro.vibration.preloaded import Preloaded, press_structure, require_joined
 from multiscale.macro.vibration.tangent_modes import TangentModes, structure_mass, tangent_modes
-from multiscale.macro.vibration.vibrate import vibrate
 
 __all__ = [
     "Amplitudes",

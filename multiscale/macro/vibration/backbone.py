@@ -1,18 +1,18 @@
 r"""Quasi-static modal analysis: frequency and damping of a mode against its amplitude.
 
 A structure at rest is loaded by :math:`\alpha M \phi`. With the change v of the displacement and
-the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` tells
+the modal amplitude :math:`q = \phi^T M v`, the loading curve :math:`\alpha(q)` gives
 
 .. math::
     \omega^2(q) = \frac{\alpha}{q}, \qquad
     \zeta(q) = \frac{D}{2 \pi \omega^2 q^2}, \qquad
     D = 4 \left( \int_0^q \alpha\, \mathrm{d}q' - E \right), \tag{1}
 
-where E is the energy that bodies and joints store. By Masing's rule every slider slips twice as far
-in each half of a cycle as in the loading, so that the loss D of a cycle is four times the loss of
-the loading, if the normal load of the joints stays as it is; it is
-:math:`\oint \alpha\, \mathrm{d}q` of a cycle that is solved else. The usual form of (1),
-:math:`8 \int \alpha\, \mathrm{d}q' - 4 \alpha q`, takes the curvature of elastic joints for a loss.
+with the energy E that bodies and joints store. By Masing's rule every slider slips twice as far in
+each half of a cycle as in the loading, so that the loss D of a cycle is four times the loss of the
+loading while the normal load of the joints is constant; otherwise the cycle is solved for
+:math:`D = \oint \alpha\, \mathrm{d}q`. The usual form of (1),
+:math:`8 \int \alpha\, \mathrm{d}q' - 4 \alpha q`, counts elastic curvature as a loss.
 
 References
 ----------
@@ -21,8 +21,9 @@ References
 .. [2] R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118 (2019) 133-157.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -31,28 +32,29 @@ from multiscale.laws.interface_law import InterfaceLaw, Response
 from multiscale.macro.substructures.path import closed_cycle
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import sliding_share
-from multiscale.macro.substructures.whole import Assembled
+from multiscale.macro.substructures.whole import Assembled, assemble
 from multiscale.macro.vibration.preloaded import Preloaded
 from multiscale.macro.vibration.tangent_modes import TangentModes
+from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions
 
-__all__ = ["Amplitudes", "Backbone", "TractionChange", "follow_backbone", "loading_work"]
+__all__ = ["Amplitudes", "Backbone", "TractionChange", "follow_backbone", "loading_work", "vibrate"]
 
 SPRING = 1e3
-"""Stiffness of the spring on the modal amplitude that drives a mode, over the mode's own."""
+"""Stiffness of the spring on the modal amplitude that drives a mode, relative to the mode."""
 
 FIRST = 0.1
-"""Amplitude of the first step, relative to the smallest that is asked for."""
+"""Amplitude of the first step, relative to the smallest wanted."""
 
 SLID = 0.99
-"""Share of the load of an interface that slips from which it slides away."""
+"""Slipping share of the load of an interface from which it slides away."""
 
 OPENS = 0.01
-"""Share of the pressure at rest up to which a point opens, and of the area that then counts."""
+"""Share of the pressure at rest below which a point opens, and smallest share of open area."""
 
 SHEARED = 0.02
-"""Shear at rest, relative to what friction bears, above which loading curves depend on it."""
+"""Shear at rest, relative to the friction limit, above which loading curves depend on it."""
 
-ABSCISSAE, WEIGHTS = (0.5 * one for one in np.polynomial.legendre.leggauss(6))
+ABSCISSAE, WEIGHTS = (0.5 * rule for rule in np.polynomial.legendre.leggauss(6))
 """Gauss points about the middle of an interval of length 1, for the energy of normal laws."""
 
 MIDDLE = 1e-3
@@ -64,12 +66,12 @@ TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """Amplitudes of modes, and how they are reached.
+    """Amplitudes of a mode, and the steps to them.
 
     Parameters
     ----------
     values : tuple of float, rising modal amplitudes, kg^1/2 m
-    full_cycle : bool, whether cycles are solved; Masing's rule tells their loss if not
+    full_cycle : bool, whether cycles are solved; otherwise their loss follows from Masing's rule
     ratio : float, largest ratio of neighbouring amplitudes of the loading curve
     steps : int, steps from the middle of a cycle to its amplitude
     """
@@ -80,7 +82,7 @@ class Amplitudes:
     steps: int = 10
 
     def curve(self) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes of the loading curve, rising, and the places of those that are asked for."""
+        """Rising amplitudes of the loading curve, and the positions of ``values`` among them."""
         ends = np.array([FIRST * self.values[0], *self.values])
         counts = np.ceil(np.log(ends[1:] / ends[:-1]) / np.log(self.ratio) - 1e-9).astype(int)
         parts = [
@@ -97,13 +99,13 @@ class Backbone:
     Attributes
     ----------
     frequency : ndarray, shape (amplitudes,), Hz
-    damping : ndarray, shape (amplitudes,), share of critical damping that the joints give
+    damping : ndarray, shape (amplitudes,), share of critical damping due to the joints
     pressure, slipping : ndarray, shape (2, amplitudes, points)
         Pressure, Pa, and share of it that slips, at the amplitude in both directions.
-    opens : ndarray of bool, shape (amplitudes,), whether contact opens in one of them
+    opens : ndarray of bool, shape (amplitudes,), whether contact opens in one direction
     sheared : bool
         Whether the preload leaves shear in the joints, so that loading curves depend on it.
-    failure : str, why the last amplitudes have no answer; empty if all have one
+    failure : str, reason why the last amplitudes have no answer, or empty
     """
 
     frequency: np.ndarray
@@ -129,8 +131,8 @@ class TractionChange(InterfaceLaw):
 
     def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
         """Subtract the traction at rest."""
-        own = self.law.respond(jump, state)
-        return replace(own, traction=own.traction - self.rest)
+        response = self.law.respond(jump, state)
+        return replace(response, traction=response.traction - self.rest)
 
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
@@ -147,10 +149,10 @@ class _Point:
     ----------
     value : ndarray, shape (n,), change of the displacement since rest, m
     amplitude, force : float, q, kg^1/2 m, and alpha, kg^1/2 m/s2
-    state : JointState, of the joints
-    slipping : ndarray, shape (points,), share of the pressure that slips in the step to it
+    state : JointState, committed state of the joints
+    slipping : ndarray, shape (points,), share of the pressure that slips in the last step
     sheared : float, energy that the tangential tractions of the joints store, J
-    failure : str
+    failure : str, reason why the step to the next amplitude failed, or empty
     """
 
     value: np.ndarray
@@ -169,9 +171,9 @@ class _Mode:
     Attributes
     ----------
     rest : Preloaded
-    structure : Assembled, small, with the spring; its load is the load of the spring
-    law : SideBySide less its traction at rest
-    square : float, of the frequency at rest, s⁻²
+    structure : Assembled, condensed structure with the spring, loaded by the spring
+    law : TractionChange, change of the traction of all joints since rest
+    square : float, squared frequency at rest, s⁻²
     """
 
     rest: Preloaded
@@ -188,7 +190,7 @@ class _Mode:
         return _Point(nothing, 0.0, 0.0, state, np.zeros(state.jump.shape[1]), stored)
 
     def follow(self, point: _Point, amplitudes: Sequence[float]) -> Iterator[_Point]:
-        """Take the mode to amplitudes one after the other, until it cannot follow."""
+        """Follow the mode to one amplitude after the other, until a step fails."""
         for amplitude in amplitudes:
             point = self._step(point, amplitude)
             yield point
@@ -196,38 +198,34 @@ class _Mode:
                 return
 
     def _step(self, point: _Point, amplitude: float) -> _Point:
-        """Take the mode to an amplitude, nearly: both force and amplitude are those it has there.
-
-        The spring reaches so far that the amplitude is met if nothing slips in the step.
-        """
+        """Solve a step to an amplitude, which is met exactly only if nothing slips in the step."""
         spring = SPRING * self.square
         force = point.force + self.square * (amplitude - point.amplitude)
         reach = amplitude + force / spring
         law, state = self.rest.law, point.state
+        # start from the extrapolated path, then from the last point
         grow = amplitude / point.amplitude if point.amplitude * amplitude > 0.0 else 1.0
         moved = (grow - 1.0) * point.value
-        opened = (self.structure.jump @ moved).reshape(state.jump.shape)
-        starts = [(point.value + moved, opened), (point.value, 0.0 * opened)]
-        for value, more in starts:  # along the path, else from where it stands
-            with np.errstate(over="ignore", invalid="ignore"):  # where a start is too far
+        for change in (moved, 0.0 * moved):
+            opened = (self.structure.jump @ change).reshape(state.jump.shape)
+            with np.errstate(over="ignore", invalid="ignore"):  # if the start is too far away
                 solution = self.structure.solve(
                     self.law,
                     np.array([reach]),
-                    start=value,
-                    jump=state.jump + more,
+                    start=point.value + change,
+                    jump=state.jump + opened,
                     state=state.history,
                     tolerance=TOLERANCE,
                 )
             if solution.converged:
                 break
-        q = float(self.structure.load[:, 0] @ solution.value) / spring
-        if not solution.converged:
+        else:
             return replace(point, failure=solution.status.value)
-        state, done = state.advance(law, solution.value, solution.jump, state.traction)
-        slipping = sliding_share(law, solution.jump, done)
-        force = spring * (reach - q)
-        sheared = float(done.stored @ self.structure.weight)
-        return _Point(solution.value, q, force, state, slipping, sheared)
+        q = float(self.structure.load[:, 0] @ solution.value) / spring
+        state, account = state.advance(law, solution.value, solution.jump, state.traction)
+        slipping = sliding_share(law, solution.jump, account)
+        sheared = float(account.stored @ self.structure.weight)
+        return _Point(solution.value, q, spring * (reach - q), state, slipping, sheared)
 
     def stored(self, point: _Point) -> float:
         """Energy that bodies and joints store at a point of the path since rest, J."""
@@ -247,16 +245,16 @@ class _Mode:
         return np.asarray(-self.rest.law.respond(state.jump, state.history).traction[0])
 
     def sliding(self, point: _Point) -> str:
-        """Report which interface with friction slides away; nothing if none does."""
+        """Return the reason why the path ends here: a failed step, or an interface that slides."""
         if point.failure:
             return f"no equilibrium was found ({point.failure})"
         rubs = self.rest.law.friction_limit(np.ones(point.slipping.size)) > 0.0
         load = np.where(rubs, np.maximum(self.pressure(point), 0.0), 0.0) * self.structure.weight
         number = self.rest.path["point_joint"].values
         for joint in np.unique(number):
-            mine = number == joint
-            slips = float(load[mine] @ point.slipping[mine])
-            if slips > SLID * float(load[mine].sum()):
+            inside = number == joint
+            slips = float(load[inside] @ point.slipping[inside])
+            if slips > SLID * float(load[inside].sum()):
                 return f"more than {100.0 * SLID:g} % of the load of interface {int(joint)} slips"
         return ""
 
@@ -281,127 +279,116 @@ def follow_backbone(
     progress : callable, called after each amplitude of each direction
     """
     square, points = float(modes.square[mode]), rest.state.jump.shape[1]
-    asked = len(amplitudes.values)
+    count = len(amplitudes.values)
     if not points:
-        none = np.zeros((2, asked, 0))
-        constant = np.full(asked, modes.frequency[mode])
-        nothing = np.zeros(asked)
+        none, nothing = np.zeros((2, count, 0)), np.zeros(count)
+        constant = np.full(count, modes.frequency[mode])
         return Backbone(constant, nothing, none, none, nothing > 0.0, False, "")
     driven = _drive(rest, load[:, mode], square)
     grid, places = amplitudes.curve()
-    force, reached, stored = np.full((3, 2, asked), np.nan)
-    curves: list[np.ndarray] = []
-    pressure, slipping = (np.full((2, asked, points), np.nan) for _ in range(2))
-    ends: list[list[_Point]] = [[], []]
-    failures = ["", ""]
+    pressure, slipping = np.full((2, 2, count, points), np.nan)
+    stored = np.full((2, count), np.nan)
+    curves, ends, failures = [], [], []
+
+    # loading curves in both directions
     for side, sign in enumerate((1.0, -1.0)):
-        q, alpha = [0.0], [0.0]
-        at = dict(zip(places.tolist(), range(asked), strict=True))
-        for step, point in enumerate(driven.follow(driven.start, (sign * grid).tolist())):
-            if told := driven.sliding(point):
-                failures[side] = told
+        path, failure = [driven.start], ""
+        for step, point in enumerate(driven.follow(path[0], (sign * grid).tolist())):
+            if failure := driven.sliding(point):
                 break
-            q.append(sign * point.amplitude)
-            alpha.append(sign * point.force)
-            if (k := at.get(step)) is not None:
-                ends[side].append(point)
+            path.append(point)
+            if step in places:
+                k = int(np.searchsorted(places, step))
                 pressure[side, k], slipping[side, k] = driven.pressure(point), point.slipping
                 stored[side, k] = driven.stored(point)
                 progress()
-        found = len(ends[side])
-        known = places[:found] + 1
-        curves.append(np.array([q, alpha]))
-        reached[side, :found], force[side, :found] = curves[side][:, known]
-    sizes, stiffness = reached.sum(axis=0), force.sum(axis=0) / reached.sum(axis=0)
-    both = min(len(one[0]) for one in curves)
-    mean = 0.5 * (curves[0][:, :both] + curves[1][:, :both])  # what is odd in q loses nothing
-    found = int(np.isfinite(sizes).sum())
-    lost, q_mean = np.full(asked, np.nan), 0.5 * sizes
-    worked = loading_work(mean[0], mean[1], square)[places[:found] + 1]
-    # the loss is not negative but for rounding
-    lost[:found] = np.maximum(4.0 * (worked - stored.mean(axis=0)[:found]), 0.0)  # (1)
+        curves.append(sign * np.array([(point.amplitude, point.force) for point in path]).T)
+        ends.append([path[place + 1] for place in places if place + 1 < len(path)])
+        failures.append(failure)
+
+    # loss and stiffness by their mean, in which odd terms in q cancel
+    both = min(curve.shape[1] for curve in curves)
+    q, alpha = 0.5 * (curves[0][:, :both] + curves[1][:, :both])
+    n = min(map(len, ends))
+    at = places[:n] + 1
+    size, lost, stiffness = np.full((3, count), np.nan)
+    size[:n], stiffness[:n] = q[at], alpha[at] / q[at]
+    worked = loading_work(q, alpha, square)[at] - stored[:, :n].mean(axis=0)
+    lost[:n] = np.maximum(4.0 * worked, 0.0)  # (1); negative only by rounding
+
+    # full cycles where Masing's rule does not hold
     opens, sheared = _opens(driven, pressure), _sheared(driven)
-    for k in np.flatnonzero(np.isfinite(lost)):
+    for k in range(n):
         if amplitudes.full_cycle or opens[k] or sheared:
-            lost[k], q_mean[k], stiffness[k] = _cycle(
-                driven, ends[0][k], q_mean[k], amplitudes.steps
-            )
-    frequency = np.sqrt(stiffness) / (2.0 * np.pi)
-    unknown = np.flatnonzero(np.isnan(lost))
+            lost[k], size[k], stiffness[k] = _cycle(driven, ends[0][k], size[k], amplitudes.steps)
     failure = ""
-    if unknown.size:
+    if np.isnan(lost).any():
         why = next(filter(None, failures), "a cycle found no equilibrium")
         failure = (
             f"mode {mode + 1} has no answer from the modal amplitude "
-            f"{amplitudes.values[unknown[0]]:.4g} kg^1/2 m on: {why}; ask for smaller amplitudes"
+            f"{amplitudes.values[int(np.argmax(np.isnan(lost)))]:.4g} kg^1/2 m on: {why}; "
+            f"ask for smaller amplitudes"
         )
-    damping = lost / (2.0 * np.pi * stiffness * q_mean**2)  # (1)
+    frequency = np.sqrt(stiffness) / (2.0 * np.pi)
+    damping = lost / (2.0 * np.pi * stiffness * size**2)  # (1)
     return Backbone(frequency, damping, pressure, slipping, opens, sheared, failure)
 
 
 def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
-    """Put the spring on the amplitude of a mode."""
-    own = rest.loaded(load[:, None])
-    spring = SPRING * square
-    pull = own.load[:, 0]
+    """Return a mode of the condensed structure, driven by a spring on its amplitude."""
+    structure = assemble(rest.condensed.with_loads(load[:, None]).small.with_locked_bolts())
+    spring, pull = SPRING * square, structure.load[:, [rest.free.n_cases]]
     driven = Assembled(
-        csr_array(own.stiffness + spring * csr_array(np.outer(pull, pull))),
-        spring * own.load,
-        own.jump,
-        own.weight,
+        csr_array(structure.stiffness + spring * csr_array(pull @ pull.T)),
+        spring * pull,
+        structure.jump,
+        structure.weight,
     )
-    still = rest.law.respond(rest.state.jump, rest.state.history).traction
-    return _Mode(rest, driven, TractionChange(rest.law, still), square)
+    traction = rest.law.respond(rest.state.jump, rest.state.history).traction
+    return _Mode(rest, driven, TractionChange(rest.law, traction), square)
 
 
 def _opens(driven: _Mode, pressure: np.ndarray) -> np.ndarray:
-    """Tell where pressures, shape (2, amplitudes, points), leave much of the area at rest."""
+    """Return whether much of the area at rest opens at pressures, (2, amplitudes, points)."""
     rest, area = driven.pressure(driven.start), driven.structure.weight
-    left = (rest > 0.0) & (pressure < OPENS * rest)  # NaN is not
-    pressed = area[rest > 0.0].sum()
-    return np.asarray((left @ area > OPENS * pressed).any(axis=0))
+    left = (rest > 0.0) & (pressure < OPENS * rest)  # false for NaN
+    return np.asarray((left @ area > OPENS * area[rest > 0.0].sum()).any(axis=0))
 
 
 def _sheared(driven: _Mode) -> bool:
-    """Tell whether the preload leaves shear in the joints."""
-    rest, area = driven.rest, driven.structure.weight
-    shear = np.linalg.norm(driven.law.rest[1:], axis=0)
-    limit = rest.law.friction_limit(np.maximum(-driven.law.rest[0], 0.0))
-    return bool(shear @ area > SHEARED * (limit @ area))
+    """Return whether the preload leaves shear in the joints."""
+    traction, area = driven.law.rest, driven.structure.weight
+    limit = driven.rest.law.friction_limit(np.maximum(-traction[0], 0.0))
+    return bool(np.linalg.norm(traction[1:], axis=0) @ area > SHEARED * (limit @ area))
 
 
 def _cycle(driven: _Mode, end: _Point, amplitude: float, steps: int) -> tuple[float, float, float]:
-    """Loss, amplitude and secant stiffness of a closed cycle from its positive end."""
-    path = closed_cycle(steps)
-    path = amplitude * np.where(path == 0.0, MIDDLE, path)  # a load is needed as a scale
-    found = [end, *driven.follow(end, path.tolist())]
-    if len(found) <= path.size or found[-1].failure:
-        return np.nan, np.nan, np.nan
-    q = np.array([one.amplitude for one in found])
-    alpha = np.array([one.force for one in found])
-    half = 2 * steps
-    span, pulled = q[-1] - q[half], alpha[-1] - alpha[half]
-    return _closed_work(q, alpha), 0.5 * span, pulled / span
-
-
-def _closed_work(q: np.ndarray, alpha: np.ndarray) -> float:
-    r"""Work of a closed path by Simpson's rule on both branches, of nearly even steps of q."""
+    """Return loss, amplitude and secant stiffness of a closed cycle from its positive end."""
     from scipy.integrate import simpson
 
-    half = q.size // 2
-    deficit = alpha - (alpha[-1] - alpha[half]) / (q[-1] - q[half]) * q  # a line does no work
+    path = closed_cycle(steps)
+    path = amplitude * np.where(path == 0.0, MIDDLE, path)  # a load is needed as a scale
+    points = [end, *driven.follow(end, path.tolist())]
+    if points[-1].failure:
+        return np.nan, np.nan, np.nan
+    q, alpha = np.array([(point.amplitude, point.force) for point in points]).T
+    half = 2 * steps
+    span = q[-1] - q[half]
+    secant = (alpha[-1] - alpha[half]) / span
+    # work by Simpson's rule on both branches; a line does none
     branches = (slice(0, half + 1), slice(half, None))
-    return float(sum(simpson(deficit[part], x=q[part]) for part in branches))
+    lost = sum(simpson((alpha - secant * q)[branch], x=q[branch]) for branch in branches)
+    return float(lost), 0.5 * span, secant
 
 
 def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.ndarray:
-    r"""Work of a loading curve up to its points, J.
+    r"""Return the work of a loading curve up to its points, J.
 
     Notes
     -----
     With the deficit :math:`d = \omega_0^2 - \alpha/q`, the work is
-    :math:`\tfrac12 \omega_0^2 q^2 - \int d\, q'\, \mathrm{d}q'`. Between the points d is a power of
-    q, as it is in micro-slip, and below the first one of the same power as behind it.
+    :math:`\tfrac12 \omega_0^2 q^2 - \int d\, q'\, \mathrm{d}q'`. Between two points d is a power of
+    q, as in micro-slip; the power below the first point is that above it.
 
     Examples
     --------
@@ -417,3 +404,109 @@ def loading_work(amplitude: np.ndarray, force: np.ndarray, square: float) -> np.
     below = np.append(0.0, q[:-1] / q[1:]) ** (slope + 2.0)
     area = np.cumsum(d * q**2 / (slope + 2.0) * (1.0 - below))
     return np.append(0.0, 0.5 * square * q**2 - area)
+
+
+def vibrate(
+    rest: Preloaded,
+    modes: TangentModes,
+    load: np.ndarray,
+    amplitudes: Mapping[int, Amplitudes],
+    *,
+    material_damping: float = 0.0,
+    progress: Callable[[int, int], None] = lambda finished, total: None,
+) -> Dataset:
+    """Follow modes over their amplitudes.
+
+    Parameters
+    ----------
+    rest : Preloaded
+    modes : TangentModes
+    load : ndarray, shape (whole unknowns, modes), M phi of all modes, kg^1/2
+    amplitudes : mapping of int to Amplitudes, amplitudes by mode, counted from 0
+    material_damping : float, share of critical damping of every mode due to the bodies
+    progress : callable, called as ``progress(finished, total)`` with numbers of amplitudes
+
+    Returns
+    -------
+    Dataset
+        Follows ``VIBRATION``; a step is an amplitude of a mode. Steps at which a mode slides away
+        are NaN with ``converged`` 0, and the attribute ``failure`` gives the reason.
+    """
+    total, finished = 2 * sum(len(wanted.values) for wanted in amplitudes.values()), 0
+
+    def count() -> None:
+        nonlocal finished
+        finished += 1
+        progress(finished, total)
+
+    progress(0, total)
+    curves = [
+        follow_backbone(rest, modes, load, mode, wanted, count)
+        for mode, wanted in amplitudes.items()
+    ]
+    shape = modes.nodal(rest.free)
+    largest = np.linalg.norm(shape, axis=2).max(axis=1)
+    number = np.repeat([*amplitudes], [len(wanted.values) for wanted in amplitudes.values()])
+    q = np.concatenate([wanted.values for wanted in amplitudes.values()])
+    frequency, damping, opens = (
+        np.concatenate([getattr(curve, name) for curve in curves])
+        for name in ("frequency", "damping", "opens")
+    )
+    values: dict[str, Any] = {
+        "mode_frequency": modes.frequency,
+        "shape": shape,
+        "position": rest.free.position,
+        "step_mode": 1 + number,
+        "modal_amplitude": q,
+        "largest_displacement": largest[number] * q,
+        "frequency": frequency,
+        "fall": modes.frequency[number] - frequency,
+        "damping": material_damping + damping,
+        "opens": opens.astype(int),
+        "converged": np.isfinite(damping).astype(int),
+    }
+    if rest.state.jump.size:
+        values |= _joints(rest.path, curves)
+    result = VIBRATION.build(values).assign_coords(
+        component=["x", "y", "z"], mode=1 + np.arange(len(shape))
+    )
+    if rest.state.jump.size:
+        result = result.assign_coords(direction=list(COMPONENTS))
+    cautions = [
+        f"mode {mode + 1}: contact opens at amplitudes from "
+        f"{wanted.values[int(np.argmax(curve.opens))]:.4g} kg^1/2 m on, where Masing's rule does "
+        f"not hold: the loss is that of a full cycle, and both directions differ"
+        for (mode, wanted), curve in zip(amplitudes.items(), curves, strict=True)
+        if curve.opens.any()
+    ]
+    cautions += [
+        f"modes {', '.join(str(mode + 1) for mode in group)} have one frequency, and any sum of "
+        f"their shapes is a mode: the shapes are chosen to move along the axes"
+        for group in modes.coinciding
+    ]
+    if any(curve.sheared for curve in curves):
+        cautions.append(
+            "the preload leaves shear in the joints, so that both directions differ and Masing's "
+            "rule does not hold: frequency and loss are those of full cycles; a preload without "
+            "friction leaves none"
+        )
+    result = with_cautions(result, str(rest.path.attrs.get("cautions", "")), *cautions)
+    failures = [curve.failure for curve in curves if curve.failure]
+    return result.assign_attrs(failure="\n".join(failures)) if failures else result
+
+
+def _joints(path: Dataset, curves: list[Backbone]) -> dict[str, Any]:
+    """Return traction and slip at the points of the joints, at rest and at the amplitudes."""
+    pressure = np.concatenate([curve.pressure for curve in curves], axis=1)
+    slipping = np.concatenate([curve.slipping for curve in curves], axis=1)
+    load = np.maximum(np.nan_to_num(pressure), 0.0) * path["point_area"].values
+    carried = load.sum(axis=2)
+    slips = np.sum(load * np.nan_to_num(slipping), axis=2)
+    share = (slips / np.where(carried > 0.0, carried, np.nan)).max(axis=0)
+    copied = ("point_position", "point_area", "point_joint")
+    return {name: path[name].values for name in copied} | {
+        "rest_traction": path["traction"].values[-1],
+        "pressure": pressure,
+        "slipping": slipping,
+        "slipping_load": share,
+    }

@@ -19,19 +19,19 @@ from multiscale.macro.substructures.measures import joint_shares
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import PreparedStructure, follow
-from multiscale.macro.substructures.whole import Assembled, AssembledNewton, assemble
+from multiscale.macro.substructures.whole import AssembledNewton, assemble
 from multiscale.macro.vibration.tangent_modes import find_free_motions
 from multiscale.schema import Dataset
 
 __all__ = ["Preloaded", "press_structure", "require_joined"]
 
 MOST = 6000
-"""Kept unknowns up to which bodies are condensed: their full matrix is factorised once, and one
-of half its size in every step."""
+"""Largest number of unknowns that bodies are condensed onto: their full matrix is factorised once,
+and a matrix of half its size in every step."""
 
 STIFFEST = 1e5
-"""Stiffness of a law, relative to the bodies, above which a joint is as good as rigid: modes need
-no more, and a matrix with more could not be factorised."""
+"""Stiffness of a law, relative to the bodies, above which a joint counts as rigid in modes: a
+matrix with stiffer joints could not be factorised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +40,9 @@ class Preloaded:
 
     Attributes
     ----------
-    free : CutProblem, the structure as supports hold it or leave it free
+    free : CutProblem, the structure on its supports, if any
     condensed : CondensedProblem
-        The same, with springs that hold the motions of the whole that are free.
+        The same, with springs against rigid motions of the whole that are free.
     path : Dataset, follows ``MACRO_RESULT``, the steps of the preload on the small problem
     law : SideBySide, laws of all joints for further loads, which flow no more
     state : JointState, at the end of the preload
@@ -53,12 +53,6 @@ class Preloaded:
     path: Dataset
     law: SideBySide
     state: JointState
-
-    def loaded(self, load: np.ndarray) -> Assembled:
-        """Return the small structure with locked bolts under loads, (whole unknowns, cases), N."""
-        structure = assemble(self.condensed.with_loads(load).small.with_locked_bolts())
-        first = self.free.n_cases
-        return replace(structure, load=structure.load[:, first : first + load.shape[1]])
 
     def tangent(self) -> csr_array:
         """Stiffness of the whole against small changes, with locked bolts, no point slipping, N/m.
@@ -85,7 +79,7 @@ def press_structure(
     extrapolate: bool = False,
     near: Preloaded | None = None,
 ) -> Preloaded:
-    """Bring a structure to rest under its preload.
+    """Solve for the rest of a structure under its preload.
 
     Parameters
     ----------
@@ -99,7 +93,7 @@ def press_structure(
         Whether pressures may lie far outside the data of the laws; see
         :func:`~multiscale.macro.data_range.with_load_shares`.
     near : Preloaded, optional
-        The same bodies under other laws and loads, whose condensed stiffness is taken.
+        The same bodies under other laws and loads; provides the condensed stiffness.
 
     Raises
     ------
@@ -147,7 +141,7 @@ def require_joined(assembly: Assembly) -> None:
 
 
 def _hold(problem: CutProblem) -> CutProblem:
-    """Hold the motions of the whole that neither supports nor joints with the ground resist."""
+    """Add springs against the motions that neither supports nor joints with the ground resist."""
     whole = assemble(problem)
     size = whole.stiffness.diagonal().mean()
     k = np.full((3, whole.weight.size), size)
@@ -158,7 +152,7 @@ def _hold(problem: CutProblem) -> CutProblem:
     springs[find_free_motions(problem, K)[1]] = size
     parts = []
     for part in problem.substructures:  # the first that has the unknown has the spring
-        own = springs[part.unknown]
+        added = diags_array(springs[part.unknown])
         springs[part.unknown] = 0.0
-        parts.append(replace(part, stiffness=csr_array(part.stiffness + diags_array(own))))
+        parts.append(replace(part, stiffness=csr_array(part.stiffness + added)))
     return replace(problem, substructures=tuple(parts))
