@@ -1,12 +1,13 @@
-"""Jobs for worker processes on this machine or on a cluster."""
+"""Jobs for worker processes on this machine or on a cluster, and for threads of this process."""
 
 import logging
 import os
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from itertools import islice
+from functools import cache
+from itertools import islice, pairwise
 from math import inf
 from queue import SimpleQueue
 from time import monotonic
@@ -17,7 +18,17 @@ from multiscale.errors import CaseError, MultiscaleError
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-__all__ = ["call_on_one_thread", "cores", "process_pool", "run_jobs", "usable_memory", "workers"]
+__all__ = [
+    "call_on_one_thread",
+    "cores",
+    "process_pool",
+    "run_jobs",
+    "run_ranges",
+    "thread_count",
+    "threads",
+    "usable_memory",
+    "workers",
+]
 
 USABLE = 0.8  # of the memory of a machine
 
@@ -29,6 +40,8 @@ IN_FLIGHT = 1024
 
 LOST = 300.0
 """Time, s, without any worker of a cluster that had some, after which jobs are given up."""
+
+_thread_counts: list[int] = []  # of the ``with threads(count)`` that the process is in
 
 
 def run_jobs(
@@ -46,7 +59,7 @@ def run_jobs(
     ----------
     function : callable
         The function, importable by name if an executor is given. Workers call it with one thread
-        for kernels, because they share the machine, unless ``NUMBA_NUM_THREADS`` is set for them.
+        for kernels, because they share the machine, unless ``OMP_NUM_THREADS`` is set for them.
     jobs : iterable of key and tuple, arguments of each call
     executor : Executor, optional
         Executor of ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py; serial, with
@@ -124,10 +137,12 @@ def _refuse(reason: str) -> NoReturn:
 def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Result:
     """Call a function with one thread for kernels, in a process that shares its machine.
 
-    A worker for which ``NUMBA_NUM_THREADS`` is set keeps its number of threads.
+    A worker with ``OMP_NUM_THREADS`` set keeps its number of threads.
     """
-    _take_one_thread()
-    return function(*arguments)
+    if "OMP_NUM_THREADS" in os.environ:
+        return function(*arguments)
+    with threads(1):
+        return function(*arguments)
 
 
 @contextmanager
@@ -238,12 +253,42 @@ def usable_memory() -> float:
     return USABLE * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def _take_one_thread() -> None:
-    """Give the kernels of this process one thread, unless the user has set their number."""
-    import numba
+def run_ranges(work: Callable[..., Any], items: int, *arguments: Any, least: int = 1) -> None:
+    """Call ``work(begin, end, *arguments)`` on ranges of items, one range per thread.
 
-    if "NUMBA_NUM_THREADS" not in os.environ:
-        numba.set_num_threads(1)
+    ``least`` items take about half a millisecond: with fewer of them, a further thread is not worth
+    the 50 us that it costs.
+    """
+    count = max(1, min(thread_count(), items // least))
+    first, *others = pairwise(items * k // count for k in range(count + 1))
+    futures = [_pool(os.getpid()).submit(work, *bounds, *arguments) for bounds in others]
+    work(*first, *arguments)
+    for future in futures:
+        future.result()
+
+
+@cache
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Make the pool of a process; a forked process inherits no threads."""
+    return ThreadPoolExecutor(cores(), "kernels")
+
+
+def thread_count() -> int:
+    """Return the number set by :func:`threads`, else ``OMP_NUM_THREADS`` or all cores."""
+    if _thread_counts:
+        return _thread_counts[-1]
+    setting = os.environ.get("OMP_NUM_THREADS", "").split(",")[0]
+    return min(max(int(setting), 1), cores()) if setting.isdigit() else cores()
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Run kernels on ``count`` threads."""
+    _thread_counts.append(count)
+    try:
+        yield
+    finally:
+        _thread_counts.pop()
 
 
 def _begin_worker() -> None:
@@ -253,7 +298,7 @@ def _begin_worker() -> None:
     from threading import Thread
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _take_one_thread()
+    os.environ["OMP_NUM_THREADS"] = "1"  # of kernels, and of libraries that are loaded later
     parent = parent_process()
 
     def watch() -> None:

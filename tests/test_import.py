@@ -82,30 +82,7 @@ def test_small_problems_are_solved_without_parts_of_scipy_that_they_do_not_need(
     program = f"import multiscale.micro as m, multiscale.micro.damage as d; {program}"
     loaded = [modules_after(program) for _ in range(2)][-1]
     assert {"numba", "xarray"} <= loaded
-    assert loaded.isdisjoint({"scipy.linalg", "scipy.optimize", "scipy.sparse"})
-
-
-@pytest.mark.parametrize("first", ["multiscale, numba", "numba, multiscale"])
-def test_kernels_run_on_openmp_where_there_is_one(first):
-    """With TBB a fork of a process whose kernels have run can take minutes."""
-    pytest.importorskip("numba.np.ufunc.omppool")
-    program = f"import {first}; numba.set_num_threads(1); print(numba.threading_layer())"
-    done = run_python(program)
-    assert done.stdout.strip() == "omp"
-
-
-@pytest.mark.parametrize(
-    ("own", "spins"),
-    [({}, "20000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "active"}, "None")],
-    ids=["no wish", "a number", "a policy"],
-)
-def test_idle_threads_sleep_soon_unless_the_user_has_a_wish(own, spins):
-    """A thread that spins takes its core from another process for ten milliseconds a loop."""
-    policies = ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
-    others = {name: value for name, value in os.environ.items() if name not in policies}
-    program = "import multiscale, os; print(os.environ.get('GOMP_SPINCOUNT'))"
-    done = run_python(program, env=others | own)
-    assert done.stdout.strip() == spins
+    assert loaded.isdisjoint({"scipy.optimize", "scipy.sparse"})
 
 
 def refused_first(package, libraries=""):

@@ -13,8 +13,8 @@ from statistics import median, median_low
 from time import perf_counter
 from typing import Generic, TypeVar
 
-from multiscale.numerics.compiled import thread_count
-from multiscale.numerics.compiled import threads as kernel_threads
+from multiscale.executors import thread_count
+from multiscale.executors import threads as kernel_threads
 
 __all__ = ["THREADS", "Measurement", "measure", "peak_memory"]
 

@@ -23,7 +23,6 @@ from scipy.sparse import csr_array
 
 from multiscale.laws.bulk import BulkLaw
 from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
-from multiscale.numerics.compiled import compiled
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
@@ -105,6 +104,8 @@ def element_response(
     elements: Elements, law: BulkLaw, displacement: np.ndarray, state: np.ndarray
 ) -> tuple[np.ndarray, csr_array, np.ndarray, float]:
     """Compute internal force, tangent, new state and smallest volume ratio of a body."""
+    from multiscale.fe.integration import integrate
+
     G, w = elements.gradient, elements.weight
     d = G.shape[3]
     u = displacement[elements.unknowns].reshape(w.shape[0], -1, d)
@@ -129,7 +130,7 @@ def element_response(
     stress = response.stress + pressure * slope
     if law.finite_strain:
         tangent = tangent + pressure * cofactor_derivative(F)
-    blocks, force = _integrate(
+    blocks, force = integrate(
         G,
         w,
         np.ascontiguousarray(stress[:d, :d].transpose(2, 3, 0, 1)),
@@ -150,40 +151,3 @@ def sum_blocks(
     i = np.broadcast_to(rows[:, :, None], blocks.shape)
     j = np.broadcast_to(columns[:, None, :], blocks.shape)
     return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
-
-
-@compiled
-def _integrate(G, w, stress, tangent, slope, curvature):  # type: ignore[no-untyped-def]
-    """Element tangents and forces from stress, tangent and derivative of the volume."""
-    n_elements, n_points, n_nodes, d = G.shape
-    blocks = np.zeros((n_elements, n_nodes * d, n_nodes * d))
-    force = np.zeros((n_elements, n_nodes * d))
-    half = np.empty((n_nodes * d, d, d))
-    swell = np.empty(n_nodes * d)
-    for e in range(n_elements):
-        swell[:] = 0.0
-        for q in range(n_points):
-            weight = w[e, q]
-            for a in range(n_nodes):
-                for i in range(d):
-                    row = a * d + i
-                    for j in range(d):
-                        force[e, row] += weight * G[e, q, a, j] * stress[e, q, i, j]
-                        swell[row] += weight * G[e, q, a, j] * slope[e, q, i, j]
-                    for k in range(d):
-                        for m in range(d):
-                            total = 0.0
-                            for j in range(d):
-                                total += G[e, q, a, j] * tangent[e, q, i, j, k, m]
-                            half[row, k, m] = weight * total
-            for row in range(n_nodes * d):
-                for b in range(n_nodes):
-                    for k in range(d):
-                        total = 0.0
-                        for m in range(d):
-                            total += half[row, k, m] * G[e, q, b, m]
-                        blocks[e, row, b * d + k] += total
-        for row in range(n_nodes * d):
-            for column in range(n_nodes * d):
-                blocks[e, row, column] += curvature[e] * swell[row] * swell[column]
-    return blocks, force

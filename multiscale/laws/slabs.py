@@ -7,9 +7,12 @@ common curve, such as asperities, they hold load and stiffness of every spring a
 of both by the gap, shape (4, springs, points); there are no edges, and the slope is not used.
 """
 
+from typing import Any
+
 import numpy as np
 
-from multiscale.numerics.compiled import compiled, prange
+from multiscale.executors import run_ranges
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["asperity_loads", "resolve", "respond_slabs"]
 
@@ -19,6 +22,9 @@ LEAST_DIVISOR = 1e-300
 ROUNDING_CHANGE = 1e-5
 """Change of the gap, relative to pressure over stiffness, below which the change of the load of a
 slab is rounding."""
+
+LEAST = 20_000
+"""Entries of states for a thread."""
 
 MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
 """Iteration and halving limits of Newton's method, and its residual relative to all forces."""
@@ -58,8 +64,9 @@ def _step(i, c, start, end, loaded, edges):  # type: ignore[no-untyped-def]
     return N, w, keep, min(max((N - N0) / fall, min(w0, w)), w), 0.0
 
 
-@compiled(parallel=True)
-def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep):  # type: ignore[no-untyped-def]
+def respond_slabs(
+    jump: np.ndarray, state: np.ndarray, *arguments: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return tangential traction, tangent, new state and energies of a step, (a) to (d).
 
     ``slope``, shape (3, points), holds the derivatives with respect to the gap of the stiffness of
@@ -67,10 +74,27 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
     length. The energies, shape (4, points), are work, stored energy before and after, J/m2, and the
     share of the load that slips.
     """
-    slabs, points = (state.shape[0] - 3) // 3, jump.shape[1]
+    points = jump.shape[1]
     traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
     new, account = np.empty(state.shape), np.empty((4, points))
-    for c in prange(points):
+    results = traction, tangent, new, account
+    run_ranges(_respond, points, jump, state, *arguments, *results, least=_least(state))
+    return results
+
+
+def _least(state: np.ndarray) -> int:
+    """Points for a thread."""
+    return -(-LEAST // len(state))
+
+
+@compiled
+def _respond(  # type: ignore[no-untyped-def]
+    begin, finish, jump, state, start, end, slope, edges, friction, kappa, creep,
+    traction, tangent, new, account,
+):  # fmt: skip
+    """Write the results of :func:`respond_slabs` at some points."""
+    slabs = (state.shape[0] - 3) // 3
+    for c in range(begin, finish):
         x = jump[1, c] - state[3 * slabs + 1, c]
         y = jump[2, c] - state[3 * slabs + 2, c]
         tx = ty = d_xn = d_yn = d_xx = d_xy = d_yy = stored = left = load = slipping = 0.0
@@ -122,7 +146,6 @@ def respond_slabs(jump, state, start, end, slope, edges, friction, kappa, creep)
         tangent[1, 0, c], tangent[1, 1, c], tangent[1, 2, c] = d_yn, d_xy, d_yy
         account[0, c], account[1, c] = tx * x + ty * y, 0.5 * kappa * stored
         account[2, c], account[3, c] = 0.5 * kappa * left, slipping / max(load, LEAST_DIVISOR)
-    return traction, tangent, new, account
 
 
 @compiled
@@ -142,17 +165,29 @@ def _forces(force, m, cap, k, x, y):  # type: ignore[no-untyped-def]
     return tx, ty, h_xx, h_yy, h_xy
 
 
-@compiled(parallel=True)
-def resolve(source, k, state, start, end, edges, friction, kappa):  # type: ignore[no-untyped-def]
+def resolve(
+    source: np.ndarray, k: np.ndarray, state: np.ndarray, *arguments: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the tangential jump on the law and on a search direction, and the failed points.
 
     The forces (c) and k x are the gradient of a strictly convex function, whose minimum is found by
     Newton's method with the step halved until the slope along it is small enough. If all forces
     have one direction the function is piecewise quadratic and the last step is exact.
     """
-    slabs, points = (state.shape[0] - 3) // 3, source.shape[1]
+    points = source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
-    for c in prange(points):
+    results = jump, failed
+    run_ranges(_resolve, points, source, k, state, *arguments, *results, least=_least(state))
+    return results
+
+
+@compiled
+def _resolve(  # type: ignore[no-untyped-def]
+    begin, finish, source, k, state, start, end, edges, friction, kappa, jump, failed
+):
+    """Write the results of :func:`resolve` at some points."""
+    slabs = (state.shape[0] - 3) // 3
+    for c in range(begin, finish):
         force, m, cap, kc = np.empty((2, slabs)), np.empty(slabs), np.empty(slabs), k[1:, c].copy()
         stiffness = size = 0.0
         last_x, last_y = state[3 * slabs + 1, c], state[3 * slabs + 2, c]
@@ -189,20 +224,26 @@ def resolve(source, k, state, start, end, edges, friction, kappa):  # type: igno
         # the form with the smaller rounding error
         jump[0, c] = (source[1, c] - tx) / kc[0] if kc[0] > stiffness else last_x + x
         jump[1, c] = (source[2, c] - ty) / kc[1] if kc[1] > stiffness else last_y + y
-    return jump, failed
 
 
-@compiled(parallel=True)
-def asperity_loads(gap, peak, yields, height, density, grid, ratios, hertz):  # type: ignore[no-untyped-def]
+def asperity_loads(gap: np.ndarray, peak: np.ndarray, *arguments: Any) -> np.ndarray:
     """Load and stiffness of every class on its unloading curve, and their derivatives by the gap.
 
     Shape (4, classes, points); Pa and Pa/m. ``peak``, shape (points,), is the largest approach of
-    the highest asperities so far, m; ``hertz`` is 4/3 E* sqrt(R). Without ``yields`` the curves of
+    the highest asperities so far, m. Other arguments are whether they yield, their heights and
+    densities, the table of :class:`Asperities` and 4/3 E* sqrt(R). Unless they yield, the curves of
     unloading, (2) of :class:`Asperities`, continue beyond the largest approach.
     """
-    classes, points, top = height.size, gap.size, height.max()
-    place = np.zeros((4, classes, points))
-    for c in prange(points):
+    place = np.zeros((4, arguments[1].size, gap.size))
+    run_ranges(_unload, gap.size, gap, peak, *arguments, place, least=_least(place[0]))
+    return place
+
+
+@compiled
+def _unload(begin, end, gap, peak, yields, height, density, grid, ratios, hertz, place):  # type: ignore[no-untyped-def]
+    """Write the results of :func:`asperity_loads` at some points."""
+    classes, top = height.size, height.max()
+    for c in range(begin, end):
         loads = yields and top - gap[c] > peak[c]
         for i in range(classes):
             d = height[i] - gap[c]
@@ -228,4 +269,3 @@ def asperity_loads(gap, peak, yields, height, density, grid, ratios, hertz):  # 
                 place[3, i, c] = -0.5 * stiffness / d
             else:
                 place[2, i, c], place[3, i, c] = -stiffness, -0.5 * stiffness / e
-    return place

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from multiscale.executors import run_ranges
 from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.hexahedron import (
     BATCH,
@@ -19,13 +20,14 @@ from multiscale.micro.hexahedron import (
     lateral_heights,
     shape_functions,
 )
-from multiscale.numerics.compiled import compiled, prange
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["stiffness_operator"]
 
 ROWS = 8 * BATCH  # of a component on one node plane
 EDGES = 12 * BATCH  # edge derivatives of a component in one element
 STRIPS = 8  # strips of elements that follow each other on one thread, at least
+LEAST = 7000  # elements for a thread
 
 
 @compiled(fastmath=True)
@@ -210,11 +212,11 @@ def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyp
     _column(1, 1, grad, flux, geometry, moduli, mean, lanes)
 
 
-@compiled(parallel=True, fastmath=True)
+@compiled(fastmath=True)
 def _apply(  # type: ignore[no-untyped-def]
-    heights, planes, factor, dx, dy, lame, shear, blend, u, out
+    first, end_chunk, chunks, last, heights, planes, factor, dx, dy, lame, shear, blend, u, out
 ):
-    """Elastic forces of every element, in chunks of strips along x.
+    """Elastic forces of the elements in some chunks of strips along x.
 
     The last strip of a chunk, whose far side is the next chunk's, waits until all others are done.
     A single point in x or y has itself as neighbour: plane strain. The moduli are given for every
@@ -224,55 +226,51 @@ def _apply(  # type: ignore[no-untyped-def]
     along_x, along_y = int(lame.shape[0] > 1), int(lame.shape[2] > 1)
     area, real = dx * dy / 8.0, u.dtype
     per_x, per_y = real.type(1.0 / dx), real.type(1.0 / dy)
-    chunks = max(1, nx // STRIPS)
-    for last in range(2):
-        for chunk in prange(chunks):
-            begin, end = chunk * nx // chunks, (chunk + 1) * nx // chunks
-            if last:
-                begin = end - 1
-            else:
-                out[begin:end] = 0.0
-                end -= 1
-            line = np.empty(4 * (BATCH + 1), real)
-            u_rows, f_rows = np.empty((2, 3 * ROWS), real), np.empty((2, 3 * ROWS), real)
-            grad, flux = np.empty(3 * EDGES, real), np.empty(3 * EDGES, real)
-            geometry, lateral = np.empty(12 * BATCH, real), np.empty(8 * BATCH, real)
-            moduli = np.empty(3 * BATCH, real)
-            mean, volume = np.zeros(BATCH, real), np.empty(BATCH, real)
-            for i in range(begin, end):
-                sides = (i, (i + 1) % nx)
-                for start in range(0, ny, BATCH):
-                    lanes = min(BATCH, ny - start)
-                    lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
-                    u_rows[0] = 0.0  # the base is held
-                    for layer in range(layers):
-                        low, up = layer % 2, 1 - layer % 2
-                        element_geometry(
-                            lateral,
-                            planes[layer],
-                            planes[layer + 1],
-                            factor[layer],
-                            factor[layer + 1],
-                            geometry,
-                            lanes,
-                        )
-                        for v in range(lanes):
-                            at = i * along_x, layer, (start + v) * along_y
-                            moduli[v], moduli[BATCH + v] = area * lame[at], area * shear[at]
-                            moduli[2 * BATCH + v] = blend * area * (lame[at] + shear[at] / 1.5)
-                        _plane_rows(
-                            u[:, layer], sides, start, lanes, per_x, per_y, line, u_rows[up]
-                        )
-                        _edge_derivatives(u_rows[low], u_rows[up], grad, lanes)
-                        if blend > 0.0:
-                            _mean_dilatation(grad, geometry, mean, volume, lanes)
-                        _fluxes(grad, flux, geometry, moduli, mean, lanes)
-                        _add_edge_fluxes(flux, f_rows[low], f_rows[up], lanes)
-                        if layer > 0:
-                            below = out[:, layer - 1]
-                            _add_plane(f_rows[low], sides, start, lanes, per_x, per_y, line, below)
-                    top = out[:, layers - 1]
-                    _add_plane(f_rows[layers % 2], sides, start, lanes, per_x, per_y, line, top)
+    for chunk in range(first, end_chunk):
+        begin, end = chunk * nx // chunks, (chunk + 1) * nx // chunks
+        if last:
+            begin = end - 1
+        else:
+            out[begin:end] = 0.0
+            end -= 1
+        line = np.empty(4 * (BATCH + 1), real)
+        u_rows, f_rows = np.empty((2, 3 * ROWS), real), np.empty((2, 3 * ROWS), real)
+        grad, flux = np.empty(3 * EDGES, real), np.empty(3 * EDGES, real)
+        geometry, lateral = np.empty(12 * BATCH, real), np.empty(8 * BATCH, real)
+        moduli = np.empty(3 * BATCH, real)
+        mean, volume = np.zeros(BATCH, real), np.empty(BATCH, real)
+        for i in range(begin, end):
+            sides = (i, (i + 1) % nx)
+            for start in range(0, ny, BATCH):
+                lanes = min(BATCH, ny - start)
+                lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
+                u_rows[0] = 0.0  # the base is held
+                for layer in range(layers):
+                    low, up = layer % 2, 1 - layer % 2
+                    element_geometry(
+                        lateral,
+                        planes[layer],
+                        planes[layer + 1],
+                        factor[layer],
+                        factor[layer + 1],
+                        geometry,
+                        lanes,
+                    )
+                    for v in range(lanes):
+                        at = i * along_x, layer, (start + v) * along_y
+                        moduli[v], moduli[BATCH + v] = area * lame[at], area * shear[at]
+                        moduli[2 * BATCH + v] = blend * area * (lame[at] + shear[at] / 1.5)
+                    _plane_rows(u[:, layer], sides, start, lanes, per_x, per_y, line, u_rows[up])
+                    _edge_derivatives(u_rows[low], u_rows[up], grad, lanes)
+                    if blend > 0.0:
+                        _mean_dilatation(grad, geometry, mean, volume, lanes)
+                    _fluxes(grad, flux, geometry, moduli, mean, lanes)
+                    _add_edge_fluxes(flux, f_rows[low], f_rows[up], lanes)
+                    if layer > 0:
+                        below = out[:, layer - 1]
+                        _add_plane(f_rows[low], sides, start, lanes, per_x, per_y, line, below)
+                top = out[:, layers - 1]
+                _add_plane(f_rows[layers % 2], sides, start, lanes, per_x, per_y, line, top)
 
 
 def stiffness_operator(
@@ -287,9 +285,15 @@ def stiffness_operator(
         for value in (lame, shear)
     )
 
+    arguments = heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, blend
+
     def apply(u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         out = np.empty_like(u) if out is None else out
-        _apply(heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, blend, u, out)
+        nx, layers, _, ny = u.shape
+        chunks = max(1, nx // STRIPS)
+        for last, strips in ((False, STRIPS), (True, 1)):
+            least = -(-LEAST // (strips * layers * ny))
+            run_ranges(_apply, chunks, chunks, last, *arguments, u, out, least=least)
         return out
 
     return apply

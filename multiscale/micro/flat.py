@@ -8,8 +8,8 @@ import numpy as np
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.lateral_fft import SurfaceFilter
-from multiscale.numerics.compiled import compiled, prange
-from multiscale.numerics.vectors import PARTS, dot
+from multiscale.numerics.compiled import compiled
+from multiscale.numerics.vectors import dot
 
 __all__ = ["FlatSolution", "coarse_start", "solve_flat"]
 
@@ -115,9 +115,8 @@ def solve_flat(
             state = force, opening, closes, step, cap
             if load is not None:
                 delta = _approach(*state, load, delta, _EXACT * residual)
-            found = _project(*state, delta, direction, node, unit, spread)
-            slope, length, distance, carried = found[:, 1:].sum(axis=0).tolist()
-            deepest = float(found[:, 0].max())
+            sums = _project(*state, delta, direction, node, unit, spread)
+            deepest, slope, length, distance, carried = sums
             among_near = max(distance / (carried or 1.0), deepest) / scale
             residual = max(among_near, (delta - room) / scale)
             if fresh or among_near > bound:
@@ -128,8 +127,8 @@ def solve_flat(
             if residual <= tolerance:
                 status = Status.CONVERGED
                 break
-        found = _advance(*state, delta, direction, node, unit, respond(spread), slope)
-        curvature, along, across, squared, raised, free = found.sum(axis=0).tolist()
+        sums = _advance(*state, delta, direction, node, unit, respond(spread), slope)
+        curvature, along, across, squared, raised, free = sums
         if not curvature > 0.0:
             if fresh:  # these are the forces of the minimum, to rounding
                 status = Status.STALLED
@@ -174,11 +173,8 @@ def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # ty
     """
     low, high, reach = -np.inf, np.inf, load / step
     for _ in range(200):
-        sums = _carry(force, opening, closing, step, cap, delta)
-        excess, slope = -load, 0.0
-        for part in range(PARTS):
-            excess += sums[part, 0]
-            slope += sums[part, 1]
+        carried, slope = _carry(force, opening, closing, step, cap, delta)
+        excess = carried - load
         if abs(excess) <= max(tolerance, 1e-14) * load:
             break
         if excess > 0.0:
@@ -197,96 +193,71 @@ def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # ty
     return delta
 
 
-@compiled(parallel=True, fastmath=_MATH)
+@compiled(fastmath=_MATH)
 def _carry(force, opening, closing, step, cap, delta):  # type: ignore[no-untyped-def]
-    """Load of the forces after a step, in their box, and its derivative by the approach, by parts.
-
-    The caller adds what the parts of the vectors return: sums of arrays take longer to compile
-    than all else. Loops over slices are vectorised; indices that might be negative are not.
-    """
-    n, sums = force.size, np.zeros((PARTS, 2))
-    for part in prange(PARTS):
-        mine, load, slope = slice(part * n // PARTS, (part + 1) * n // PARTS), 0.0, 0.0
-        f, apart, b = force[mine], opening[mine], closing[mine]
-        for i in range(f.size):
-            moved = f[i] - step * (apart[i] - b[i] * delta)
-            boxed = min(max(moved, 0.0), cap)
-            load += b[i] * boxed
-            slope += step * b[i] * b[i] if moved == boxed else 0.0
-        sums[part, 0], sums[part, 1] = load, slope
-    return sums
+    """Load of the forces after a step, in their box, and its derivative by the approach."""
+    load, slope = 0.0, 0.0
+    for i in range(force.size):
+        moved = force[i] - step * (opening[i] - closing[i] * delta)
+        boxed = min(max(moved, 0.0), cap)
+        load += closing[i] * boxed
+        slope += step * closing[i] * closing[i] if moved == boxed else 0.0
+    return load, slope
 
 
-@compiled(parallel=True, fastmath=_MATH)
+@compiled(fastmath=_MATH)
 def _project(  # type: ignore[no-untyped-def]
     force, opening, closing, step, cap, delta, direction, node, unit, spread
 ):
     """Write the way of the forces to their box after a step, also to the surface, in units.
 
-    Returns, for parts of the vectors, the deepest overlap, the products of the way with the opening
-    and with itself, the forces' product with what is open at them, and their sum.
+    Returns the deepest overlap, the products of the way with the opening and with itself, the
+    forces' product with what is open at them, and their sum.
     """
-    n, sums, per_unit = force.size, np.zeros((PARTS, 5)), 1.0 / unit
-    for part in prange(PARTS):
-        slope, length, distance, carried, deepest = 0.0, 0.0, 0.0, 0.0, -np.inf
-        mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
-        f, o, b, way, here = force[mine], opening[mine], closing[mine], direction[mine], node[mine]
-        for i in range(f.size):
-            apart = o[i] - b[i] * delta
-            change = min(max(f[i] - step * apart, 0.0), cap) - f[i]
-            way[i] = change
-            slope += change * apart
-            length += change * change
-            carried += f[i]
-            full = f[i] >= cap  # here the surfaces may overlap
-            overlap = 0.0 if full else -apart
-            deepest = overlap if overlap > deepest else deepest  # max() takes twice as long
-            distance += f[i] * max(apart, overlap)
-        for i in range(f.size):
-            spread[here[i]] = per_unit * way[i]
-        sums[part, 0], sums[part, 1], sums[part, 2] = deepest, slope, length
-        sums[part, 3], sums[part, 4] = distance, carried
-    return sums
+    slope, length, distance, carried, deepest = 0.0, 0.0, 0.0, 0.0, -np.inf
+    for i in range(force.size):
+        apart = opening[i] - closing[i] * delta
+        change = min(max(force[i] - step * apart, 0.0), cap) - force[i]
+        direction[i] = change
+        slope += change * apart
+        length += change * change
+        carried += force[i]
+        full = force[i] >= cap  # here the surfaces may overlap
+        overlap = 0.0 if full else -apart
+        deepest = overlap if overlap > deepest else deepest  # max() takes twice as long
+        distance += force[i] * max(apart, overlap)
+    per_unit = 1.0 / unit
+    for i in range(force.size):
+        spread[node[i]] = per_unit * direction[i]
+    return deepest, slope, length, distance, carried
 
 
-@compiled(parallel=True, fastmath=_MATH)
+@compiled(fastmath=_MATH)
 def _advance(  # type: ignore[no-untyped-def]
     force, opening, closing, step, cap, delta, direction, node, unit, response, slope
 ):
     """Go to the minimum of the energy on the way, or as far as it leads.
 
-    Returns, for parts of the vectors, the product of the way with the change of the opening, which
-    is the response, and over the forces that a step leaves within their box, the products of the
-    change with the way, of the closing with the way, and of the change with itself, of the closing
-    with the change and with itself.
+    Returns the product of the way with the change of the opening, which is the response, and over
+    the forces that a step leaves within their box, the products of the change with the way, of the
+    closing with the way, and of the change with itself, of the closing with the change and with
+    itself.
     """
-    n, sums, curvature = force.size, np.zeros((PARTS, 6)), 0.0
-    for part in prange(PARTS):
-        total, mine = 0.0, slice(part * n // PARTS, (part + 1) * n // PARTS)
-        way, here = direction[mine], node[mine]
-        for i in range(way.size):
-            total += way[i] * (unit * response[here[i]])
-        sums[part, 0] = total
-    for part in range(PARTS):
-        curvature += sums[part, 0]
+    curvature, along, across, squared, raised, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(force.size):
+        curvature += direction[i] * (unit * response[node[i]])
     if not curvature > 0.0:
-        return sums
+        return curvature, along, across, squared, raised, free
     share = min(1.0, -slope / curvature)
-    for part in prange(PARTS):
-        along, across, squared, raised, free = 0.0, 0.0, 0.0, 0.0, 0.0
-        mine = slice(part * n // PARTS, (part + 1) * n // PARTS)
-        f, o, b, way, here = force[mine], opening[mine], closing[mine], direction[mine], node[mine]
-        for i in range(f.size):
-            change = unit * response[here[i]]
-            moved = f[i] - step * (o[i] - b[i] * delta)
-            inside = 1.0 if (moved > 0.0) & (moved < cap) else 0.0
-            along += inside * way[i] * change
-            across += inside * way[i] * b[i]
-            squared += inside * change * change
-            raised += inside * change * b[i]
-            free += inside * b[i] * b[i]
-            f[i] += share * way[i]
-            o[i] += share * change
-        sums[part, 1], sums[part, 2], sums[part, 3] = along, across, squared
-        sums[part, 4], sums[part, 5] = raised, free
-    return sums
+    for i in range(force.size):
+        change = unit * response[node[i]]
+        moved = force[i] - step * (opening[i] - closing[i] * delta)
+        inside = 1.0 if (moved > 0.0) & (moved < cap) else 0.0
+        along += inside * direction[i] * change
+        across += inside * direction[i] * closing[i]
+        squared += inside * change * change
+        raised += inside * change * closing[i]
+        free += inside * closing[i] * closing[i]
+        force[i] += share * direction[i]
+        opening[i] += share * change
+    return curvature, along, across, squared, raised, free

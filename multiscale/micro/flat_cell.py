@@ -14,10 +14,9 @@ from multiscale.micro.contact_state import (
     untouched,
 )
 from multiscale.micro.flat import coarse_start, solve_flat
-from multiscale.micro.lateral_fft import MANY, SurfaceFilter
+from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.micro.layered import layered_compliance
 from multiscale.micro.slope_expansion import expanded_compliance
-from multiscale.numerics.compiled import thread_count, threads
 
 __all__ = ["assemble_flat_cell", "flat_gap"]
 
@@ -75,22 +74,21 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
         if load == 0.0 or (approach is not None and approach <= 0.0):
             return untouched((nx, 3, ny), gap, closing, approach)
         guess = None
-        with threads(thread_count() if gap.size >= MANY else 1):
-            if load is not None:
-                guess = coarse_start(flat, gap, closing, load=load, cap=cap)
-            if guess is None and start is not None:
-                guess = start.force
-            found = solve_flat(
-                respond,
-                gap,
-                closing,
-                load=load,
-                approach=approach,
-                cap=cap,
-                start=guess,
-                max_iterations=5000,
-                tolerance=max(tolerance, TOLERANCE),
-            )
+        if load is not None:
+            guess = coarse_start(flat, gap, closing, load=load, cap=cap)
+        if guess is None and start is not None:
+            guess = start.force
+        found = solve_flat(
+            respond,
+            gap,
+            closing,
+            load=load,
+            approach=approach,
+            cap=cap,
+            start=guess,
+            max_iterations=5000,
+            tolerance=max(tolerance, TOLERANCE),
+        )
         displacement = np.zeros((nx, 3, ny))
         displacement[:, 2] = -lift(found.value)
         return ContactState(

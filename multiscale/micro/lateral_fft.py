@@ -21,19 +21,20 @@ of the opposite wave along x is its mirror image.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 import scipy
 
-from multiscale.numerics.compiled import compiled, prange, thread_count
+from multiscale.executors import run_ranges, thread_count
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["LateralInverse", "SurfaceFilter", "factorise_flat_cell"]
 
 SLAB = 2**20  # bytes of displacements that are transformed at once, within the second-level cache
 MANY = 2**16  # points of a surface from which contact on it takes several threads
+LEAST = 2**17  # pivots, or numbers that they multiply, for a thread
 WAVES = 64  # along x whose factors are computed at once in double precision
 
 
@@ -62,10 +63,10 @@ def _times(matrix, x, y, z):  # type: ignore[no-untyped-def]
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
-@compiled(parallel=True, fastmath=True)
-def _factorise(own, above, x, y, inverse):  # type: ignore[no-untyped-def]
+@compiled(fastmath=True)
+def _factorise(begin, end, own, above, x, y, inverse):  # type: ignore[no-untyped-def]
     """Invert the pivots of the block factorisation, from the base up."""
-    for k in prange(inverse.shape[0]):
+    for k in range(begin, end):
         for layer in range(inverse.shape[1]):  # node plane between this layer and the next
             pivot = inverse[k, layer]
             for j in range(inverse.shape[3]):
@@ -105,8 +106,8 @@ def _rotate(values, sign, m):  # type: ignore[no-untyped-def]
 @compiled(fastmath=True, forceinline=True)
 def _row(k, nx, inverse):  # type: ignore[no-untyped-def]
     """Row of a wave along x, or of its mirror image, and the sign of what is odd in x."""
-    row, real = np.int64(k), inverse.dtype.type
-    return (row, real(1.0)) if 2 * row <= nx else (nx - row, real(-1.0))
+    real = inverse.dtype.type
+    return (k, real(1.0)) if 2 * k <= nx else (nx - k, real(-1.0))
 
 
 @compiled(fastmath=True, forceinline=True)
@@ -115,15 +116,15 @@ def _pivot(d, sign, v):  # type: ignore[no-untyped-def]
     return d[0, v], sign * d[1, v], sign * d[2, v], d[3, v], d[4, v], d[5, v]
 
 
-@compiled(parallel=True, fastmath=True)
-def _forward(inverse, above, x, y, values):  # type: ignore[no-untyped-def]
+@compiled(fastmath=True)
+def _forward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyped-def]
     """Eliminate upwards from the base; ``values`` becomes pivot times reduced right-hand side.
 
     The last axis of all arrays interleaves real and imaginary parts; the blocks are real. Loops
     write where they do not read, for which they are vectorised.
     """
     nx, layers, _, m = values.shape
-    for k in prange(nx):
+    for k in range(begin, end):
         row, sign = _row(k, nx, inverse)
         passed, reduced = np.zeros((3, m), values.dtype), np.empty((3, m), values.dtype)
         for layer in range(layers):
@@ -147,11 +148,11 @@ def _forward(inverse, above, x, y, values):  # type: ignore[no-untyped-def]
                     passed[2, v] = w[2] * a + w[4] * b + w[5] * c
 
 
-@compiled(parallel=True, fastmath=True)
-def _backward(inverse, above, x, y, values):  # type: ignore[no-untyped-def]
+@compiled(fastmath=True)
+def _backward(begin, end, inverse, above, x, y, values):  # type: ignore[no-untyped-def]
     """Substitute downwards from the surface."""
     nx, layers, _, m = values.shape
-    for k in prange(nx):
+    for k in range(begin, end):
         row, sign = _row(k, nx, inverse)
         for layer in range(layers - 2, -1, -1):
             now, old, d, between = (
@@ -188,7 +189,6 @@ class LateralInverse:
     coupling : tuple of ndarray
         Factors of (1) from each node plane to the plane above, and the waves along x and along y,
         these twice: shapes (layers - 1, 9), (4, nx) and (4, 2 (ny // 2 + 1)).
-    threads : int, threads of the Fourier transforms over the whole cell
     scale : float
         Stiffness by which the factors are divided, N/m, so that they fit single precision.
     """
@@ -196,7 +196,6 @@ class LateralInverse:
     shape: tuple[int, int, int]
     inverse: np.ndarray
     coupling: tuple[np.ndarray, np.ndarray, np.ndarray]
-    threads: int
     scale: float = 1.0
 
     @cached_property
@@ -233,14 +232,14 @@ class LateralInverse:
         else:
             size = float(np.linalg.norm(force)) or 1.0
             self._over_slabs(partial(self._transform, force, 1.0 / size))
-            scipy.fft.fft(transform, axis=0, workers=self.threads, overwrite_x=True)
-            _forward(self.inverse, *self.coupling, values)
+            scipy.fft.fft(transform, axis=0, workers=thread_count(), overwrite_x=True)
+            self._substitute(_forward, values)
         if correct is not None:
             moved = self._to_points(transform[:, -1]) * np.float64(size / self.scale)
             added = (correct(moved) / size).astype(self.inverse.dtype)
             transform[:, -1] += _multiply_symbol(self._pivots, self._to_wavenumbers(added))
-        _backward(self.inverse, *self.coupling, values)
-        scipy.fft.ifft(transform, axis=0, workers=self.threads, overwrite_x=True)
+        self._substitute(_backward, values)
+        scipy.fft.ifft(transform, axis=0, workers=thread_count(), overwrite_x=True)
         found = np.empty((nx, layers, 3, ny), dtype) if out is None else out
         self._over_slabs(partial(self._transform_back, size / self.scale, found))
         return found
@@ -251,17 +250,22 @@ class LateralInverse:
         (nx, layers, _), m = self.shape, self.inverse.shape[3] // 2
         return np.empty((nx, layers, 3, m), np.result_type(self.inverse.dtype, np.complex64))
 
+    def _substitute(self, kernel: Callable[..., None], values: np.ndarray) -> None:
+        """Eliminate or substitute, wavenumber by wavenumber along x."""
+        nx, layers, _, m = values.shape
+        least = -(-LEAST // (layers * m))
+        run_ranges(kernel, nx, self.inverse, *self.coupling, values, least=least)
+
     def _over_slabs(self, work: Callable[[slice], None]) -> None:
         """Work on slabs of points along x, which fit into the cache, in threads."""
         nx, layers, ny = self.shape
         rows = max(1, SLAB // (24 * layers * ny))
-        slabs = [slice(k, k + rows) for k in range(0, nx, rows)]
-        if min(self.threads, len(slabs)) == 1:
-            for slab in slabs:
-                work(slab)
-            return
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(work, slabs))
+
+        def run(begin: int, end: int) -> None:
+            for k in range(begin, end):
+                work(slice(k * rows, (k + 1) * rows))
+
+        run_ranges(run, -(-nx // rows))
 
     def _transform(self, force: np.ndarray, factor: float, slab: slice) -> None:
         """Transform forces times a factor along y, into the workspace."""
@@ -294,7 +298,7 @@ class LateralInverse:
         return np.asarray(np.stack([a, b, c, *rest]) / (xx * a + xy * b + xz * c))
 
     def _to_wavenumbers(self, values: np.ndarray) -> np.ndarray:
-        transform = scipy.fft.rfft2(values, axes=(0, 2), workers=self.threads)
+        transform = scipy.fft.rfft2(values, axes=(0, 2), workers=thread_count())
         transform[:, :2] *= -1j
         return np.asarray(transform)
 
@@ -302,7 +306,7 @@ class LateralInverse:
         turned = transform.copy()
         turned[:, :2] *= 1j
         nx, _, ny = self.shape
-        return np.asarray(scipy.fft.irfft2(turned, s=(nx, ny), axes=(0, 2), workers=self.threads))
+        return np.asarray(scipy.fft.irfft2(turned, s=(nx, ny), axes=(0, 2), workers=thread_count()))
 
 
 def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -353,28 +357,21 @@ class SurfaceFilter:
             return np.asarray(scipy.fft.irfft2(waves, values.shape, **options))
         symbol, transform, found = self.symbol, self._transform, np.empty(values.shape)
 
-        def along_y(rows: slice) -> None:
-            np.fft.rfft(values[rows], axis=1, out=transform[rows])
+        def along_y(begin: int, end: int) -> None:
+            np.fft.rfft(values[begin:end], axis=1, out=transform[begin:end])
 
-        def along_x(columns: slice) -> None:
-            part = transform[:, columns]
+        def along_x(begin: int, end: int) -> None:
+            part = transform[:, begin:end]
             np.fft.fft(part, axis=0, out=part)
-            part *= symbol[:, columns]
+            part *= symbol[:, begin:end]
             np.fft.ifft(part, axis=0, out=part)
 
-        def back(rows: slice) -> None:
-            np.fft.irfft(transform[rows], values.shape[1], axis=1, out=found[rows])
+        def back(begin: int, end: int) -> None:
+            np.fft.irfft(transform[begin:end], values.shape[1], axis=1, out=found[begin:end])
 
         nx, m = symbol.shape
-        stages = (along_y, nx), (along_x, m), (back, nx)
-        if threads == 1:
-            for work, size in stages:
-                work(slice(size))
-            return found
-        with ThreadPoolExecutor(threads) as pool:
-            for work, size in stages:
-                ends = np.linspace(0, size, threads + 1).astype(int).tolist()
-                list(pool.map(work, map(slice, ends[:-1], ends[1:])))
+        for work, size in ((along_y, nx), (along_x, m), (back, nx)):
+            run_ranges(work, size, least=-(-MANY * size // (2 * values.size)))
         return found
 
 
@@ -424,11 +421,12 @@ def factorise_flat_cell(
     for first in range(0, len(inverse), WAVES):
         part = slice(first, first + WAVES)
         pivots = np.empty(inverse[part, ..., ::2].shape)
-        _factorise(own / scale, above / scale, waves[0][:, part], waves[1], pivots)
+        arguments = own / scale, above / scale, waves[0][:, part], waves[1], pivots
+        run_ranges(_factorise, len(pivots), *arguments, least=-(-LEAST // (layers * ny)))
         inverse[part, ..., ::2] = inverse[part, ..., 1::2] = pivots
     along_x, along_y = waves[0].astype(dtype), np.repeat(waves[1], 2, axis=1).astype(dtype)
     coupling = (above / scale).astype(dtype), along_x, along_y
-    return LateralInverse((nx, layers, ny), inverse, coupling, thread_count(), scale)
+    return LateralInverse((nx, layers, ny), inverse, coupling, scale)
 
 
 def _waves(points: int, spacing: float, count: int) -> np.ndarray:

@@ -12,15 +12,18 @@ slopes that the half-space climbs, :math:`\partial h / \partial x > 0`, and lowe
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from multiscale.convergence import Status, check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.contact_area import contact_fraction
-from multiscale.micro.lateral_fft import SurfaceFilter
 from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from multiscale.micro.lateral_fft import SurfaceFilter
 
 __all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding"]
 
@@ -207,11 +210,13 @@ def solve_sliding(
 
 def _filters(
     surface: Surface, solid: RelaxingSolid, velocity: float
-) -> tuple[SurfaceFilter, SurfaceFilter, np.ndarray]:
+) -> "tuple[SurfaceFilter, SurfaceFilter, np.ndarray]":
     """From pressure to displacement and back (1), both without their means, and the slope along x.
 
     The wave with two points along x, which an odd number of points does not have, has no direction.
     """
+    from multiscale.micro.lateral_fft import SurfaceFilter
+
     (nx, ny), (lx, ly) = surface.heights.shape, surface.size
     across = 2.0 * np.pi / ly * np.arange(ny // 2 + 1)
     along = 2.0 * np.pi / lx * np.fft.fftfreq(nx, 1.0 / nx)[:, None] + 0.0 * across
@@ -225,8 +230,8 @@ def _filters(
 
 
 def _close(
-    respond: SurfaceFilter,
-    stiffen: SurfaceFilter,
+    respond: "SurfaceFilter",
+    stiffen: "SurfaceFilter",
     heights: np.ndarray,
     p: np.ndarray,
     active: np.ndarray,

@@ -16,6 +16,7 @@ from multiscale.bench.stability import (
 )
 from multiscale.bench.stability import stability_cases as read_cases
 from multiscale.errors import CaseError
+from multiscale.executors import thread_count
 from multiscale.io import open_dataset, write_dataset
 from multiscale.schema import STABILITY
 
@@ -117,9 +118,7 @@ def test_every_case_runs_on_one_thread_since_others_run_beside_it(monkeypatch):
 
 
 def _count_threads(_one):
-    import numba
-
-    return stability._Outcome(2, float(numba.get_num_threads()), 0.1)
+    return stability._Outcome(2, float(thread_count()), 0.1)
 
 
 def _die_without_number(one):

@@ -7,7 +7,6 @@ from dataclasses import replace
 from multiprocessing import get_context
 from threading import Event
 
-import numba
 import numpy as np
 import pytest
 import xarray as xr
@@ -15,7 +14,7 @@ import xarray as xr
 from multiscale import executors
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
-from multiscale.executors import process_pool, run_jobs
+from multiscale.executors import process_pool, run_jobs, thread_count
 from multiscale.micro import (
     Cell,
     FlatCell,
@@ -146,7 +145,7 @@ def call(function):
 
 
 def _threads():
-    return numba.get_num_threads()
+    return thread_count()
 
 
 @pytest.mark.slow
@@ -155,9 +154,9 @@ def test_workers_of_others_have_one_thread_unless_their_user_set_a_number(
     setting, expected, monkeypatch
 ):
     if setting is None:
-        monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+        monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     else:
-        monkeypatch.setenv("NUMBA_NUM_THREADS", setting)
+        monkeypatch.setenv("OMP_NUM_THREADS", setting)
     found = []
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         run_jobs(_threads, [(0, ())], executor, lambda key, threads: found.append(threads))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from multiscale.executors import threads
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, solve_cell
-from multiscale.numerics.compiled import threads
 from tests.support import egg_box
 
 PRESS = Path(approach=(0.005, 0.01))

@@ -17,8 +17,8 @@ from matplotlib.image import imread
 
 from multiscale import executors
 from multiscale.errors import MultiscaleError
+from multiscale.executors import threads
 from multiscale.io import open_dataset
-from multiscale.numerics.compiled import threads
 from multiscale.pipeline import load_sweep, run_sweep
 from multiscale.schema import STABILITY
 from tests.support import COMMAND, small_steel

@@ -5,6 +5,7 @@ from typing import Self
 
 import numpy as np
 
+from multiscale.macro.granulate.grain_bodies import PLANE
 from multiscale.numerics.compiled import compiled
 
 __all__ = [
@@ -16,8 +17,6 @@ __all__ = [
     "mark_overlaps",
     "penetration",
 ]
-
-PLANE, CYLINDER = 0, 1
 
 STIFFENING, LEAST_COMPLIANCE = 0.1, 5e-5
 """Factor on the compliance of a contact that overlaps too far, and the compliance below which a

@@ -10,6 +10,8 @@ from multiscale.errors import CaseError
 
 __all__ = ["CylinderWall", "Grains", "PlaneWall", "Wall", "box"]
 
+PLANE, CYLINDER = 0, 1  # kinds of walls in arrays of all walls
+
 
 @dataclass(frozen=True)
 class Grains:

@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.contacts import CYLINDER, PLANE
-from multiscale.macro.granulate.grain_bodies import Grains, Wall
+from multiscale.macro.granulate.grain_bodies import CYLINDER, PLANE, Grains, Wall
 
 __all__ = ["ContactLaw", "Model", "Solver"]
 

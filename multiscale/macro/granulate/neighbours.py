@@ -7,9 +7,12 @@ the work is proportional to the number of grains whatever the ratio of their siz
 
 import numpy as np
 
-from multiscale.numerics.compiled import compiled, prange
+from multiscale.executors import run_ranges
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["find_pairs"]
+
+LEAST = 1000  # grains for a thread
 
 
 def find_pairs(
@@ -44,8 +47,12 @@ def find_pairs(
     table = 1 << max(4, int(2 * radius.size - 1).bit_length())
     grains = (position, radius, reach, period)
     grid = (level, width, count, *_fill_cells(position, level, width, count, table))
-    starts = np.concatenate([[0], np.cumsum(_count_pairs(grains, grid))])
-    return np.asarray(_list_pairs(grains, grid, starts))
+    found = np.empty(radius.size, np.int64)
+    run_ranges(_count_pairs, radius.size, grains, grid, found, least=LEAST)
+    starts = np.concatenate([[0], np.cumsum(found)])
+    pairs = np.empty((starts[-1], 2), np.int32)
+    run_ranges(_list_pairs, radius.size, grains, grid, starts, pairs, least=LEAST)
+    return pairs
 
 
 @compiled
@@ -121,20 +128,16 @@ def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
     return found
 
 
-@compiled(parallel=True)
-def _count_pairs(grains, grid):  # type: ignore[no-untyped-def]
-    found = np.empty(grains[1].size, np.int64)
+@compiled
+def _count_pairs(begin, end, grains, grid, found):  # type: ignore[no-untyped-def]
     none = np.empty((0, 2), np.int32)
-    for i in prange(found.size):
-        found[i] = _visit(np.int64(i), grains, grid, none, np.int64(0))  # one signature
-    return found
+    for i in range(begin, end):
+        found[i] = _visit(i, grains, grid, none, np.int64(0))
 
 
-@compiled(parallel=True)
-def _list_pairs(grains, grid, starts):  # type: ignore[no-untyped-def]
+@compiled
+def _list_pairs(begin, end, grains, grid, starts, pairs):  # type: ignore[no-untyped-def]
     """List the pairs in the order of the grains that find them."""
-    pairs = np.empty((starts[-1], 2), np.int32)
-    for i in prange(starts.size - 1):
+    for i in range(begin, end):
         if starts[i + 1] > starts[i]:
-            _visit(np.int64(i), grains, grid, pairs, starts[i])
-    return pairs
+            _visit(i, grains, grid, pairs, starts[i])

@@ -20,7 +20,7 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
 
 import numpy as np
 
-from multiscale.numerics.compiled import compiled, prange
+from multiscale.numerics.compiled import compiled
 
 __all__ = [
     "apply_impulses",
@@ -310,7 +310,7 @@ def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-unty
                 value[c, k] = before[c, k] + direction[c, k]
 
 
-@compiled(fastmath=True, parallel=True)
+@compiled(fastmath=True)
 def relax_coloured(  # type: ignore[no-untyped-def]
     velocity, mobility, ends, data, coulomb, impulse, anchor, bounds, threads, target, sweeps, burst
 ):
@@ -328,7 +328,7 @@ def relax_coloured(  # type: ignore[no-untyped-def]
                 if size < 64:
                     sweep_grains(first, first + size, *arrays)
                 else:
-                    for t in prange(threads):
+                    for t in range(threads):
                         low, high = size * t // threads, size * (t + 1) // threads
                         sweep_grains(first + low, first + high, *arrays)
             sweep_grains(bounds[-1], ends.shape[0], *arrays)

@@ -31,7 +31,6 @@ from multiscale.errors import CaseError
 from multiscale.fe.elements import is_first_order
 from multiscale.fe.faces import corner_integrals, face_areas, face_operator
 from multiscale.fe.facets import ContactFace, facet_normals, surface_of
-from multiscale.fe.mortar import couple
 from multiscale.macro.bodies.assembly import Interface
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.problem import CutInterface, Substructure
@@ -182,6 +181,8 @@ def _averages(
 ) -> list[_Piece]:
     """Points of faces that do not match, by (1) for each pair of substructures."""
     from scipy.spatial import cKDTree
+
+    from multiscale.fe.mortar import couple
 
     boundaries = [str(one) for one in joint.boundaries]
     faces = [surface_of(body.mesh, at) for body, at in zip(bodies, boundaries, strict=True)]

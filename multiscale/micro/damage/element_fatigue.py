@@ -17,8 +17,7 @@ import numpy as np
 from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
-from multiscale.micro.damage.fatigue_material import FatigueMaterial
-from multiscale.micro.damage.inclusion import LIMIT, STATE_SIZE, run_points
+from multiscale.micro.damage.fatigue_material import LIMIT, STATE_SIZE, FatigueMaterial
 from multiscale.schema import FATIGUE_LIFE, Dataset
 
 __all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
@@ -61,6 +60,8 @@ class _Inclusions:
 
     def follow(self, state: np.ndarray, stress: np.ndarray, cycles: int) -> FatigueProgress:
         """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
+        from multiscale.micro.damage.inclusion import run_points
+
         path, n = np.ascontiguousarray(_bends(stress).swapaxes(0, 1)), self.factors.size
         kinds = np.tile(self.material.parameters(), (n, 1))
         kinds[:, LIMIT] *= self.factors

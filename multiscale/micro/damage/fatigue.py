@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
-from multiscale.micro.damage.fatigue_material import FatigueMaterial, StressBlock
+from multiscale.micro.damage.fatigue_material import STATE_SIZE, FatigueMaterial, StressBlock
 from multiscale.schema import FATIGUE, WOEHLER, Dataset
 
 __all__ = ["two_scale_fatigue", "woehler_curve"]
@@ -163,8 +163,6 @@ class _Life:
         self, max_cycles: float
     ) -> tuple[FatigueProgress, list[tuple[float, float, float]]]:
         """Repeat the blocks until rupture, shakedown or the last cycle."""
-        from multiscale.micro.damage.inclusion import STATE_SIZE
-
         run, record = FatigueProgress.begin(np.zeros((1, STATE_SIZE))), [(0.0, 0.0, 0.0)]
 
         def note() -> None:

@@ -6,7 +6,13 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["FatigueMaterial", "StressBlock"]
+__all__ = ["STATE_SIZE", "FatigueMaterial", "StressBlock"]
+
+STATE_SIZE = 20
+"""Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
+
+# places of the parameters in the array of a material, as the fields of FatigueMaterial
+E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 
 TRACE = 1e-9
 """Trace of a plastic strain over its largest component that is rounding."""

@@ -64,15 +64,21 @@ References
 
 import numpy as np
 
+from multiscale.micro.damage.fatigue_material import (
+    CLOSURE,
+    CRITICAL,
+    EXPONENT,
+    FEEDBACK,
+    HARDENING,
+    LIMIT,
+    NU,
+    STRENGTH,
+    THRESHOLD,
+    E,
+)
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["STATE_SIZE", "damage_rate", "effective_stress", "run_cycles", "run_points"]
-
-STATE_SIZE = 20
-"""Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
-
-# places of the parameters in the array of a material, as the fields of FatigueMaterial
-E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
+__all__ = ["damage_rate", "effective_stress", "run_cycles", "run_points"]
 
 
 @compiled

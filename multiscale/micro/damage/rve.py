@@ -113,8 +113,9 @@ def effective_stiffness(
     np.float64(0.75)
     """
     check_limits(tolerance, max_iterations)
-    from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
+    from multiscale.micro.damage.voxel_operator import VoxelOperator
     from multiscale.micro.damage.voxel_sides import HeldVoxels, traction_stiffness
+    from multiscale.numerics.vectors import dot
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
@@ -154,7 +155,7 @@ def effective_stiffness(
             stress = operator.mean_stress(load.value, strain)
             motions.append(load.value.astype(np.float32))
             for j, u in enumerate(motions):  # (2)
-                stiffness[j, k] = stiffness[k, j] = stress[j] - inner_product(r, u) / volume
+                stiffness[j, k] = stiffness[k, j] = stress[j] - dot(r, u) / volume
             loads.append(replace(load, value=stress))
     # a stiffness below the error of (2) cannot be told from zero
     lost = max(LOST_STIFFNESS, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
@@ -179,7 +180,8 @@ def _solve(
     Any fixed positive definite preconditioner will do, so that single precision is enough for it;
     all sums are in double precision.
     """
-    from multiscale.micro.damage.voxel_operator import inner_product, turn_direction, update_iterate
+    from multiscale.micro.damage.voxel_operator import update_iterate
+    from multiscale.numerics.vectors import dot, turn
 
     begin = perf_counter()
     u, r = np.zeros(load.shape), load.copy()
@@ -190,18 +192,18 @@ def _solve(
     rough = r.astype(np.float32)
     z = operator.precondition(rough)
     p = z.astype(float)
-    power = first = inner_product(r, z)
+    power = first = dot(r, z)
     residuals, seconds = [1.0], [perf_counter() - begin]
     status = Status.MAX_ITERATIONS
     for iteration in range(1, max_iterations + 1):
         q = operator.forces(p)
-        curvature = inner_product(p, q)
+        curvature = dot(p, q)
         if not curvature > 0.0:
             status = Status.STALLED if np.isfinite(curvature) else Status.NOT_FINITE
             break
         update_iterate(power / curvature, p, q, u, r, rough)
         z = operator.precondition(rough)
-        previous, power = power, inner_product(r, z)
+        previous, power = power, dot(r, z)
         residuals.append(float(np.sqrt(max(power, 0.0) / first)))
         seconds.append(perf_counter() - begin)
         if callback is not None:
@@ -209,7 +211,7 @@ def _solve(
         if reason := verdict(residuals, tolerance, PATIENCE):
             status = reason
             break
-        turn_direction(power / previous, z, p)
+        turn(power / previous, p.ravel(), z.ravel())
     return Solution(u, status, tuple(residuals), tuple(seconds)), r
 
 

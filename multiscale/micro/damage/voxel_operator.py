@@ -24,9 +24,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import fft
 
-from multiscale.numerics.compiled import compiled, prange, thread_count
+from multiscale.executors import run_ranges, thread_count
+from multiscale.numerics import vectors
+from multiscale.numerics.compiled import compiled
 
-__all__ = ["VoxelOperator", "inner_product", "turn_direction", "update_iterate"]
+__all__ = ["VoxelOperator", "update_iterate"]
+
+LEAST = 10_000  # bricks for a thread
 
 
 class VoxelOperator:
@@ -52,17 +56,25 @@ class VoxelOperator:
             for t in (2.0 * np.pi * fft.fftfreq(n) for n in self.lame.shape)
         ]
 
+    @property
+    def _least(self) -> int:
+        """Planes of bricks for a thread."""
+        return -(-LEAST // int(self.lame[0].size))
+
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:
         """Nodal forces of a periodic displacement and a mean strain, shape (6,), if it is given."""
         mean = np.zeros(6) if strain is None else np.asarray(strain, dtype=float)
         out = np.zeros_like(u)
-        _forces(u, mean, self.lame, self.shear, self.edges, out)
+        arguments, nx = (u, mean, self.lame, self.shear, self.edges, out), len(self.lame)
+        for colour, strips in enumerate((nx // 2, nx // 2, nx % 2)):
+            run_ranges(_forces, strips, colour, *arguments, least=self._least)
         return out
 
     def mean_stress(self, u: np.ndarray, strain: np.ndarray) -> np.ndarray:
         """Mean stress, shape (6,), Pa, of a periodic displacement and a mean strain."""
         total = np.zeros((len(u[0]), 6))
-        _stress(u, np.asarray(strain, dtype=float), self.lame, self.shear, self.edges, total)
+        arguments = u, np.asarray(strain, dtype=float), self.lame, self.shear, self.edges, total
+        run_ranges(_stress, len(total), *arguments, least=self._least)
         return np.asarray(total.sum(axis=0) / self.lame.size)
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
@@ -71,15 +83,11 @@ class VoxelOperator:
         values = fft.rfftn(force, axes=(1, 2, 3), workers=threads)
         along_x, along_y, along_z = self._tables
         lame, shear = self.reference
-        _invert(values, along_x, along_y, along_z, lame, shear, self.edges)
+        arguments = values, along_x, along_y, along_z, lame, shear, self.edges
+        run_ranges(_invert, values.shape[1], *arguments, least=self._least)
         return np.asarray(
             fft.irfftn(values, s=force.shape[1:], axes=(1, 2, 3), workers=threads, overwrite_x=True)
         )
-
-
-def inner_product(a: np.ndarray, b: np.ndarray) -> float:
-    """Sum the products of two fields of one shape and any precision."""
-    return float(_inner_product(a.ravel(), b.ravel()))
 
 
 def update_iterate(
@@ -89,34 +97,16 @@ def update_iterate(
 
     All fields have one shape; ``rough`` has single precision.
     """
-    _update_iterate(share, *(field.ravel() for field in (p, q, u, r, rough)))
+    fields = (field.ravel() for field in (p, q, u, r, rough))
+    run_ranges(_update_iterate, p.size, share, *fields, least=vectors.LEAST)
 
 
-def turn_direction(share: float, z: np.ndarray, p: np.ndarray) -> None:
-    """Replace the search direction p by z + share * p, in place."""
-    _turn_direction(share, z.ravel(), p.ravel())
-
-
-@compiled(parallel=True)
-def _inner_product(a, b):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for i in prange(len(a)):
-        total += a[i] * b[i]
-    return total
-
-
-@compiled(parallel=True)
-def _update_iterate(share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
-    for i in prange(len(p)):
+@compiled
+def _update_iterate(begin, end, share, p, q, u, r, rough):  # type: ignore[no-untyped-def]
+    for i in range(begin, end):
         u[i] += share * p[i]
         r[i] -= share * q[i]
         rough[i] = r[i]
-
-
-@compiled(parallel=True)
-def _turn_direction(share, z, p):  # type: ignore[no-untyped-def]
-    for i in prange(len(p)):
-        p[i] = z[i] + share * p[i]
 
 
 @compiled(fastmath=True)
@@ -236,35 +226,32 @@ def _spread(near, far, i, i1, j, j1, out):  # type: ignore[no-untyped-def]
             s[k] += a[k] + b[k] + d[k] + e[k]
 
 
-@compiled(parallel=True, fastmath=True)
-def _forces(u, mean, lame, shear, edges, out):  # type: ignore[no-untyped-def]
-    """Add the forces of all bricks; strips in x that share no node run together."""
+@compiled(fastmath=True)
+def _forces(begin, end, colour, u, mean, lame, shear, edges, out):  # type: ignore[no-untyped-def]
+    """Add the forces of the bricks in some strips in x of one colour, which share no node."""
     nx, ny, nz = lame.shape
     scale = (0.25 / edges[0], 0.25 / edges[1], 0.25 / edges[2])
     volume = edges[0] * edges[1] * edges[2]
-    pairs = nx // 2
-    for colour in range(3):
-        strips = pairs if colour < 2 else nx - 2 * pairs
-        for strip in prange(strips):
-            i = 2 * strip + colour if colour < 2 else nx - 1
-            i1 = (i + 1) % nx
-            rows = np.empty((12, nz + 1))
-            near, far = np.empty((12, nz)), np.empty((12, nz))
-            for j in range(ny):
-                if not np.any(shear[i, j]):
-                    continue
-                j1 = (j + 1) % ny
-                _rows(u, i, i1, j, j1, rows)
-                _row_forces(rows, mean, lame[i, j], shear[i, j], scale, volume, near, far)
-                _spread(near, far, i, i1, j, j1, out)
+    for strip in range(begin, end):
+        i = 2 * strip + colour if colour < 2 else nx - 1
+        i1 = (i + 1) % nx
+        rows = np.empty((12, nz + 1))
+        near, far = np.empty((12, nz)), np.empty((12, nz))
+        for j in range(ny):
+            if not np.any(shear[i, j]):
+                continue
+            j1 = (j + 1) % ny
+            _rows(u, i, i1, j, j1, rows)
+            _row_forces(rows, mean, lame[i, j], shear[i, j], scale, volume, near, far)
+            _spread(near, far, i, i1, j, j1, out)
 
 
-@compiled(parallel=True, fastmath=True)
-def _stress(u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
+@compiled(fastmath=True)
+def _stress(begin, end, u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
     """Sum of the mean stresses of the bricks, one row of ``total`` for each place along x."""
     nx, ny, nz = lame.shape
     x, y, z = 0.25 / edges[0], 0.25 / edges[1], 0.25 / edges[2]
-    for i in prange(nx):
+    for i in range(begin, end):
         rows = np.empty((12, nz + 1))
         for j in range(ny):
             _rows(u, i, (i + 1) % nx, j, (j + 1) % ny, rows)
@@ -285,12 +272,14 @@ def _stress(u, mean, lame, shear, edges, total):  # type: ignore[no-untyped-def]
                 total[i, 5] += mu * (xy + mean[5])
 
 
-@compiled(parallel=True, fastmath=True)
-def _invert(values, along_x, along_y, along_z, lame, shear, edges):  # type: ignore[no-untyped-def]
+@compiled(fastmath=True)
+def _invert(  # type: ignore[no-untyped-def]
+    begin, end, values, along_x, along_y, along_z, lame, shear, edges
+):
     """Multiply by the inverse of (1) for every wavenumber; the mean motion is zero."""
-    nx, ny, nz = values.shape[1:]
+    ny, nz = values.shape[2:]
     volume = 4.0 * edges[0] * edges[1] * edges[2]
-    for i in prange(nx):
+    for i in range(begin, end):
         sx, cx = along_x[0, i] / edges[0], along_x[1, i]
         mx, kx = cx * cx + (along_x[0, i] * along_x[0, i]) / 3.0, sx * sx
         for j in range(ny):

@@ -32,9 +32,10 @@ import numpy as np
 from scipy import fft, ndimage
 
 from multiscale.convergence import Solution
+from multiscale.executors import thread_count
 from multiscale.laws.bulk.moduli import VOIGT
-from multiscale.micro.damage.voxel_operator import VoxelOperator, inner_product
-from multiscale.numerics.compiled import thread_count
+from multiscale.micro.damage.voxel_operator import VoxelOperator
+from multiscale.numerics.vectors import dot
 
 __all__ = ["HeldVoxels", "traction_stiffness"]
 
@@ -136,7 +137,7 @@ def traction_stiffness(
         solved.append(replace(one, value=one.value.astype(np.float32)))
         for j in range(k + 1):
             u = solved[j].value
-            F[j, k] = F[k, j] = inner_product(loads[j], one.value) + inner_product(u, r)
+            F[j, k] = F[k, j] = dot(loads[j], one.value) + dot(u, r)
     stiffness = np.zeros((6, 6))
     kept = np.ix_(carried, carried)
     stiffness[kept] = np.linalg.inv(F[kept]) / (np.prod(edges) * modulus.size)  # (1)

@@ -16,12 +16,14 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
+from multiscale.executors import run_ranges
 from multiscale.micro.finite.batch import kernel
-from multiscale.numerics.compiled import compiled, prange
+from multiscale.numerics.compiled import compiled
 
 __all__ = ["DeformedSurface", "Projection", "catmull_rom"]
 
 SEARCHES = 40  # largest number of Newton steps of a search
+LEAST = 1000  # searches for a thread
 CLOSE = 1e-13  # tolerance of a search, in grid distances
 
 
@@ -60,11 +62,13 @@ def _sample(field, dx, dy, x, y, wx, wy, values):  # type: ignore[no-untyped-def
     return i, j
 
 
-@compiled(parallel=True)
-def _locate(field, dx, dy, target, search, place, values, column, weight):  # type: ignore[no-untyped-def]
+@compiled
+def _locate(  # type: ignore[no-untyped-def]
+    begin, end, field, dx, dy, target, search, place, values, column, weight
+):
     """Find the places above the targets if ``search`` is true, and sample the surface there."""
     nx, _, ny = field.shape
-    for node in prange(target.shape[1]):
+    for node in range(begin, end):
         wx, wy = np.empty((3, 4)), np.empty((3, 4))
         x, y, found = place[0, node], place[1, node], values[node]
         i, j = _sample(field, dx, dy, x, y, wx, wy, found)
@@ -181,6 +185,7 @@ class DeformedSurface:
         column, weight = np.empty((nodes, 16), dtype=np.int64), np.empty((3, nodes, 16))
         goal = start if target is None else np.ascontiguousarray(target.reshape(2, -1))
         field = np.ascontiguousarray(self.field)
-        _locate(field, *self.spacing, goal, target is not None, start, values, column, weight)
+        arguments = field, *self.spacing, goal, target is not None, start, values, column, weight
+        run_ranges(_locate, nodes, *arguments, least=LEAST)
         points = self.field.shape[0], self.field.shape[2]
         return Projection(start.reshape(place.shape), values, column, weight, points)

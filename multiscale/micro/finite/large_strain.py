@@ -89,7 +89,7 @@ class _LargeStrainCell:
         def respond(u: np.ndarray) -> BodyResponse:
             force, flags = np.zeros_like(u), np.empty((len(u), 2))
             respond_cell(
-                *self.geometry,
+                self.geometry,
                 kind,
                 moduli,
                 self.scale,
@@ -117,7 +117,7 @@ class _LargeStrainCell:
 
         def finish(u: np.ndarray) -> np.ndarray:
             new = np.empty_like(state)
-            update_state(*self.geometry, PLASTIC, self.moduli(), u, state, new)
+            update_state(self.geometry, PLASTIC, self.moduli(), u, state, new)
             return new
 
         return self.step(state, self.moduli(), finish)
@@ -130,7 +130,7 @@ class _LargeStrainCell:
 
         def finish(u: np.ndarray) -> np.ndarray:
             elastic = np.empty((*self.points, 6, BATCH))
-            update_state(*self.geometry, NEO_HOOKEAN, self.moduli(), u, NO_STATE, elastic)
+            update_state(self.geometry, NEO_HOOKEAN, self.moduli(), u, NO_STATE, elastic)
             elastic *= law.shear_modulus
             new = law.advance(rows, np.moveaxis(elastic, -2, 0))
             return np.ascontiguousarray(np.moveaxis(new, 0, -2))

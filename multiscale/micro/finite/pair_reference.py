@@ -33,7 +33,7 @@ def add_compliances(first: LateralInverse, second: np.ndarray) -> LateralInverse
     nx, _, ny = first.shape
     layer = np.repeat(np.moveaxis(symbol[:, : nx // 2 + 1], 0, 1)[:, None], 2, axis=3)
     nothing = np.zeros((0, 9)), np.zeros((4, nx)), np.zeros((4, layer.shape[3]))
-    return LateralInverse((nx, 1, ny), layer, nothing, first.threads)
+    return LateralInverse((nx, 1, ny), layer, nothing)
 
 
 @dataclass(frozen=True, eq=False)

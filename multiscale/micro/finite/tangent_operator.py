@@ -5,9 +5,12 @@ as the stiffness matrix of each element; one kernel applies it for all laws.
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+from multiscale.executors import run_ranges
 from multiscale.micro.finite.batch import (
     CHANGE,
     COFACTOR,
@@ -42,7 +45,6 @@ from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
 from multiscale.micro.finite.plastic import plastic, plastic_state
 from multiscale.micro.finite.plastic_tangent import SINGLE_ROWS
 from multiscale.micro.hexahedron import BATCH, gather, scatter
-from multiscale.numerics.compiled import compiled, prange
 
 __all__ = [
     "NEO_HOOKEAN",
@@ -55,9 +57,8 @@ __all__ = [
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
 SHARE = math.sqrt(0.125)  # of each corner in an amplitude
+LEAST = 1000  # elements for a thread
 LEAST_SLOPE = 0.1  # of ln J / J times J^2, which falls to 0 at J = e
-
-parallel_kernel = compiled(parallel=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 
 
 @part
@@ -112,8 +113,24 @@ def _couple(s, modulus, scale, dx, dy, rows):  # type: ignore[no-untyped-def]
         rows[MOTIONS * BATCH + v] = scale * give
 
 
-@parallel_kernel
-def respond_cell(  # type: ignore[no-untyped-def]
+def respond_cell(geometry: tuple[Any, ...], *arguments: Any) -> None:
+    """Compute the forces and the tangent of a cell; arguments of :func:`_respond`."""
+    _run_coloured(_respond, arguments[3], *geometry, *arguments)
+
+
+def _run_coloured(kernel: Callable[..., None], u: np.ndarray, *arguments: Any) -> None:
+    """Run a kernel on pairs of strips, of which it takes the first, then the second."""
+    nx, layers, _, ny = u.shape
+    for colour in range(2):
+        least = -(-LEAST // (layers * ny))
+        run_ranges(kernel, (nx + 1 - colour) // 2, colour, *arguments, least=least)
+
+
+@kernel
+def _respond(  # type: ignore[no-untyped-def]
+    begin,
+    end,
+    colour,
     heights,
     planes,
     factor,
@@ -128,74 +145,83 @@ def respond_cell(  # type: ignore[no-untyped-def]
     tangent,
     least,
 ):
-    """Compute the forces and the tangent."""
+    """Compute the forces and the tangent of pairs of strips."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     shear, volume = moduli[0], moduli[1]
     has, mixed = state.shape[5] > 1, scale > 0.0
-    for colour in range(2):
-        for pair in prange((nx + 1 - colour) // 2):
-            i = 2 * pair + colour
-            sides = (i, (i + 1) % nx)
-            s = np.zeros(SCRATCH)
-            points = np.empty(8 * POINT_ROWS * BATCH, np.float32)
-            sums = np.empty(ENTRIES * BATCH, np.float32)
-            single = np.empty(SINGLE_ROWS * BATCH, np.float32)
-            smallest, flowing = 1e300, 0
-            for batch in range(batches):
-                start = batch * BATCH
-                lanes = min(BATCH, ny - start)
-                for layer in range(layers):
-                    determinant = strain_batch(
-                        heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s
-                    )
-                    smallest = min(smallest, determinant)
-                    if not determinant > LEAST_DILATATION:
-                        smallest = -1.0
-                        continue
-                    rows = tangent[i, layer, batch]
-                    kept = state[i, layer, batch] if has else state[0, 0, 0]
-                    for k in range(36 * BATCH):
-                        s[FLUX + k], s[DILATED + k] = 0.0, 0.0
+    for pair in range(begin, end):
+        i = 2 * pair + colour
+        sides = (i, (i + 1) % nx)
+        s = np.zeros(SCRATCH)
+        points = np.empty(8 * POINT_ROWS * BATCH, np.float32)
+        sums = np.empty(ENTRIES * BATCH, np.float32)
+        single = np.empty(SINGLE_ROWS * BATCH, np.float32)
+        smallest, flowing = 1e300, 0
+        for batch in range(batches):
+            start = batch * BATCH
+            lanes = min(BATCH, ny - start)
+            for layer in range(layers):
+                determinant = strain_batch(
+                    heights, planes, factor, dx, dy, u, sides, layer, start, lanes, s
+                )
+                smallest = min(smallest, determinant)
+                if not determinant > LEAST_DILATATION:
+                    smallest = -1.0
+                    continue
+                rows = tangent[i, layer, batch]
+                kept = state[i, layer, batch] if has else state[0, 0, 0]
+                for k in range(36 * BATCH):
+                    s[FLUX + k], s[DILATED + k] = 0.0, 0.0
+                if mixed:
+                    logarithm(s[MEAN:], s[CHANGE:])
+                    for v in range(lanes):
+                        s[PRESSURE + v] = scale * u[i, layer, 3, start + v]
+                for q in range(8):
+                    point = points[q * POINT_ROWS * BATCH :]
+                    pull_back(s, q)
+                    _volume(s, q, volume, mixed)
                     if mixed:
-                        logarithm(s[MEAN:], s[CHANGE:])
-                        for v in range(lanes):
-                            s[PRESSURE + v] = scale * u[i, layer, 3, start + v]
-                    for q in range(8):
-                        point = points[q * POINT_ROWS * BATCH :]
-                        pull_back(s, q)
-                        _volume(s, q, volume, mixed)
-                        if mixed:
-                            _dilate(s, q)
-                        if law == NEO_HOOKEAN:
-                            neo_hookean(s, q, shear, kept[q], has, point)
-                        else:
-                            flowing += plastic(
-                                s, q, shear, moduli[2:], kept[q], single, point, lanes
-                            )
-                    add_matrix(points, sums, dx, dy, rows)
-                    edge_forces(s, dx, dy)
-                    scatter(s[NODES:], sides, layer, start, lanes, out)
-                    if mixed:
-                        _couple(s, volume, scale, dx, dy, rows[ENTRIES * BATCH :])
-                        for v in range(lanes):
-                            out[i, layer, 3, start + v] = s[PRESSURE + v]
-            least[i, 0], least[i, 1] = smallest, flowing
+                        _dilate(s, q)
+                    if law == NEO_HOOKEAN:
+                        neo_hookean(s, q, shear, kept[q], has, point)
+                    else:
+                        flowing += plastic(s, q, shear, moduli[2:], kept[q], single, point, lanes)
+                add_matrix(points, sums, dx, dy, rows)
+                edge_forces(s, dx, dy)
+                scatter(s[NODES:], sides, layer, start, lanes, out)
+                if mixed:
+                    _couple(s, volume, scale, dx, dy, rows[ENTRIES * BATCH :])
+                    for v in range(lanes):
+                        out[i, layer, 3, start + v] = s[PRESSURE + v]
+        least[i, 0], least[i, 1] = smallest, flowing
 
 
-@parallel_kernel
-def update_state(  # type: ignore[no-untyped-def]
-    heights, planes, factor, dx, dy, law, moduli, u, state, new
-):
-    """Write the state at the end of a step; arguments as of :func:`respond_cell`.
+def update_state(
+    geometry: tuple[Any, ...],
+    law: int,
+    moduli: np.ndarray,
+    u: np.ndarray,
+    state: np.ndarray,
+    new: np.ndarray,
+) -> None:
+    """Write the state at the end of a step; arguments as of :func:`_respond`.
 
     This is the state of J2 plasticity or, of ``NEO_HOOKEAN``, I - C^-1: rows 11, 22, 33, 12, 23,
     13.
     """
     nx, layers, _, ny = u.shape
+    arguments = *geometry, law, moduli, u, state, new
+    run_ranges(_update_strips, nx, *arguments, least=-(-LEAST // (layers * ny)))
+
+
+@kernel
+def _update_strips(  # type: ignore[no-untyped-def]
+    begin, end, heights, planes, factor, dx, dy, law, moduli, u, state, new
+):
+    nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
-    for strip in prange(nx):
-        i = np.int64(strip)
+    for i in range(begin, end):
         sides = (i, (i + 1) % nx)
         s = np.zeros(SCRATCH)
         for batch in range(batches):
@@ -230,29 +256,32 @@ def _inverse_strain(s, out):  # type: ignore[no-untyped-def]
             out[row, v] = one - value
 
 
-@parallel_kernel
-def apply_tangent(tangent, u, out):  # type: ignore[no-untyped-def]
+def apply_tangent(tangent: np.ndarray, u: np.ndarray, out: np.ndarray) -> None:
     """Multiply a displacement, m, by the tangent and add forces, N; see :func:`respond_cell`."""
+    _run_coloured(_apply_tangent, u, tangent, u, out)
+
+
+@kernel
+def _apply_tangent(begin, end, colour, tangent, u, out):  # type: ignore[no-untyped-def]
     nx, layers, components, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
-    for colour in range(2):
-        for pair in prange((nx + 1 - colour) // 2):
-            i = 2 * pair + colour
-            sides = (i, (i + 1) % nx)
-            s = np.empty(24 * BATCH, u.dtype)
-            x, y = np.empty(MOTIONS * BATCH, np.float32), np.empty(MOTIONS * BATCH, np.float32)
-            for batch in range(batches):
-                start = batch * BATCH
-                lanes = min(BATCH, ny - start)
-                for layer in range(layers):
-                    gather(u, sides, layer, start, lanes, s)
-                    _to_modes(s, x)
-                    multiply(tangent[i, layer, batch], x, y)
-                    if components == 4:
-                        rows = tangent[i, layer, batch, ENTRIES * BATCH :]
-                        _press(rows, u[i, layer, 3, start:], x, y, out[i, layer, 3, start:], lanes)
-                    _from_modes(y, s)
-                    scatter(s, sides, layer, start, lanes, out)
+    for pair in range(begin, end):
+        i = 2 * pair + colour
+        sides = (i, (i + 1) % nx)
+        s = np.empty(24 * BATCH, u.dtype)
+        x, y = np.empty(MOTIONS * BATCH, np.float32), np.empty(MOTIONS * BATCH, np.float32)
+        for batch in range(batches):
+            start = batch * BATCH
+            lanes = min(BATCH, ny - start)
+            for layer in range(layers):
+                gather(u, sides, layer, start, lanes, s)
+                _to_modes(s, x)
+                multiply(tangent[i, layer, batch], x, y)
+                if components == 4:
+                    rows = tangent[i, layer, batch, ENTRIES * BATCH :]
+                    _press(rows, u[i, layer, 3, start:], x, y, out[i, layer, 3, start:], lanes)
+                _from_modes(y, s)
+                scatter(s, sides, layer, start, lanes, out)
 
 
 @part

@@ -1,10 +1,10 @@
 """The contacts of a step against the solver for friction problems, threads and extremes."""
 
-import numba
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from multiscale.executors import threads
 from multiscale.macro.granulate import (
     ContactLaw,
     Grains,
@@ -18,7 +18,6 @@ from multiscale.macro.granulate import (
 from multiscale.macro.granulate.grain_motion import step_grains
 from multiscale.macro.granulate.grain_state import initial_state
 from multiscale.nonsmooth import solve_friction
-from multiscale.numerics.compiled import threads
 
 FLOOR = PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 TIGHT = Solver(tolerance=1e-9, max_iterations=50000)
@@ -148,7 +147,6 @@ def test_a_cell_without_friction_is_pressed_alike_with_one_and_three_unknowns():
     np.testing.assert_allclose(*(p["period"].values[-1] for p in found), rtol=1e-3)
 
 
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="there is one thread only")
 def test_the_number_of_threads_changes_no_digit_of_coloured_sweeps():
     model = heap(729)
     solver = Solver(1e-6, 200, threads=2)

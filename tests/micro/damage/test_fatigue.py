@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from multiscale.errors import CaseError
 from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue, woehler_curve
 from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
-from multiscale.micro.damage.inclusion import STATE_SIZE, damage_rate, effective_stress, run_cycles
+from multiscale.micro.damage.fatigue_material import STATE_SIZE
+from multiscale.micro.damage.inclusion import damage_rate, effective_stress, run_cycles
 from multiscale.schema import FATIGUE, WOEHLER
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
 from tests.support import observed_rate
