@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 from numpy.linalg import norm
 from scipy.linalg.lapack import dgetrf, dgetrs
-from scipy.sparse import bsr_array, csc_matrix, csr_array
+from scipy.sparse import bsr_array, csr_array
 from scipy.sparse.linalg import splu
 
 from multiscale.nonsmooth.coulomb import ROUND_OFF, closing_norm, contact_mass
@@ -105,29 +105,42 @@ def scale_friction(
     dim = velocity.size // contacts
     full = np.zeros((contacts, 3))
     full[:, :dim] = velocity.reshape(contacts, dim)
-    rows = bsr_array(delassus, blocksize=(dim, dim))
-    rows.sum_duplicates()
-    columns, starts, diagonal, data = _with_diagonal(
-        rows.data, rows.indices.astype(np.int64), rows.indptr.astype(np.int64)
-    )
-    carries = np.ones((contacts, 3), dtype=bool)
-    carries[:, 1:] = (friction > 0.0)[:, None]
-    carries[:, dim:] = False
+    given = bsr_array(delassus, blocksize=(dim, dim))
+    given.sum_duplicates()
 
-    mobility = np.einsum("iaa->ia", data[diagonal])
+    # blocks of 3x3 in the order of rows and columns, with a block on every diagonal
+    row = np.repeat(np.arange(contacts), np.diff(given.indptr))
+    missing = np.setdiff1d(np.arange(contacts), row[row == given.indices])
+    row, columns = np.append(row, missing), np.append(given.indices, missing)
+    blocks = np.zeros((row.size, 3, 3))
+    blocks[: len(given.data), :dim, :dim] = given.data
+    order = np.lexsort((columns, row))
+    row, columns, blocks = row[order], columns[order], blocks[order]
+    starts = np.append(0, np.cumsum(np.bincount(row, minlength=contacts)))
+    diagonal = np.flatnonzero(columns == row)
+
+    # D of (1); a direction without mobility takes the mean of the contact
+    mobility = np.einsum("iaa->ia", blocks[diagonal])
     size = np.abs(mobility[:, :dim])
     mean = size.mean(axis=1)
-    # a direction without mobility takes the mean of the contact
     normal, tangent = (
         np.where(part > 1e-12 * mean, part, mean) for part in (size[:, 0], size[:, 1:].mean(axis=1))
     )
     both = np.column_stack([normal, tangent, tangent])
     unit = 1.0 / np.sqrt(np.where(both > 0.0, both, size.max(initial=0.0) or 1.0))  # D
-    _rescale(data, columns, starts, diagonal, unit, carries)
+
+    # D W D; components without a force have only a one on the diagonal
+    carries = np.ones((contacts, 3), dtype=bool)
+    carries[:, 1:] = (friction > 0.0)[:, None]
+    carries[:, dim:] = False
+    blocks *= unit[row][:, :, None] * unit[columns][:, None, :]
+    blocks[~(carries[row][:, :, None] & carries[columns][:, None, :])] = 0.0
+    contact, component = np.nonzero(~carries)
+    blocks[diagonal[contact], component, component] = 1.0
     full = np.where(carries, full * unit, 0.0)
     data_size = float(norm(full)) or 1.0
     return ScaledFriction(
-        blocks=data,
+        blocks=blocks,
         columns=columns,
         starts=starts,
         diagonal=diagonal,
@@ -191,80 +204,27 @@ def factorise_blocks(
     the solution, and a pivot of exactly zero returns None.
     """
     contacts = problem.friction.size
-    n = 3 * contacts
-    shape = (contacts, 3)
-    blocks = problem.blocks
-    if left is not None:
-        blocks = _times_left(blocks, problem.starts, left)
-    system = (problem.columns, problem.starts, problem.diagonal, blocks, added)
+    shape, n = (contacts, 3), 3 * contacts
+    row = np.repeat(np.arange(contacts), np.diff(problem.starts))
+    blocks = problem.blocks.copy()
+    if left is not None:  # many small products: faster than a matrix product
+        A, W = left[row], problem.blocks
+        blocks = A[:, :, :1] * W[:, :1] + A[:, :, 1:2] * W[:, 1:2] + A[:, :, 2:] * W[:, 2:]
+    blocks[problem.diagonal] += added
+
     if n <= SMALL or problem.columns.size > DENSE * contacts**2:
-        full = np.zeros((n, n))
-        _fill_full(*system, full)
-        factors, pivots, info = dgetrf(full.T, overwrite_a=True)
+        full = np.zeros((contacts, 3, contacts, 3))
+        full[row, :, problem.columns] = blocks
+        factors, pivots, info = dgetrf(full.reshape(n, n).T, overwrite_a=True)
         if info != 0:
             return None
         return lambda b: np.asarray(dgetrs(factors, pivots, b.ravel(), trans=1)[0]).reshape(shape)
-
-    values, indices, pointers = _scalar_rows(*system)
+    rows = bsr_array((blocks, problem.columns, problem.starts), shape=(n, n)).tocsr()
     try:  # compressed rows of A W + B are compressed columns of its transpose
-        sparse = splu(
-            csc_matrix((values, indices, pointers), shape=(n, n)),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=PIVOT,
-        )
+        sparse = splu(rows.T, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT)
     except RuntimeError:
         return None
     return lambda b: np.asarray(sparse.solve(b.ravel(), "T")).reshape(shape)
-
-
-@compiled
-def _with_diagonal(data, indices, indptr):  # type: ignore[no-untyped-def]
-    """Copy block rows into 3x3 blocks, adding diagonal blocks that are missing."""
-    contacts, dim = indptr.size - 1, data.shape[1]
-    starts = np.zeros(contacts + 1, np.int64)
-    for i in range(contacts):
-        missing = 1
-        for k in range(indptr[i], indptr[i + 1]):
-            if indices[k] == i:
-                missing = 0
-        starts[i + 1] = starts[i] + indptr[i + 1] - indptr[i] + missing
-    columns = np.empty(starts[-1], np.int64)
-    diagonal = np.full(contacts, -1, np.int64)
-    blocks = np.zeros((starts[-1], 3, 3))
-    for i in range(contacts):
-        place = starts[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            if diagonal[i] < 0 and indices[k] >= i:
-                diagonal[i] = place
-                columns[place] = i
-                if indices[k] > i:
-                    place += 1
-            columns[place] = indices[k]
-            for a in range(dim):  # a slice would have the compiler write its error message
-                for b in range(dim):
-                    blocks[place, a, b] = data[k, a, b]
-            place += 1
-        if diagonal[i] < 0:
-            diagonal[i] = place
-            columns[place] = i
-    return columns, starts, diagonal, blocks
-
-
-@compiled
-def _rescale(blocks, columns, starts, diagonal, unit, carries):  # type: ignore[no-untyped-def]
-    """D W D in place; components that carry nothing keep only a one on the diagonal."""
-    for i in range(starts.size - 1):
-        for k in range(starts[i], starts[i + 1]):
-            j = columns[k]
-            for a in range(3):
-                for b in range(3):
-                    if carries[i, a] and carries[j, b]:
-                        blocks[k, a, b] *= unit[i, a] * unit[j, b]
-                    else:
-                        blocks[k, a, b] = 0.0
-        for a in range(3):
-            if not carries[i, a]:
-                blocks[diagonal[i], a, a] = 1.0
 
 
 @compiled
@@ -306,53 +266,3 @@ def natural_map_norms(velocity, reaction, friction, mass, unit):  # type: ignore
             else:
                 plain += square / (step * step)
     return np.sqrt(weighted), np.sqrt(plain)
-
-
-@compiled
-def _times_left(blocks, starts, left):  # type: ignore[no-untyped-def]
-    """Multiply the block rows of W by A."""
-    out = np.empty_like(blocks)
-    for i in range(starts.size - 1):
-        for k in range(starts[i], starts[i + 1]):
-            for a in range(3):
-                for b in range(3):
-                    out[k, a, b] = (
-                        left[i, a, 0] * blocks[k, 0, b]
-                        + left[i, a, 1] * blocks[k, 1, b]
-                        + left[i, a, 2] * blocks[k, 2, b]
-                    )
-    return out
-
-
-@compiled
-def _fill_full(columns, starts, diagonal, blocks, added, full):  # type: ignore[no-untyped-def]
-    """Write the blocks, with ``added`` on the diagonal, into a full matrix."""
-    for i in range(starts.size - 1):
-        for k in range(starts[i], starts[i + 1]):
-            j = columns[k]
-            for a in range(3):
-                for b in range(3):
-                    full[3 * i + a, 3 * j + b] = blocks[k, a, b]
-                    if k == diagonal[i]:
-                        full[3 * i + a, 3 * j + b] += added[i, a, b]
-
-
-@compiled
-def _scalar_rows(columns, starts, diagonal, blocks, added):  # type: ignore[no-untyped-def]
-    """Compressed rows of the blocks with ``added`` on the diagonal."""
-    contacts = starts.size - 1
-    values = np.empty(9 * starts[-1])
-    indices = np.empty(9 * starts[-1], np.int32)
-    pointers = np.zeros(3 * contacts + 1, np.int32)
-    place = 0
-    for i in range(contacts):
-        for a in range(3):
-            for k in range(starts[i], starts[i + 1]):
-                for b in range(3):
-                    indices[place] = 3 * columns[k] + b
-                    values[place] = blocks[k, a, b]
-                    if k == diagonal[i]:
-                        values[place] += added[i, a, b]
-                    place += 1
-            pointers[3 * i + a + 1] = place
-    return values, indices, pointers
