@@ -6,6 +6,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, BulkLaw, Elastic, GradedElastic, NeoHookean, Prony
+from multiscale.laws.bulk.moduli import contact_modulus as contact_modulus
 from multiscale.micro.cell import (
     FiniteCell,
     FlatCell,
@@ -15,7 +16,8 @@ from multiscale.micro.cell import (
     SecondBody,
 )
 from multiscale.micro.coating import Coating
-from multiscale.surfaces.surface import Surface
+from multiscale.surfaces import self_affine as self_affine
+from multiscale.surfaces.surface import Surface as Surface
 
 __all__ = ["Cell"]
 

@@ -3,6 +3,6 @@
 The module of a name is imported when the name is first used, as of :mod:`multiscale`.
 """
 
-from multiscale.lazy_names import lazy_names
+import lazy_loader
 
-__getattr__, __dir__ = lazy_names(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,6 @@ Only here quantities get labels and are converted to µm, MPa and kN. Functions 
 with ``draw`` make whole figures and write them.
 """
 
-from multiscale.lazy_names import lazy_names
+import lazy_loader
 
-__getattr__, __dir__ = lazy_names(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

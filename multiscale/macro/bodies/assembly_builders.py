@@ -8,7 +8,8 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.fe.faces import face_operator
-from multiscale.fe.lap_mesh import LapShape, lap_meshes
+from multiscale.fe.lap_mesh import LapShape as LapShape
+from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface

@@ -10,6 +10,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis
 from multiscale.fe.faces import check_boundary
+from multiscale.fe.mesh_file import load_mesh as load_mesh
 from multiscale.laws.bulk import BulkLaw
 
 if TYPE_CHECKING:

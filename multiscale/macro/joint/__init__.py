@@ -1,5 +1,5 @@
 """The rough joint: two elastic blocks and the law between them."""
 
-from multiscale.lazy_names import lazy_names
+import lazy_loader
 
-__getattr__, __dir__ = lazy_names(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -42,6 +42,7 @@ from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
 from multiscale.laws.bulk.moduli import check_moduli, drop_soft_modes, lame_parameters
+from multiscale.laws.bulk.moduli import youngs_modulus_along as youngs_modulus_along
 
 if TYPE_CHECKING:
     from multiscale.micro.damage.voxel_operator import VoxelOperator
