@@ -39,9 +39,7 @@ class FrictionLaw(ABC):
 
     .. math:: t_T = \mu(p, |v|)\, p\, v / |v|,    \tag{1}
 
-    which dissipates, :math:`t_T \cdot v = \mu\, p\, |v| \ge 0` for :math:`\mu \ge 0`, and is
-    independent of the frame of the tangent plane. The traction is work-conjugate to the jump; the
-    opposite traction acts on side 2.
+    which dissipates for :math:`\mu \ge 0`; work-conjugate to the jump.
     """
 
     @abstractmethod
@@ -144,10 +142,9 @@ class BellFriction(FrictionLaw):
         \frac{r + f}{f\, e^{-r x} + r\, e^{f x}}, \qquad
         x = \ln \frac{v}{v_m\, (p/p_0)^c}.    \tag{3}
 
-    The loss of a body with one relaxation time has :math:`r = f = 1`; a spectrum of times gives a
-    wider bell, whose flanks may differ. Contact spots grow with the pressure, so that the
-    same frequency belongs to a higher speed. Coefficients computed for rubber on rough ground
-    increase and decrease with the speed and depend on the pressure [1]_.
+    A single relaxation time gives :math:`r = f = 1`, a spectrum a wider bell with different flanks.
+    Contact spots grow with the pressure, so that the same frequency belongs to a higher speed.
+    Coefficients computed for rubber on rough ground depend on speed and pressure like this [1]_.
 
     References
     ----------
@@ -374,9 +371,8 @@ def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -
 
     .. math:: t_i = \frac{d_i}{\sigma + a_i}, \qquad |t| \le \ell.    \tag{1}
 
-    If both components of :math:`a` are equal, :math:`t` and :math:`d` are parallel. Newton's method
-    for :math:`1/|t| = 1/\ell`, which is nearly linear in :math:`\sigma`, increases monotonically
-    [1]_.
+    Newton's method for :math:`1/|t| = 1/\ell`, nearly linear in :math:`\sigma`, increases
+    monotonically [1]_.
 
     References
     ----------

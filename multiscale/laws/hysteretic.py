@@ -41,12 +41,11 @@ class HystereticLaw(GapLaw):
 
     with the loading stiffness :math:`K_\ell`. The power law is taken from [1]_ for the unloading of
     an indenter; :math:`\ell_m` is the elastic recovery, and the rest of the approach is plastic.
-    Loading dissipates if
+    Loading dissipates if :math:`p_m` is at least the rate of the energy recovered by unloading,
 
-    .. math:: p_m \ge \frac{\mathrm{d}}{\mathrm{d}(-g_m)} \frac{p_m \ell_m}{n + 1},    \tag{2}
+    .. math:: p_m \ge \frac{\mathrm{d}}{\mathrm{d}(-g_m)} \frac{p_m \ell_m}{n + 1}:    \tag{2}
 
-    the rate of the energy recovered by unloading; this holds for all :math:`\beta \ge 2` and, for
-    an exponential law, for all :math:`\beta \ge 1`.
+    for all :math:`\beta \ge 2` and, for an exponential law, for all :math:`\beta \ge 1`.
 
     References
     ----------
@@ -144,12 +143,8 @@ class HystereticLaw(GapLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
-
-        The pressure decreases with the gap on both branches, so that the root is unique: it lies on
-        the loading branch if its pressure there is at least the largest pressure so far, otherwise
-        on the unloading branch.
-        """
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
+        # the root lies on the loading branch if its pressure there is the largest so far
         k = np.broadcast_to(stiffness, source.shape)
         jump = self.loading.resolvent(source, k, state)
         back = self.loading.pressure(jump[0] + self.loading.gap) < state[0]

@@ -153,6 +153,8 @@ class InterfaceLaw(ABC):
     ) -> np.ndarray:
         r"""Find the jump that lies on the law and on a search direction.
 
+        .. math:: t([\![u]\!]) + k\, [\![u]\!] = b    \tag{1}
+
         Parameters
         ----------
         source : ndarray, shape (d, ...), right-hand side :math:`b`, Pa
@@ -171,15 +173,10 @@ class InterfaceLaw(ABC):
 
         Notes
         -----
-        Solves
-
-        .. math:: t([\![u]\!]) + k\, [\![u]\!] = b    \tag{1}
-
-        for a law without tangential traction: :math:`[\![u_T]\!] = b_T / k`, and the normal row
-        is one scalar equation per point. If the pressure is never negative, convex and decreasing,
-        the left-hand side is concave and increasing, so that Newton's method increases
-        monotonically to the root from any start left of it, such as :math:`b_N / k`. Other laws
-        override this method.
+        Without a tangential traction :math:`[\![u_T]\!] = b_T / k`, and the normal row is a scalar
+        equation. If the pressure is never negative, convex and decreasing, its left-hand
+        side is concave and increasing, so that Newton's method increases monotonically to the root
+        from any start left of it, such as :math:`b_N / k`. Other laws override this method.
         """
         stiffness = np.broadcast_to(stiffness, source.shape)
         return newton_from_the_left(self, source, stiffness, state, source[0] / stiffness[0])
@@ -280,12 +277,9 @@ class NormalLaw(GapLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
-
-        With a small stiffness :math:`b_N / k` is a very negative gap, where an exponential
-        overflows. The jump at the pressure ``-source[0]`` is a better start: if it is not positive
-        it lies left of the root, else the first step ends between zero and the root.
-        """
+        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
+        # with a small stiffness b/k is a very negative gap, where an exponential overflows: the
+        # jump at the pressure -b lies left of the root, or its first step ends there
         stiffness = np.broadcast_to(stiffness, source.shape)
         start = np.asarray(source[0] / stiffness[0])
         pressed = source[0] < 0.0

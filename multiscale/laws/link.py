@@ -44,14 +44,14 @@ class LinkLaw(ABC):
 
     Notes
     -----
-    With the elastic tension :math:`t = EA\,\varepsilon`, the range
-    :math:`[\tau^-, \tau^+]` and the slack :math:`\lambda`,
+    With the elastic tension :math:`t = EA\,\varepsilon`, the range :math:`[\tau^-, \tau^+]` and the
+    slack :math:`\lambda`,
 
     .. math::
         \tau = \min(\max(t, \tau^-), \tau^+), \qquad EA\,\lambda = |\tau - t|,    \tag{1}
 
-    which for a cable, :math:`[0, \infty)`, is the law (15) of the source. The range is a
-    convex set; therefore (1) is the gradient of a convex energy.
+    which for a cable, :math:`[0, \infty)`, is the law (15) of the source; the gradient of a convex
+    energy.
     """
 
     lower: ClassVar[float] = -np.inf
@@ -64,13 +64,7 @@ class LinkLaw(ABC):
             raise CaseError(f"rigidity must be positive (N), got {self.rigidity}")
 
     def respond(self, strain: np.ndarray) -> LinkResponse:
-        """Evaluate (1) for a strain relative to the relaxed length, shape (...), dimensionless.
-
-        Raises
-        ------
-        CaseError
-            If the link is inextensible, because its tension does not follow from its strain.
-        """
+        """Evaluate (1) for a strain relative to the relaxed length; refused if inextensible."""
         if not np.isfinite(self.rigidity):
             raise CaseError("the tension of an inextensible link is a reaction, not a response")
         elastic = self.rigidity * np.asarray(strain, dtype=float)
@@ -140,10 +134,9 @@ class Beam(LinkLaw):
 
     Notes
     -----
-    The six deformations without rigid motion are the elongation, the twist :math:`\vartheta`,
-    and in both planes, with the rotations :math:`\varphi_1, \varphi_2` of the ends against the
-    chord, the symmetric bending :math:`\varphi_1 - \varphi_2` and the antisymmetric bending
-    :math:`\varphi_1 + \varphi_2`. They are uncoupled:
+    The six modes are the elongation, the twist :math:`\vartheta`, and in both planes, with the
+    rotations :math:`\varphi_1, \varphi_2` of the ends against the chord, the symmetric bending
+    :math:`\varphi_1 - \varphi_2` and the antisymmetric bending :math:`\varphi_1 + \varphi_2`:
 
     .. math::
         2 W = \frac{EA}{L} e^2 + \frac{GJ}{L} \vartheta^2 + \sum \frac{EI}{L}
@@ -171,17 +164,10 @@ class Beam(LinkLaw):
             raise CaseError("up of a beam must not be zero; give the direction of its third axis")
 
     def mode_stiffness(self, length: np.ndarray) -> np.ndarray:
-        """Return the stiffness of the six modes (1) of beams.
+        """Return the stiffness of the six modes (1) of beams of some lengths, m, shape (6, ...).
 
-        Parameters
-        ----------
-        length : ndarray, shape (...), length of the beams, m
-
-        Returns
-        -------
-        ndarray, shape (6, ...)
-            Stiffness of elongation (N/m), twist, symmetric and antisymmetric bending about the
-            second local axis, and bending about the third axis (N m).
+        Elongation (N/m), twist, symmetric and antisymmetric bending about the second local axis,
+        and both about the third one (N m).
         """
         L = np.asarray(length, dtype=float)
         shear = 12.0 / L**2

@@ -28,8 +28,7 @@ class Exponential(NormalLaw):
     -----
     .. math:: p(g) = p_c\, e^{-g/u_0}.    \tag{1}
 
-    The stiffness is proportional to the pressure, :math:`K = p / u_0`, as for self-affine surfaces
-    at intermediate pressure.
+    Its stiffness :math:`K = p / u_0` is that of self-affine surfaces at intermediate pressure.
 
     References
     ----------
@@ -82,8 +81,7 @@ class PowerLaw(NormalLaw):
     -----
     .. math:: p(g) = p_c\, \langle 1 - g/s \rangle_+^m.    \tag{1}
 
-    With the approach :math:`a = s - g` this is :math:`c_n a^m` with :math:`c_n = p_c s^{-m}`; the
-    units of the parameters of (1) do not depend on the exponent.
+    The units of the parameters do not depend on the exponent.
 
     References
     ----------
@@ -227,24 +225,19 @@ class ConvexDecreasing(NormalLaw):
 
     Notes
     -----
-    With the local gap :math:`g = [\![u_N]\!] + g_0`,
-
     .. math:: t_N = -\sum_k c_k\, \langle s_k - g\rangle_+^3, \qquad t_T = 0.    \tag{1}
 
-    The curvature of (1) is linear between the knots and zero beyond the last knot. The law is
-    therefore convex, and since it vanishes beyond :math:`s_n` also decreasing and positive, if and
-    only if
+    As its curvature is linear between the knots and zero beyond, the law is convex, and therefore
+    decreasing and positive, if and only if
 
     .. math::
         \sum_{k>j} c_k\, (s_k - s_j) \ge 0 \quad (j = 1 \dots n-1), \qquad
         \sum_k c_k \ge 0,    \tag{2}
 
-    where the last condition applies to gaps below the first knot. Coefficients :math:`c_k \ge 0`
-    satisfy (2) but represent only laws with convex :math:`p^{1/3}`: no power law :math:`(s - g)^m`
-    with :math:`m < 3`, no Greenwood-Williamson law at small gap, and not the first contact of a
-    wave.
-
-    Between two knots (1) is expanded about the right knot,
+    the last one below the first knot. Coefficients :math:`c_k \ge 0` satisfy (2) but represent only
+    laws with convex :math:`p^{1/3}`: no power law with an exponent below 3, no Greenwood-Williamson
+    law at small gap, no first contact of a wave. Between two knots (1) is expanded about the right
+    knot,
 
     .. math::
         p = \sum_{i=0}^3 a_{ij} (s_j - g)^i, \qquad

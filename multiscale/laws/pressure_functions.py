@@ -32,9 +32,8 @@ class AreaLaw:
         A(p) = 1 - (1 - A_n)\, \exp\Big(-\frac{A'_n\,(p - p_n)}{1 - A_n}\Big)
         \quad (p > p_n),    \tag{1}
 
-    where :math:`p_1` is the first knot with contact and :math:`p_0` the last knot without contact,
-    zero if all have contact. The area is proportional to the load at light contact; the second form
-    starts with the slope :math:`A'_n` of the last knot and tends to full contact.
+    where :math:`p_1` is the first knot with contact, :math:`p_0` the last one without, or zero, and
+    :math:`A'_n` the slope at the last knot.
 
     References
     ----------
@@ -109,9 +108,8 @@ class ErrorFunctionArea:
     -----
     .. math:: A(p) = \operatorname{erf}(p / p_A),    \tag{1}
 
-    zero without pressure, increasing and below one for any :math:`p_A`. In the theory
-    :math:`p_A = E^* g / \sqrt 2` with the contact modulus :math:`E^*` and the root mean square
-    slope :math:`g`; computed areas of light contact are larger, so that :math:`p_A` is fitted.
+    In the theory :math:`p_A = E^* g / \sqrt 2` with the contact modulus :math:`E^*` and the root
+    mean square slope :math:`g`; computed areas of light contact are larger, so that it is fitted.
 
     References
     ----------

@@ -185,15 +185,14 @@ class Sliders(SliderBed):
         Tangential over normal stiffness, :math:`\kappa > 0`; :math:`2(1-\nu)/(2-\nu)` for contact
         spots far apart; dimensionless.
     pressures : tuple of float, optional
-        Lowest and highest pressure between which the bed is finely divided, Pa; the data of the
-        normal law if not given. Outside, the balance of energy holds, but the bed is coarse.
+        Range of pressures in which the bed is finely divided, Pa; the data of the normal law if not
+        given. Outside, the balance of energy holds, but the bed is coarse.
     slabs : int
-        Number M of slabs. At constant pressure the errors with 16, 24, 32 and 48 slabs are at most
-        3.3, 1.8, 1.1 and 0.6 % of :math:`\mu p` over two decades of pressure, 6.1, 3.3, 2.0 and
-        1.1 % over four decades, with a root mean square of a fifth. The dissipation in cycles of
-        amplitude :math:`a = \mu p / (\kappa K)` over two decades is too large by at most 14, 7, 5
-        and 2 %, for 2a by 4, 2, 1.2 and .6 %; for a/2 by 9 % with 48 slabs, and it is zero if no
-        slab slips.
+        Number M of slabs. With 16, 24, 32 and 48 slabs over two decades of pressure the errors at
+        constant pressure are at most 3.3, 1.8, 1.1 and 0.6 % of :math:`\mu p`, over four decades
+        6.1, 3.3, 2.0 and 1.1 %, and the dissipation in cycles of amplitude
+        :math:`a = \mu p / (\kappa K)` is too large by at most 14, 7, 5 and 2 %, of 2a by 4, 2, 1.2
+        and .6 %; of a/2 by 9 % with 48 slabs, and it is zero if no slab slips.
 
     Notes
     -----
@@ -210,7 +209,7 @@ class Sliders(SliderBed):
         w_i = K(h) - K(b_i), \quad
         N_i = p(h) - p(b_i) - K(b_i)(b_i - h) + w_i (h - g),    \tag{a}
 
-    whose sums are K and p at every gap: initial stiffness and full slip are exact for any M. The
+    with the sums K and p at every gap: initial stiffness and full slip are exact for any M. The
     state is the force of every slab over :math:`\kappa`, :math:`A_i`, two components; the
     stiffness of the springs that carry it, :math:`l_i`; and the last jump. It is zero before the
     first loading. In a step from :math:`g_0` to :math:`g_1` with a change :math:`d` of the
@@ -231,12 +230,9 @@ class Sliders(SliderBed):
     tangential jump.
 
     The edges are at equal increments of :math:`\int \sqrt{p''/p}\, \mathrm{d}g`, so that every slab
-    carries about the same share of the pressure at its lower edge.
-
-    For plastic contact (:class:`HystereticLaw`) the bed belongs to the unloading branch at the
-    largest pressure so far, and its shares (a) grow with this pressure. The balance of energy and
-    the response at a constant largest pressure are tested; shear during plastic flow has not been
-    validated.
+    carries about the same share of the pressure at its lower edge. For plastic contact
+    (:class:`HystereticLaw`) the bed belongs to the unloading branch at the largest pressure so far,
+    and its shares (a) grow with this pressure; shear during plastic flow has not been validated.
 
     References
     ----------
@@ -265,7 +261,7 @@ class Sliders(SliderBed):
         check_parameter(self, "stiffness_ratio")
         if not isinstance(self.normal, GapLaw):
             raise CaseError(
-                f"sliders need a law of the gap alone, got the type "
+                f"sliders need a law of the gap only, got the type "
                 f"{type(self.normal).__name__}; give a NormalLaw or a HystereticLaw"
             )
         low, high = self._pressures

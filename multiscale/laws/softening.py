@@ -70,9 +70,9 @@ class Softening:
         Returns
         -------
         share : ndarray, shape (count + 1,), falling from 1
-            Stiffness of the element over its first; the last is what a broken element keeps.
+            Stiffness of the element over its first; the last is that of a broken element.
         strength : ndarray, shape (count + 1,)
-            Tension at which the element goes on to the next share, Pa; infinite at the last.
+            Tension at which the next share follows, Pa; infinite at the last.
 
         Notes
         -----

@@ -17,7 +17,7 @@ ORDINARY = 1e50
 """Numbers between this and its inverse have powers that neither underflow nor overflow."""
 
 ROUND_OFF = 64.0 * np.finfo(float).eps
-"""Round-off granted to a reaction whose number is huge beside the number of the velocity."""
+"""Round-off of a reaction with a number far above the number of the velocity."""
 
 
 def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:

@@ -84,14 +84,7 @@ class BulkLaw(ABC):
 
 
 def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
-    """Evaluate both parts (1) of a law at a point.
-
-    Parameters
-    ----------
-    law : BulkLaw
-    gradient : ndarray, shape (3, 3, ...), deformation gradient :math:`F`, dimensionless
-    state : ndarray, shape (n_state, ...), last committed state
-    """
+    """Evaluate both parts (1) of a law for deformation gradients, shape (3, 3, ...)."""
     shape = law.respond_shape(gradient, state)
     J, slope = volume_ratio(law, gradient)
     first, curvature = law.respond_volume(J)

@@ -40,11 +40,7 @@ def check_moduli(
 
 
 def contact_modulus(*bodies: tuple[float, float]) -> float:
-    r"""Return the contact modulus :math:`1/E^* = \sum (1-\nu_i^2)/E_i`, Pa.
-
-    Parameters
-    ----------
-    *bodies : tuple of float, Young's modulus, Pa, and Poisson's ratio of each body
+    r"""Return the contact modulus, Pa, of bodies (E, nu): :math:`1/E^* = \sum (1-\nu_i^2)/E_i`.
 
     Examples
     --------
@@ -63,18 +59,9 @@ def lame_parameters(
 
 
 def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    r"""Young's modulus for tension along directions.
+    r"""Young's modulus, Pa, for tension along unit vectors n, shape (..., 3).
 
-    Parameters
-    ----------
-    stiffness : ndarray, shape (6, 6)
-    normals : ndarray, shape (..., 3), unit vectors n
-
-    Returns
-    -------
-    ndarray, shape (...)
-        :math:`1 / (n \otimes n : C^{-1} : n \otimes n)`, Pa; zero where the stiffness
-        against the tension is zero.
+    :math:`1 / (n \otimes n : C^{-1} : n \otimes n)`; zero where nothing resists the tension.
     """
     n = np.asarray(normals, dtype=float)
     tension = MANDEL * np.stack([n[..., i] * n[..., j] for i, j in VOIGT], axis=-1)
@@ -91,5 +78,5 @@ def drop_soft_modes(stiffness: np.ndarray, limit: float) -> np.ndarray:
     values, modes = np.linalg.eigh(MANDEL[:, None] * stiffness * MANDEL)
     if not np.any(values < limit):
         return stiffness
-    kept = (modes * np.where(values < limit, 0.0, values)) @ modes.T
-    return np.asarray(kept / MANDEL / MANDEL[:, None])
+    stiff = (modes * np.where(values < limit, 0.0, values)) @ modes.T
+    return np.asarray(stiff / MANDEL / MANDEL[:, None])
