@@ -303,7 +303,8 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     from multiscale.micro import FiniteCell
     from multiscale.micro.finite.finite_cell import make_scene
     from multiscale.micro.finite.finite_path import largest_approach
-    from multiscale.micro.finite.history import rest_state, walk_step
+    from multiscale.micro.finite.newton import walk_step
+    from multiscale.micro.finite.scene import rest_state
     from multiscale.micro.path import Target
 
     law: NeoHookean | J2 = NeoHookean(YOUNG, POISSON)
@@ -328,7 +329,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
         if walk.reached < 1.0:
             raise ConvergenceError(f"the path ends: {state.status.value}")
         # the flowed body has its stress without flowing again
-        balance = scene.body.begin(state.material, 0.0).respond(state.displacement).force
+        balance = scene.begin(state.material, 0.0).respond(state.displacement).force
         scene.surface(balance)[:] -= state.force
         meeting = scene.meet(state.displacement, state.approach, state.slide)
         pressure = -np.sum(state.force * meeting.normal, axis=1)

@@ -6,7 +6,8 @@ import pytest
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.history import rest_state, walk_step
+from multiscale.micro.finite.newton import walk_step
+from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.graph_mesh import graded_planes
 from multiscale.micro.path import Target
 from tests.closed_forms import mindlin

@@ -24,19 +24,68 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.micro.finite.constraint import Constraint
-from multiscale.micro.finite.finite_body import BodyResponse, Increment
-from multiscale.micro.finite.scene import CellScene, CellState, Meeting
-from multiscale.micro.finite.tangential import Tangential, evaluate_friction
+from multiscale.micro.finite.scene import BodyResponse, CellScene, CellState, Increment
+from multiscale.micro.finite.surfaces import Meeting
 from multiscale.micro.path import Target
-from multiscale.numerics.krylov import minimal_residual
 
-__all__ = ["CellEquations", "Iterate"]
+__all__ = ["CellEquations", "Iterate", "Tangential"]
 
-LEAST_SPRING = 0.3 / 1.3  # share of the bound above which the preconditioner has a spring
-KRYLOV_MEMORY = 1e9  # bytes of the directions of one linear problem
-KRYLOV_ITERATIONS = (60, 400)  # bounds on the number of stored directions
+LARGEST_SHARE = 0.9999  # bound on share, for a finite resistance across the slip
 UNLOADED = 1e-3  # least scale of residuals over the largest contact forces so far
+
+
+@dataclass(frozen=True, eq=False)
+class Tangential:
+    """Tangential part of the contact equations.
+
+    Attributes
+    ----------
+    slip : ndarray, shape (nx, 3, ny), tangential motion past the obstacle in the increment, m
+    direction : ndarray, shape (2, nx, 3, ny)
+        Unit tangents along and across the trial friction force.
+    bound : ndarray, shape (nx, ny), largest friction force, N
+    slipping : ndarray of bool, shape (nx, ny), whether a node slips
+    share : ndarray, shape (nx, ny)
+        Bound over trial friction force where a node slips, 0 elsewhere; dimensionless.
+    """
+
+    slip: np.ndarray
+    direction: np.ndarray
+    bound: np.ndarray
+    slipping: np.ndarray
+    share: np.ndarray
+
+    @cached_property
+    def stretch(self) -> np.ndarray:
+        """Resistance of a slipping node across its slip, relative to the weight, dimensionless."""
+        share = np.minimum(self.share, LARGEST_SHARE)
+        return np.asarray(share / (1.0 - share))
+
+    def along(self, vector: np.ndarray) -> np.ndarray:
+        """Components of a vector along and across the trial force, shape (2, nx, ny)."""
+        return np.asarray(np.sum(self.direction * vector, axis=2))
+
+
+def evaluate_friction(
+    tangential: np.ndarray,
+    slip: np.ndarray,
+    normal: np.ndarray,
+    active: np.ndarray,
+    bound: np.ndarray,
+    weight: float,
+) -> Tangential:
+    r"""Find the nodes that slip, and the directions of their slip."""
+    pulled = tangential - weight * slip
+    size = np.linalg.norm(pulled, axis=1)
+    slipping = active & (size > bound)
+    share = np.where(slipping, bound / np.where(size > 0.0, size, 1.0), 0.0)
+    sideways = np.zeros_like(pulled)  # an arbitrary tangent where the trial force vanishes
+    sideways[:, 0], sideways[:, 2] = normal[:, 2], -normal[:, 0]
+    sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
+    pulls = (size > 1e-12 * float(size.max()))[:, None]
+    along = np.where(pulls, pulled / np.maximum(size, 1e-300)[:, None], sideways)
+    direction = np.stack([along, np.cross(normal, along, axis=1)])
+    return Tangential(slip, direction, bound, slipping, share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +95,18 @@ class CellEquations:
     Attributes
     ----------
     scene : CellScene
-    increment : Increment, time step of the body from the state at the start
     start : CellState
     target : Target, end of the increment
     """
 
     scene: CellScene
-    increment: Increment
     start: CellState
     target: Target
+
+    @cached_property
+    def increment(self) -> Increment:
+        """Time step of the bodies from the state at the start."""
+        return self.scene.begin(self.start.material, self.target.time_step)
 
     def at(self, u: np.ndarray, delta: float, active: np.ndarray | None = None) -> "Iterate":
         """Evaluate (1) and choose the slipping nodes and, if not given, the contact nodes.
@@ -69,7 +121,7 @@ class CellEquations:
         u, force = self.start.displacement, np.zeros_like(self.start.displacement)
         self.scene.meet(u, delta, self.target.slide).react(force, -self.start.force)
         self.scene.surface(force)[:] += self.start.force
-        return self._with(BodyResponse(force, np.zeros_like, 1.0, 0.0), u, delta).error
+        return self._with(BodyResponse(force, np.zeros_like), u, delta).error
 
     def _with(
         self,
@@ -81,7 +133,8 @@ class CellEquations:
         scene, target = self.scene, self.target
         force = scene.surface(response.force)
         meeting = scene.meet(u, delta, target.slide)
-        pressure = -np.sum(force * meeting.normal, axis=1)
+        normal = meeting.normal
+        pressure = -np.sum(force * normal, axis=1)
         trial = pressure - scene.weights[0] * meeting.gap
         if active is None:
             active = trial > 0.0
@@ -89,27 +142,24 @@ class CellEquations:
                 active = trial == trial.max()
         friction = None
         if scene.friction > 0.0:
+            slip = self._slip(u, delta, target.slide)
             friction = evaluate_friction(
-                force + pressure[:, None] * meeting.normal,
-                self._slip(u, delta, meeting.normal),
-                meeting.normal,
+                force + pressure[:, None] * normal,
+                slip - np.sum(slip * normal, axis=1)[:, None] * normal,
+                normal,
                 active,
                 scene.friction * np.maximum(trial, 0.0),
                 scene.weights[1],
             )
-        floor = UNLOADED * self.start.peak
-        return Iterate(
-            scene, target, response, u, delta, meeting, active, pressure, friction, floor
-        )
+        return Iterate(self, response, u, delta, meeting, active, pressure, friction)
 
     @cached_property
-    def _slip_since_start(self) -> Callable[..., np.ndarray]:
-        return self.scene.slip_since(self.start)
-
-    def _slip(self, u: np.ndarray, delta: float, normal: np.ndarray) -> np.ndarray:
-        """Motion past the obstacle since the start, in the tangential plane."""
-        slip = self._slip_since_start(u, delta, self.target.slide)
-        return np.asarray(slip - np.sum(slip * normal, axis=1)[:, None] * normal)
+    def _slip(self) -> Callable[[np.ndarray, float, np.ndarray], np.ndarray]:
+        """Motion past the opposite side since the start, m."""
+        start, scene = self.start, self.scene
+        return scene.opposite.slip_since(
+            scene.surfaces, start.displacement, start.approach, start.slide
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,19 +168,16 @@ class Iterate:
 
     Attributes
     ----------
-    scene : CellScene
-    target : Target
+    equations : CellEquations
     response : BodyResponse
     u, delta : ndarray, float, displacement and approach, m
     meeting : Meeting
     active : ndarray of bool, shape (nx, ny), contact nodes
     pressure : ndarray, shape (nx, ny), pressure force p, N
     friction : Tangential or None, none without friction
-    floor : float, smallest scale of the residual, N
     """
 
-    scene: CellScene
-    target: Target
+    equations: CellEquations
     response: BodyResponse
     u: np.ndarray
     delta: float
@@ -138,7 +185,16 @@ class Iterate:
     active: np.ndarray
     pressure: np.ndarray
     friction: Tangential | None
-    floor: float
+
+    @property
+    def scene(self) -> CellScene:
+        """Constant data."""
+        return self.equations.scene
+
+    @property
+    def target(self) -> Target:
+        """End of the increment."""
+        return self.equations.target
 
     @property
     def slipping(self) -> np.ndarray:
@@ -168,7 +224,8 @@ class Iterate:
     @cached_property
     def scale(self) -> float:
         """Scale of the residual, N: norm of the contact forces, at least of an even load."""
-        norm = max(float(np.linalg.norm(self.contact_force)), self.floor)
+        least = UNLOADED * self.equations.start.peak
+        norm = max(float(np.linalg.norm(self.contact_force)), least)
         if self.target.load is not None:
             return max(norm, self.target.load / float(np.sqrt(self.active.size)))
         return norm
@@ -179,20 +236,6 @@ class Iterate:
         if self.target.load is None:
             return 0.0
         return -self.target.load - float(self.contact_force[:, 2].sum())
-
-    @cached_property
-    def constraint(self) -> Constraint:
-        """Prescribed motions and springs of the preconditioner."""
-        rows, held = self.meeting.normal[None], self.active[None]
-        if self.friction is not None:
-            rows = np.concatenate([rows, self.friction.direction])
-            held = np.stack([self.active, self.sticking, self.sticking])
-        spring = np.zeros(held.shape)
-        if self.friction is not None:
-            strong = self.friction.share > LEAST_SPRING
-            spring[2] = np.where(strong, self.scene.weights[1] * self.friction.stretch, 0.0)
-        reference = self.scene.reference_at(self.meeting)
-        return Constraint(reference, rows, held, spring, carries_load=self.target.load is not None)
 
     @cached_property
     def distance(self) -> np.ndarray:
@@ -266,7 +309,7 @@ class Iterate:
         top -= force
         self.meeting.react(vector, force)
 
-    def _apply(self, x: np.ndarray, shift: float) -> tuple[np.ndarray, float]:
+    def apply(self, x: np.ndarray, shift: float) -> tuple[np.ndarray, float]:
         """Newton's matrix times a step, N, and the change of the vertical contact force, N."""
         change = self.response.tangent(x)
         top = self.scene.surface(change)
@@ -280,35 +323,3 @@ class Iterate:
             turned = self.scene.weights[1] * self.friction.stretch * moved
         self._exchange(change, turned, more)
         return change, vertical
-
-    def newton_step(self, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
-        """Solve the linear problem of a Newton step."""
-        shape, size = self.u.shape, self.u.size
-        constraint = self.constraint
-        weight = 1.0 / np.sqrt(max(int(self.active.sum()), 1))
-        carries = constraint.carries_load
-
-        def join(vector: np.ndarray, number: float) -> np.ndarray:
-            return np.append(vector.reshape(-1), np.asarray(number, vector.dtype))
-
-        def apply(x: np.ndarray) -> np.ndarray:
-            change, vertical = self._apply(x[:size].reshape(shape), x[size])
-            return join(change, weight * vertical if carries else 0.0)
-
-        def precondition(r: np.ndarray) -> np.ndarray:
-            z, shift = constraint.solve(r[:size].reshape(shape), r[size] / weight)
-            return join(z, shift)
-
-        first, shift = constraint.solve(-self.residual, self.missing, self.distance)
-        x = join(first, shift)
-        rest = join(-self.residual, weight * self.missing if carries else 0.0) - apply(x)
-        weights = self.scene.weights[0] * float(np.linalg.norm(self.distance))
-        size_now = np.hypot(float(np.linalg.norm(self.residual)), weights)
-        goal = max(forcing * size_now, floor * self.scale)
-        room = int(KRYLOV_MEMORY / (2 * x.nbytes))
-        limit = min(max(room, KRYLOV_ITERATIONS[0]), KRYLOV_ITERATIONS[1])
-        norm = float(np.linalg.norm(rest)) or 1.0
-        unit = (rest / norm).astype(np.float32)  # enough for the tolerance, in half the memory
-        y, iterations = minimal_residual(apply, unit, precondition, goal=goal / norm, room=limit)
-        x += norm * y.astype(float)
-        return x[:size].reshape(shape), float(x[size]), iterations + 1

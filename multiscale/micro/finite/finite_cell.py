@@ -1,4 +1,4 @@
-"""From a cell to its scene: body, preconditioner, obstacle and weights of the contact equations."""
+"""From a cell to its scene: bodies, flat cells, opposite side and weights of the equations."""
 
 import numpy as np
 from scipy import fft
@@ -6,14 +6,10 @@ from scipy import fft
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro.cell import FiniteCell, PeriodicLayer
 from multiscale.micro.elastic_operator import stiffness_operator
-from multiscale.micro.finite.finite_body import FiniteBody, linear_body
-from multiscale.micro.finite.height_obstacle import HeightObstacle
 from multiscale.micro.finite.large_strain import large_strain_body
-from multiscale.micro.finite.mixed_reference import mixed_reference
-from multiscale.micro.finite.pair_reference import PairReference, add_compliances
-from multiscale.micro.finite.pair_scene import PairScene
-from multiscale.micro.finite.scene import CellScene, GraphScene
-from multiscale.micro.finite.two_bodies import Halves, Underside, join_bodies
+from multiscale.micro.finite.preconditioner import FlatCells, join_flat_cells, mixed_reference
+from multiscale.micro.finite.scene import CellScene, FiniteBody, linear_body
+from multiscale.micro.finite.surfaces import OppositeSide
 from multiscale.micro.flat_reference import Reference, flat_inverse, flat_reference
 from multiscale.micro.graph_mesh import GraphMesh
 from multiscale.micro.lateral_fft import LateralInverse
@@ -26,24 +22,19 @@ TANGENTIAL_WEIGHT = 0.3  # relative to the tangential stiffness of a single node
 
 def make_scene(cell: FiniteCell) -> CellScene:
     """Set up the scene of a cell with friction, at large strain or with two bodies."""
-    body, reference = _half(cell)
-    mu = cell.friction_coefficient
-    if cell.second is None:
-        obstacle = HeightObstacle(cell.surface, cell.obstacle, follows=cell.law.finite_strain)
-        return GraphScene(body, obstacle, mu, _weights(reference.inverse), reference)
-    other = cell.second_layer
-    second, opposite = _half(other)
-    compliance = flat_inverse(other, _mesh(other), cell.surface).surface_compliance
-    both = Reference(add_compliances(reference.inverse, compliance), np.ones(1))
-    halves = Halves((body.shape, second.shape))
-    return PairScene(
-        join_bodies(body, second),
-        Underside(cell.surface, Surface(-other.surface.heights, other.surface.size)),
-        mu,
-        _weights(both.inverse),
-        PairReference(reference, opposite, both),
-        halves,
-    )
+    body, reference = _layer(cell)
+    bodies: tuple[FiniteBody, ...] = (body,)
+    cells = FlatCells((reference,), reference)
+    opposite = OppositeSide(cell.surface, cell.obstacle, follows=cell.law.finite_strain)
+    if cell.second is not None:
+        other = cell.second_layer
+        second, opposite_reference = _layer(other)
+        compliance = flat_inverse(other, _mesh(other), cell.surface).surface_compliance
+        bodies, cells = (body, second), join_flat_cells(reference, opposite_reference, compliance)
+        underside = Surface(-other.surface.heights, other.surface.size)
+        opposite = OppositeSide(cell.surface, underside)
+    weights = _weights(cells.both.inverse)
+    return CellScene(bodies, opposite, cell.friction_coefficient, weights, cells)
 
 
 def _mesh(cell: PeriodicLayer) -> GraphMesh:
@@ -54,11 +45,11 @@ def _weights(inverse: LateralInverse) -> tuple[float, float]:
     """Weights of the contact equations, N/m."""
     symbols = inverse.surface_compliance
     nx, _, ny = inverse.shape
-    own = float(fft.irfft2(symbols[0], s=(nx, ny))[0, 0])
-    return float(np.median(1.0 / symbols[5])), TANGENTIAL_WEIGHT / own
+    single = float(fft.irfft2(symbols[0], s=(nx, ny))[0, 0])
+    return float(np.median(1.0 / symbols[5])), TANGENTIAL_WEIGHT / single
 
 
-def _half(cell: PeriodicLayer) -> tuple[FiniteBody, Reference]:
+def _layer(cell: PeriodicLayer) -> tuple[FiniteBody, Reference]:
     """Body, and its flat cell; at large strain both have pressures where volumes are mean."""
     mesh, law = _mesh(cell), cell.law
     precision = np.float64 if cell.nearly_incompressible else np.float32  # of the preconditioner

@@ -11,9 +11,8 @@ from multiscale.micro.averages import ContactSurface
 from multiscale.micro.cell import FiniteCell, PeriodicLayer
 from multiscale.micro.contact_area import EdgeLayer
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.history import rest_state, walk_step
-from multiscale.micro.finite.pair_scene import PairScene
-from multiscale.micro.finite.scene import CellScene, CellState
+from multiscale.micro.finite.newton import walk_step
+from multiscale.micro.finite.scene import CellScene, CellState, rest_state
 from multiscale.micro.flat_reference import surface_slopes
 from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.path import Path, Target
@@ -120,15 +119,15 @@ class FiniteModel(HistoryModel):
     def surface(self, state: CellState) -> ContactSurface:
         """Contact surface of a state in the current configuration."""
         cell, scene, grid = self.cell, self.scene, self.cell.surface.heights.shape
-        moved = scene.surface(state.displacement)
+        moved, *second = scene.surfaces(state.displacement)
         weight = _weight(cell, moved)
         mean, height = _means(cell, moved)
         jump = np.array([-state.approach, *state.slide]) - mean
-        opposite_height = scene.obstacle.mean_height(state.approach)
-        if isinstance(scene, PairScene):
-            mean, depth = _means(cell.second_layer, scene.halves.surfaces(state.displacement)[1])
+        opposite_height = scene.opposite.mean_height(state.approach)
+        for other in second:
+            mean, depth = _means(cell.second_layer, other)
             jump += mean * (-1.0, 1.0, 1.0)
-            opposite_height = scene.obstacle.distance - state.approach - depth
+            opposite_height = scene.opposite.distance - state.approach - depth
         meeting = scene.meet(state.displacement, state.approach, state.slide)
         return ContactSurface(
             state.force,

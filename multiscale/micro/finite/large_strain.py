@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.finite.element_stiffness import ENTRIES, MOTIONS
-from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
+from multiscale.micro.finite.scene import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.tangent_operator import (
     NEO_HOOKEAN,
     PLASTIC,

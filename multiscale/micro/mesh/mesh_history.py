@@ -26,10 +26,15 @@ from multiscale.fe.elements import element_response, elements_of_basis
 from multiscale.laws.bulk import J2
 from multiscale.micro.averages import ContactSurface, to_components
 from multiscale.micro.cell import MeshCell
-from multiscale.micro.finite.finite_body import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.finite_path import HistoryModel, plastic_approach
-from multiscale.micro.finite.height_obstacle import HeightObstacle
-from multiscale.micro.finite.scene import CellState, RigidScene
+from multiscale.micro.finite.scene import (
+    BodyResponse,
+    CellScene,
+    CellState,
+    FiniteBody,
+    Increment,
+)
+from multiscale.micro.finite.surfaces import OppositeSide
 from multiscale.micro.mesh.mesh_problem import ElasticMesh, assemble_elastic_mesh
 from multiscale.micro.mesh.unknowns import strained_weight
 from multiscale.micro.path import Path
@@ -80,32 +85,24 @@ def _layout(mesh: ElasticMesh) -> _Layout:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshScene(RigidScene):
-    """A body on a mesh against a rigid flat, with an assembled tangent.
+class _Factors:
+    """Linear solver of a cell on a mesh, by factors of the assembled tangent.
 
     Attributes
     ----------
-    mesh : ElasticMesh, the elastic cell, which tells where an open cell touches first
+    mesh : ElasticMesh, the elastic cell, for the first touch of an open cell
     layout : _Layout
     """
 
     mesh: ElasticMesh
     layout: _Layout
 
-    def surface(self, vector: np.ndarray) -> np.ndarray:
-        """Part of a displacement or force at the surface, a view of shape (contacts, 3, 1)."""
-        return np.asarray(vector[: self.layout.contacts, :, None])
-
-    def first_touch(
-        self, gap: np.ndarray, closing: np.ndarray, load: float
-    ) -> tuple[np.ndarray, float]:
-        """Press the elastic body."""
+    def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
+        """Press the elastic body under a load, N; see :class:`.LinearSolver`."""
         found = self.mesh.problem.solve(load=load)
         return found.active[:, None], found.approach
 
-    def newton_step(
-        self, now: "Iterate", forcing: float, floor: float
-    ) -> tuple[np.ndarray, float, int]:
+    def step(self, now: "Iterate", forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
         """Solve the linear problem (1) of a Newton step by factors."""
         number, T = self.mesh.unknowns.number, now.response.matrix
         assert T is not None
@@ -126,11 +123,11 @@ class MeshScene(RigidScene):
             keep[held], own[held] = 0.0, scale
             right[held] = -scale * now.friction.slip[..., 0][sticks, :2]
             along, across = now.friction.direction[..., 0][:, slips, :2]
-            stretch = self.weights[1] * now.friction.stretch[slips, 0]
+            stretch = now.scene.weights[1] * now.friction.stretch[slips, 0]
             for i in range(2):
                 rows.append(number[slips, i])
                 columns.append(number[slips, 2])
-                values.append(self.friction * along[:, i])
+                values.append(now.scene.friction * along[:, i])
                 more += [
                     (number[slips, i], number[slips, j], stretch * across[:, i] * across[:, j])
                     for j in range(2)
@@ -147,13 +144,13 @@ class MeshScene(RigidScene):
         except MultiscaleError:  # no equilibrium near this iterate: a shorter increment is taken
             return np.full_like(now.u, np.nan), 0.0, 1
         if now.target.load is None:
-            return self.layout.spread(solve(right)), 0.0, 1
+            return self.layout.spread(solve(right)).ravel(), 0.0, 1
         lifted = np.zeros(size)  # by a unit of the approach
         lifted[number[active, 2]] = scale
         moved, shifted = solve(np.stack([right, lifted], axis=1)).T
         carried = T[number[active, 2]].sum(axis=0)
         shift = (carried @ moved - now.missing) / (carried @ shifted)
-        return self.layout.spread(moved - shift * shifted), float(shift), 2
+        return self.layout.spread(moved - shift * shifted).ravel(), float(shift), 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,17 +159,19 @@ class MeshModel(HistoryModel):
 
     Attributes
     ----------
-    scene : MeshScene
     cell : MeshCell
+    mesh : ElasticMesh
+    layout : _Layout
     """
 
-    scene: MeshScene
     cell: MeshCell
+    mesh: ElasticMesh
+    layout: _Layout
 
     def surface(self, state: CellState) -> ContactSurface:
         """Contact surface of a state in the current configuration."""
-        cell, mesh = self.cell, self.scene.mesh
-        v, force = self.scene.layout.gather(state.displacement), state.force[:, :, 0]
+        cell, mesh = self.cell, self.mesh
+        v, force = self.layout.gather(state.displacement), state.force[:, :, 0]
         moved = (mesh.unknowns.expand @ v).reshape(-1, 3)
         problem, at_contact = mesh.problem, mesh.unknowns.coefficients @ moved
         weight = problem.node_area
@@ -207,28 +206,31 @@ def assemble_mesh_history(cell: MeshCell, path: Path) -> MeshModel:
     largest = np.inf
     if cell.law.flows:
         largest = plastic_approach(float(np.ptp(mesh.problem.surface_height)), path.refinement)
-    scene = _scene(cell, mesh)
-    return MeshModel(scene, mesh.problem.area, largest, path.increments, cell)
-
-
-def _scene(cell: MeshCell, mesh: ElasticMesh) -> MeshScene:
     layout = _layout(mesh)
+    scene = _scene(cell, mesh, layout)
+    return MeshModel(scene, mesh.problem.area, largest, path.increments, cell, mesh, layout)
+
+
+def _scene(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> CellScene:
     heights = Surface(mesh.problem.surface_height[:, None], (1.0, 1.0))
     vertical = mesh.stiffness.diagonal()[mesh.unknowns.number[:, 2]]
     weight = float(np.median(vertical))
-    return MeshScene(
-        _body(cell, mesh, layout),
-        HeightObstacle(heights, None, follows=False),
+    return CellScene(
+        (_body(cell, mesh, layout),),
+        OppositeSide(heights, None, follows=False),
         cell.friction_coefficient,
         (weight, TANGENTIAL_WEIGHT * weight),
-        mesh,
-        layout,
+        _Factors(mesh, layout),
     )
 
 
 def _body(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> FiniteBody:
     """Return the body of a cell; elements of first order take the mean change of volume."""
     shape = (layout.nodes, 3)
+
+    def surface(u: np.ndarray) -> np.ndarray:
+        return u[: layout.contacts, :, None]
+
     if not isinstance(cell.law, J2):
 
         def stretch(u: np.ndarray) -> BodyResponse:
@@ -236,7 +238,7 @@ def _body(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> FiniteBody:
             return BodyResponse(force, mesh.stiffness.__matmul__, 1.0, 0.0, mesh.stiffness)
 
         same = Increment(stretch, lambda u: None)
-        return FiniteBody(shape, lambda state, time_step: same, lambda: None)
+        return FiniteBody(shape, lambda state, time_step: same, lambda: None, surface)
     law, expand = cell.law, mesh.unknowns.expand
     elements = elements_of_basis(mesh.basis, mean_volume=cell.element.maxdeg <= 3)
 
@@ -256,4 +258,4 @@ def _body(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> FiniteBody:
 
         return Increment(respond, lambda u: evaluate(u)[2])
 
-    return FiniteBody(shape, begin, lambda: law.initial_state(elements.weight.shape))
+    return FiniteBody(shape, begin, lambda: law.initial_state(elements.weight.shape), surface)

@@ -8,10 +8,11 @@ import pytest
 from multiscale.convergence import Status
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Surface
-from multiscale.micro.finite import history
+from multiscale.micro.finite import newton
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.finite_path import largest_approach
-from multiscale.micro.finite.history import PRESSED, rest_state, walk_step
+from multiscale.micro.finite.newton import PRESSED, walk_step
+from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.path import Target
 
 YIELD = 1e-4  # of Young's modulus
@@ -79,7 +80,7 @@ def test_pressed_by_a_load_or_by_an_approach_a_body_that_flows_is_in_the_same_st
 def test_a_load_that_is_not_reached_leaves_the_part_that_was(monkeypatch):
     cell = peaks(second=0.01)
     load = 1.5 * load_of_the_first(cell, 0.0095)
-    monkeypatch.setattr(history, "MOST", 8)
+    monkeypatch.setattr(newton, "MOST", 8)
     walk = press(cell, load)
     assert walk.state.status is Status.MAX_ITERATIONS
     assert 0.0 < walk.reached < 1.0
@@ -91,15 +92,15 @@ def test_where_an_increment_starts_does_not_change_where_it_ends():
     scene = make_scene(cell)
     target = Target(None, 0.004, np.zeros(2))
     whole = walk_step(scene, rest_state(scene), target, increments=4, tolerance=1e-10)
-    newton = []
+    spent = []
     for past in (1.0, 0.0):
-        state, spent = rest_state(scene), 0
+        state, iterations = rest_state(scene), 0
         for approach in (0.001, 0.002, 0.003, 0.004):
             target = Target(None, approach, np.zeros(2))
             given = replace(state, change=past * state.change)  # without a past, no prediction
-            one = walk_step(scene, given, target, increments=1, tolerance=1e-10)
-            state, spent = one.state, spent + one.newton_iterations
+            walk = walk_step(scene, given, target, increments=1, tolerance=1e-10)
+            state, iterations = walk.state, iterations + walk.newton_iterations
         np.testing.assert_allclose(whole.state.force, state.force, atol=1e-9 * state.load)
-        newton.append(spent)
-    assert whole.newton_iterations < 0.75 * newton[1]  # it goes on as in the increment before
-    assert newton[0] == whole.newton_iterations  # also from one step of a path to the next
+        spent.append(iterations)
+    assert whole.newton_iterations < 0.75 * spent[1]  # it goes on as in the increment before
+    assert spent[0] == whole.newton_iterations  # also from one step of a path to the next

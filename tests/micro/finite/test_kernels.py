@@ -7,7 +7,7 @@ from skfem import Basis, ElementHex1
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import FiniteCell, Surface
 from multiscale.micro.finite.large_strain import large_strain_body
-from multiscale.micro.finite.mixed_reference import mixed_reference
+from multiscale.micro.finite.preconditioner import mixed_reference
 from multiscale.micro.graph_mesh import GraphMesh, graded_planes
 from multiscale.micro.hexahedron import BATCH
 

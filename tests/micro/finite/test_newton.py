@@ -9,8 +9,9 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.finite_path import current_weight
-from multiscale.micro.finite.height_obstacle import HeightObstacle
-from multiscale.micro.finite.history import rest_state, walk_step
+from multiscale.micro.finite.newton import walk_step
+from multiscale.micro.finite.scene import rest_state
+from multiscale.micro.finite.surfaces import OppositeSide
 from multiscale.micro.path import Target
 from tests.support import rough_square
 
@@ -96,7 +97,7 @@ def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
     # what slips is pulled along by the obstacle, the way it moves
     forward = np.sum(tangential[:, :2] * slide[None, :, None], axis=1)[state.slipping]
     assert np.mean(forward > 0.0) > 0.9
-    internal = scene.body.begin(first.material, 0.0).respond(state.displacement).force
+    internal = scene.begin(first.material, 0.0).respond(state.displacement).force
     scene.surface(internal)[:] -= state.force
     assert np.max(np.abs(internal)) < 1e-7 * scale
 
@@ -205,25 +206,25 @@ def test_the_projected_area_of_a_deformed_surface_is_the_nominal_one():
 
 
 def test_a_rough_obstacle_is_smooth_periodic_and_moves():
-    surface = rough(0.3)
-    obstacle = HeightObstacle(Surface(np.zeros((N, N)), (1.0, 1.0)), surface, follows=True)
+    obstacle = OppositeSide(Surface(np.zeros((N, N)), (1.0, 1.0)), rough(0.3))
+
+    def meet(moved, slide):
+        return obstacle.meet(lambda u: [u], moved, 0.0, np.array(slide))
+
     still = np.zeros((N, 3, N))
-    there = obstacle.meet(still, 0.0, np.zeros(2))
-    back = obstacle.meet(still, 0.0, np.array([1.0, -2.0]))
+    there, back = meet(still, (0.0, 0.0)), meet(still, (1.0, -2.0))
     np.testing.assert_allclose(back.gap, there.gap, atol=1e-12)
-    one = obstacle.meet(still, 0.0, np.array([1.0 / N, 0.0]))
-    np.testing.assert_allclose(one.gap, np.roll(there.gap, 1, axis=0), atol=1e-12)
-    # nodes that move with the obstacle see no change; slopes and curvatures are derivatives
+    next_point = meet(still, (1.0 / N, 0.0))
+    np.testing.assert_allclose(next_point.gap, np.roll(there.gap, 1, axis=0), atol=1e-12)
+    # nodes that move with the obstacle see no change; normals turn by their derivative
     moved = still.copy()
     moved[:, 0] = 0.013
-    np.testing.assert_allclose(
-        obstacle.meet(moved, 0.0, np.array([0.013, 0.0])).gap, there.gap, atol=1e-12
-    )
-    height, slope, curvature = obstacle._sample(moved, np.zeros(2))
-    moved[:, 0] += 1e-6
-    ahead, steeper, _ = obstacle._sample(moved, np.zeros(2))
-    np.testing.assert_allclose((ahead - height) / 1e-6, slope[0], atol=1e-4)
-    np.testing.assert_allclose((steeper[1] - slope[1]) / 1e-6, curvature[1], atol=1e-3)
+    np.testing.assert_allclose(meet(moved, (0.013, 0.0)).gap, there.gap, atol=1e-12)
+    here, step = meet(moved, (0.0, 0.0)), np.zeros_like(moved)
+    step[:, 0], step[:, 2] = here.normal[:, 2], -here.normal[:, 0]  # along the obstacle
+    turned = here.turn(step, 0.0, np.ones((N, N)), 0.0 * moved, 0.0 * moved)
+    ahead = meet(moved + 1e-6 * step, (0.0, 0.0))
+    np.testing.assert_allclose((here.normal - ahead.normal) / 1e-6, turned, atol=1e-3)
 
 
 @pytest.mark.parametrize(

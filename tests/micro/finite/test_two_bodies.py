@@ -7,11 +7,11 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.cell_needs import CellPart, cell_needs
-from multiscale.micro.finite.deformed_surface import DeformedSurface
 from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.history import rest_state, walk_step
-from multiscale.micro.finite.two_bodies import MIRROR
+from multiscale.micro.finite.newton import walk_step
+from multiscale.micro.finite.scene import rest_state
+from multiscale.micro.finite.surfaces import MIRROR, DeformedSurface
 from multiscale.micro.path import Target
 from tests.support import rough_square
 
@@ -141,13 +141,15 @@ def test_a_common_motion_opens_no_gap_and_makes_no_slip(rng):
     scene = make_scene(pair(surface, surface, mu=0.3))
     start = rest_state(scene)
     u = np.zeros_like(start.displacement)
-    first, second = scene.halves.surfaces(u)
+    first, second = scene.surfaces(u)
     first[:] = 0.004 * rng.standard_normal(first.shape)
     first[:, 0] += 1.7
     second[:] = MIRROR * first
     meeting = scene.meet(u, 0.0, np.zeros(2))
     np.testing.assert_allclose(meeting.gap, 0.0, atol=1e-12)
-    np.testing.assert_allclose(scene.slip_since(start)(u, 0.0, np.zeros(2)), 0.0, atol=1e-12)
+    before = start.displacement, start.approach, start.slide
+    slip = scene.opposite.slip_since(scene.surfaces, *before)
+    np.testing.assert_allclose(slip(u, 0.0, np.zeros(2)), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.3], ids=["smooth", "friction"])
@@ -161,16 +163,17 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
     target = Target(load, None if load else start.approach, slide)
     state = walk_step(scene, start, target, increments=1, tolerance=1e-10).state
     assert mu == 0.0 or state.slipping.any()
-    equations = CellEquations(scene, scene.body.begin(start.material, 0.0), start, target)
+    equations = CellEquations(scene, start, target)
     u, delta = state.displacement, state.approach
     now = equations.at(u, delta, state.active)
     x, step = rng.standard_normal(u.shape), 1e-7
     shift = 0.3 if load else 0.0
     # a step that keeps the contacts closed, as every Newton step does
-    x, shift = now.constraint.solve(x * scene.weights[0], 0.0 if load is None else shift)
+    constraint = scene.solver.constraint(now)
+    x, shift = constraint.solve(x * scene.weights[0], 0.0 if load is None else shift)
     size = np.abs(x).max()
     x, shift = x / size, shift / size
-    found, _ = now._apply(x, shift)
+    found, _ = now.apply(x, shift)
 
     def balance(sign):
         there = equations.at(u + sign * step * x, delta + sign * step * shift, state.active)
@@ -192,9 +195,9 @@ def test_newtons_matrix_is_the_derivative_of_the_equations(mu, load, rng):
     if mu == 0.0:
         np.testing.assert_allclose(difference, found, atol=2e-4 * scale)
         other = rng.standard_normal(u.shape)
-        other, _ = now.constraint.solve(other * scene.weights[0], 0.0)
+        other, _ = constraint.solve(other * scene.weights[0], 0.0)
         if load is None:
-            left, right = np.vdot(other, found), np.vdot(x, now._apply(other, 0.0)[0])
+            left, right = np.vdot(other, found), np.vdot(x, now.apply(other, 0.0)[0])
             assert left == pytest.approx(right, rel=1e-3, abs=1e-6 * np.linalg.norm(found))
     else:  # what the bound follows to first order: turns of the slip are left to the iteration
         assert np.linalg.norm(difference - found) < 0.2 * np.linalg.norm(found)
@@ -218,8 +221,8 @@ def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points)
     assert np.all(meeting.gap >= -1e-8)
     assert np.all(np.abs(meeting.gap[state.active]) < 1e-8)
     assert np.all(np.linalg.norm(tangential, axis=1) <= mu * pressure + 1e-6 * scale)
-    forces = scene.body.begin(before.material, 0.0).respond(state.displacement).force
-    _, second = scene.halves.surfaces(forces)
+    forces = scene.begin(before.material, 0.0).respond(state.displacement).force
+    _, second = scene.surfaces(forces)
     # action and reaction, in the frame of the first body
     np.testing.assert_allclose(
         (MIRROR * second).sum((0, 2)), -state.force.sum((0, 2)), atol=1e-7 * load
@@ -233,7 +236,7 @@ def test_bodies_without_friction_carry_no_state_and_pay_for_one_unknown():
     assert needs.unknowns_per_contact == 1
     assert needs.state_variables == ()
     scene = make_scene(pair(rough(1), rough(2)))
-    assert scene.body.rest() == (None, None)
+    assert rest_state(scene).material == (None, None)
     assert CellPart.SECOND_BODY in cell_needs(Cell(rough(1), 0.5, LAYERS, 1.0, 0.3)).omitted
 
 

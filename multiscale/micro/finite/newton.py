@@ -1,4 +1,7 @@
-"""A step of a path in increments that adapt to the convergence of Newton's iteration."""
+"""Newton's iteration over an increment, and a step of a path in increments.
+
+The length of the increments adapts to the convergence of Newton's iteration.
+"""
 
 import logging
 from dataclasses import dataclass, replace
@@ -6,14 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.finite.cell_newton import solve_increment
+from multiscale.micro.finite.equations import CellEquations, Iterate
 from multiscale.micro.finite.scene import CellScene, CellState
 from multiscale.micro.path import Target
+from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Walk", "rest_state", "walk_step"]
+__all__ = ["Walk", "solve_increment", "walk_step"]
 
 logger = logging.getLogger(__name__)
 
+LEAST_DILATATION = 0.05  # smallest det F of an accepted iterate
+HALVINGS = 7  # of a Newton step
+FORCING = (1e-4, 0.1)  # bounds on the relative tolerance of the linear problem
+DIVERGED = 30.0  # ratio of the residual to the smallest one at which the iteration stops
+PATIENCE = 12  # iterations in which the error has to halve
 SHRINK, GROW = 0.4, 1.7  # factors of the length after a failed and after an easy increment
 EASY = 7  # Newton iterations up to which an increment counts as easy
 PRESSED = 0.6  # largest increment of :func:`_press`, relative to the largest change of the approach
@@ -23,6 +32,85 @@ LONGEST = 3.0  # prediction, relative to the last increment
 STILL = 1e-6  # change of the load or approach, relative to it, that is none
 MOST = 400  # largest number of increments of a step beyond the fewest
 LINEAR = (1_000, 20_000)  # linear iterations allowed in a step: per increment, and in addition
+
+
+def solve_increment(
+    scene: CellScene,
+    start: CellState,
+    target: Target,
+    guess: tuple[np.ndarray, float] | None = None,
+    *,
+    predicted: tuple[np.ndarray, float] | None = None,
+    max_iterations: int = 40,
+    tolerance: float = 1e-8,
+) -> CellState:
+    """Solve one load increment from a state of equilibrium."""
+    equations = CellEquations(scene, start, target)
+    active, delta = None, start.approach if target.approach is None else target.approach
+    if guess is not None:
+        active, delta = guess
+    now = None
+    if predicted is not None:
+        ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
+        if ahead.response.least_dilatation > LEAST_DILATATION:
+            now = ahead if ahead.error < equations.error_at_start(delta) else None
+    if now is None:
+        now = equations.at(start.displacement, delta, active)
+    run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
+    while run.goes_on(now.error):
+        errors = run.residuals
+        grown = len(errors) > 5 and errors[-1] > DIVERGED * min(errors)
+        late = len(errors) > PATIENCE
+        if grown or (late and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE])):
+            run.stop(Status.STALLED)
+            break
+        forcing = min(FORCING[1], max(FORCING[0], 0.2 * now.error**0.75))
+        move, shift, iterations = scene.solver.step(now, forcing, 0.4 * tolerance)
+        linear += iterations
+        found = _search(equations, now, move, shift)
+        if found is None:
+            run.stop(Status.STALLED)
+            break
+        now = found
+    load = -float(now.contact_force[:, 2].sum()) - start.load
+    return CellState(
+        now.u,
+        now.delta,
+        target.slide,
+        equations.increment.finish(now.u) if run.converged else start.material,
+        now.contact_force,
+        now.active,
+        now.slipping,
+        start.dissipation + now.dissipated,
+        run.status,
+        tuple(run.residuals),
+        linear,
+        now.response.flowing,
+        max(start.peak, float(np.linalg.norm(now.contact_force))),
+        now.u - start.displacement,
+        np.array(
+            [*(target.slide - start.slide), load, now.delta - start.approach, target.time_step]
+        ),
+    )
+
+
+def _search(
+    equations: CellEquations, now: Iterate, move: np.ndarray, shift: float
+) -> Iterate | None:
+    """Shorten a Newton step until no element folds and, if contact is met, the error falls."""
+    share, least, best = 1.0, np.inf, 0.0
+    for _ in range(HALVINGS):
+        found = equations.at(now.u + share * move, now.delta + share * shift)
+        if found.response.least_dilatation > LEAST_DILATATION:
+            if now.opens or found.error <= (1.0 - 1e-3 * share) * now.error:
+                return found
+            if found.error < least:
+                least, best = found.error, share
+        share *= 0.5
+    if best == 0.0:
+        return None
+    # evaluate again, because the tangent belongs to the last evaluated displacement
+    return equations.at(now.u + best * move, now.delta + best * shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +130,6 @@ class Walk:
     newton_iterations: int
     linear_iterations: int
     reached: float
-
-
-def rest_state(scene: CellScene) -> CellState:
-    """Return the cell before any load."""
-    nx, ny = scene.grid
-    nothing = np.zeros((nx, ny), dtype=bool)
-    return CellState(
-        np.zeros(scene.body.shape),
-        0.0,
-        np.zeros(2),
-        scene.body.rest(),
-        np.zeros((nx, 3, ny)),
-        nothing,
-        nothing,
-        status=Status.CONVERGED,
-        residuals=(0.0,),
-    )
 
 
 def walk_step(
@@ -237,13 +308,13 @@ def _first_touch(
     gap, closing = meeting.gap, meeting.normal[:, 2]
     if aim.approach is not None:
         return gap - closing * aim.approach < 0.0, aim.approach
-    return scene.first_touch(gap, closing, float(aim.load or 0.0))
+    return scene.solver.touch(gap, closing, float(aim.load or 0.0))
 
 
 def _released(scene: CellScene, state: CellState, aim: Target) -> CellState:
     """Solve for the free body; the approach is the target's, or the approach of the first touch."""
-    reach = float(np.ptp(scene.obstacle.body.heights)) + abs(state.approach)
-    shape = scene.obstacle.shape
+    reach = float(np.ptp(scene.opposite.body.heights)) + abs(state.approach)
+    shape = scene.opposite.shape
     reach += 0.0 if shape is None else float(np.ptp(shape.heights))
     away = replace(aim, load=None, approach=-10.0 * reach)
     free = solve_increment(scene, state, away)
