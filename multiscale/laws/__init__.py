@@ -15,7 +15,7 @@ from multiscale.laws.friction_laws import (
     SteadySliding,
     wlf_shift,
 )
-from multiscale.laws.hysteretic import HystereticLaw, ShakenDownLaw
+from multiscale.laws.hysteretic import HystereticLaw
 from multiscale.laws.interface_law import GapLaw, InterfaceLaw, NormalLaw, Response, Sliding
 from multiscale.laws.modified import Damaged, StretchedLaw
 from multiscale.laws.normal import ConvexDecreasing, Exponential, PowerLaw, Tabulated
@@ -48,7 +48,6 @@ __all__ = [
     "PowerStiffness",
     "Response",
     "RigidContact",
-    "ShakenDownLaw",
     "Sliders",
     "Sliding",
     "Softening",

@@ -1,12 +1,11 @@
 """Loading and unloading of plastic contact: hysteresis of the pressure."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from multiscale.laws.interface_law import (
     GapLaw,
-    InterfaceLaw,
     NormalLaw,
     Response,
     check_parameter,
@@ -14,7 +13,7 @@ from multiscale.laws.interface_law import (
 )
 from multiscale.laws.normal import PowerLaw
 
-__all__ = ["HystereticLaw", "ShakenDownLaw"]
+__all__ = ["HystereticLaw"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +27,7 @@ class HystereticLaw(GapLaw):
         Ratio :math:`\beta \ge 1` of the stiffnesses at the start of unloading and of loading,
         dimensionless.
     exponent : float, exponent :math:`n \ge 1` of the unloading branch, dimensionless
+    flows : bool, false once it is shaken down: then (1) also holds above the largest pressure
 
     Notes
     -----
@@ -62,11 +62,15 @@ class HystereticLaw(GapLaw):
     array([-1.35335283e+08, -8.20849986e+07])
     >>> law.respond(jump, state=np.full((1, 2), loaded.state[0, 0])).traction[0]  # after loading
     array([-1.35335283e+08, -2.60452874e+07])
+    >>> peak = np.array([[1.35335283e8]])
+    >>> law.shaken_down().respond(np.array([[1.9e-6]]), state=peak).traction[0] / 1e6
+    array([-163.28546609])
     """
 
     loading: NormalLaw
     stiffness_ratio: float
     exponent: float
+    flows: bool = True
     n_state = 1
 
     def __post_init__(self) -> None:
@@ -109,11 +113,12 @@ class HystereticLaw(GapLaw):
         peak = state[0]
         branch = self.branch(np.where(peak > 0.0, peak, 1.0))  # without loading the force is zero
         length = np.asarray(branch.support)
-        return np.maximum(gap - self.loading.gap + branch.gap, 0.0) / length, peak, length
+        recovered = gap - self.loading.gap + branch.gap
+        return (np.maximum(recovered, 0.0) if self.flows else recovered) / length, peak, length
 
-    def shaken_down(self) -> "ShakenDownLaw":
-        """Return the law that stays on (1); see :class:`InterfaceLaw`."""
-        return ShakenDownLaw(self.loading, self.stiffness_ratio, self.exponent)
+    def shaken_down(self) -> "HystereticLaw":
+        """Return the law that stays on (1), elastic where nothing has pressed yet."""
+        return replace(self, flows=False)
 
     def branch(self, peak_pressure: np.ndarray) -> PowerLaw:
         """Return (1) from largest pressures :math:`p_m > 0`, Pa, with the gap :math:`g - g_m`."""
@@ -131,19 +136,22 @@ class HystereticLaw(GapLaw):
         """Evaluate (1) or the loading law; the new state is the largest pressure."""
         loaded = self.loading.respond(jump, state)
         p, peak = -loaded.traction[0], state[0]
-        back = p < peak
+        back = p < peak if self.flows else peak > 0.0
+        new = np.maximum(p, peak)[None] if self.flows else state
         if not np.any(back):
-            return Response(loaded.traction, loaded.tangent, np.maximum(p, peak)[None])
+            return Response(loaded.traction, loaded.tangent, new)
         traction, tangent = loaded.traction.copy(), loaded.tangent.copy()
         unloaded = self.branch(peak[back]).respond(jump[:, back], state[:, back])
         traction[:, back] = unloaded.traction
         tangent[:, :, back] = unloaded.tangent
-        return Response(traction, tangent, np.maximum(p, peak)[None])
+        return Response(traction, tangent, new)
 
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
         """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
+        if not self.flows:
+            return super().resolvent(source, stiffness, state)
         # the root lies on the loading branch if its pressure there is the largest so far
         k = np.broadcast_to(stiffness, source.shape)
         jump = self.loading.resolvent(source, k, state)
@@ -154,47 +162,3 @@ class HystereticLaw(GapLaw):
                 branch, source[:, back], k[:, back], state[:, back], -np.asarray(branch.gap)
             )
         return jump
-
-
-@dataclass(frozen=True)
-class ShakenDownLaw(HystereticLaw):
-    r"""Law that follows the unloading branch (1) of its largest pressure, below and above it.
-
-    :class:`HystereticLaw` becomes this law under small changes of its load, which do not flow after
-    the first of them. The parameters and the state are the same, and the state does not change.
-    Before the first pressure the loading branch is elastic, and carries no shear.
-
-    Examples
-    --------
-    >>> from multiscale.laws import Exponential
-    >>> law = HystereticLaw(Exponential(1.0e9, 1.0e-6), 2.0, 1.5).shaken_down()
-    >>> law.respond(np.array([[1.9e-6]]), state=np.array([[1.35335283e8]])).traction[0] / 1e6
-    array([-163.28546609])
-    """
-
-    def on_curve(
-        self, gap: np.ndarray, state: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the place on (1), on both sides of the largest pressure, and its scales."""
-        peak = state[0]
-        branch = self.branch(np.where(peak > 0.0, peak, 1.0))
-        length = np.asarray(branch.support)
-        return (gap - self.loading.gap + branch.gap) / length, peak, length
-
-    def respond(self, jump: np.ndarray, state: np.ndarray) -> Response:
-        """Evaluate (1) on both sides of the largest pressure."""
-        peak = state[0]
-        pressed = peak > 0.0
-        branch = self.branch(np.where(pressed, peak, 1.0)).respond(jump, state)
-        virgin = self.loading.respond(jump, state)
-        return Response(
-            np.where(pressed, branch.traction, virgin.traction),
-            np.where(pressed, branch.tangent, virgin.tangent),
-            state,
-        )
-
-    def resolvent(
-        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
-    ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
-        return InterfaceLaw.resolvent(self, source, stiffness, state)

@@ -115,8 +115,10 @@ def _laws(
     for number, law in enumerate(laws):
         if law is not None and told_branches(law).get("unloading", "").startswith("measured"):
             bed = cast(Sliders, made[number])  # a law of cells is one
-            branch = (float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent"))
-            unloading = HystereticLaw(cast(NormalLaw, bed.normal), *branch)
+            ratio, exponent = (
+                float(law[f"unloading_{name}"]) for name in ("stiffness_ratio", "exponent")
+            )
+            unloading = HystereticLaw(cast(NormalLaw, bed.normal), ratio, exponent)
             made[number] = replace(bed, normal=unloading)
     return made
 
