@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from multiscale.bench.trials import BenchFamily, Columns, Runs, Trial, judge_by
-from multiscale.micro.damage import FatigueMaterial, StressBlock, two_scale_fatigue
+from multiscale.micro.damage import FatigueMaterial, two_scale_fatigue
 
 __all__ = ["TOLERANCES", "life", "plan_damage", "scene_history"]
 
@@ -30,21 +30,24 @@ SUBSTEPS = 16
 REPEATS = 3
 
 
-def scene_history(scene: str) -> list[StressBlock]:
-    """Stress history of a scene, Pa."""
+def scene_history(scene: str) -> np.ndarray:
+    """Corners of a cycle of stress, or of a program of cycles, of a scene, Pa."""
     limit = MATERIAL.fatigue_limit
+    reversed_tension = limit * np.array([1.0, -1.0])
     if scene == SCENES[0]:
-        return [StressBlock(1.001 * limit * np.array([1.0, -1.0]))]
+        return 1.001 * reversed_tension
     if scene == SCENES[1]:  # out of phase: the principal axes turn
         angle = np.arange(8) * np.pi / 4.0
         path = np.zeros((8, 6))
         path[:, 0], path[:, 5] = np.cos(angle), np.sin(angle) / np.sqrt(3.0)
-        return [StressBlock(1.05 * limit * path)]
-    amplitudes, cycles = (1.05, 0.9, 1.15), (50, 1000, 5)
-    return [
-        StressBlock(share * limit * np.array([1.0, -1.0]), count)
-        for share, count in zip(amplitudes, cycles, strict=True)
-    ]
+        return 1.05 * limit * path
+    amplitudes, cycles = (1.05, 0.9, 1.15), (5, 10, 1)
+    return np.concatenate(
+        [
+            np.tile(share * reversed_tension, count)
+            for share, count in zip(amplitudes, cycles, strict=True)
+        ]
+    )
 
 
 def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple[float, float]:

@@ -5,8 +5,7 @@ from functools import partial
 import numpy as np
 
 from multiscale.bench.trials import BenchFamily, Trial, judge_by
-from multiscale.micro.damage import effective_stiffness, voxelise, youngs_modulus_along
-from multiscale.micro.damage.cavity_packing import Recipe
+from multiscale.micro.damage import Recipe, effective_stiffness, voxelise, youngs_modulus_along
 
 __all__ = ["mean_modulus", "plan_volumes"]
 

@@ -101,6 +101,38 @@ class VoxelImage:
         x, y, z = (n * h for n, h in zip(shape, self.spacing, strict=True))
         return VoxelImage((count > 4) | ((count == 4) & (odd == 1)), (x, y, z))
 
+    def coarser(self) -> "VoxelImage | None":
+        """Halve the resolution, if there are two voxels or more along every axis."""
+        return self.coarsened() if min(self.void.shape) > 1 else None
+
+    def image(self, shape: int) -> "VoxelImage":
+        """Return the image as it is, whatever the number of voxels."""
+        return self
+
+    def section_areas(
+        self, normal: np.ndarray, distance: np.ndarray, slab: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Areas of void and whole areas of plane sections, m², at distances from the centre, m."""
+        from multiscale.numerics.box_sections import box_section, void_section
+
+        lost = void_section(self.void, self.size, normal, distance)
+        return lost, box_section(self.size, normal, distance)
+
+    def void_at(self, place: np.ndarray, thickness: float = 0.0) -> np.ndarray:
+        """Whether points (3, ...), m, lie in a void voxel."""
+        across = (3, *(1,) * (place.ndim - 1))
+        index = np.floor(place / np.reshape(self.spacing, across)).astype(int)
+        index = np.clip(index, 0, np.reshape(self.void.shape, across) - 1)
+        return np.asarray(self.void[tuple(index)])
+
+    def window(self, share: float, corner: Sequence[int]) -> "VoxelImage":
+        """Cut a part of a share of the edges at a corner, (0 or 1) x 3, of whole voxels."""
+        n = [max(1, round(share * k)) for k in self.void.shape]
+        start = [far * (k - part) for far, k, part in zip(corner, self.void.shape, n, strict=True)]
+        cut = tuple(slice(a, a + part) for a, part in zip(start, n, strict=True))
+        x, y, z = (part * h for part, h in zip(n, self.spacing, strict=True))
+        return VoxelImage(self.void[cut], (x, y, z))
+
 
 def read_images(
     path: str | PathLike[str],

@@ -1,6 +1,6 @@
 """What a case may say of a representative volume: its pores and cracks, its size, its solid."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Self
@@ -10,9 +10,9 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage, read_images
-from multiscale.micro.damage import Cavities, penny_cracks, spheres
-from multiscale.micro.damage.cavity_packing import Recipe
-from multiscale.micro.damage.shapes import Shapes
+from multiscale.micro.damage import Cavities, Recipe, penny_cracks, spheres
+from multiscale.micro.damage.cavities import Bodies
+from multiscale.micro.damage.sections import Volume
 from multiscale.pipeline.toml_model import (
     Count,
     Factor,
@@ -205,11 +205,6 @@ class RveSettings(Settings):
     cracks: tuple[Crack, ...] = ()
     image: ImageStack | None = None
     voxels: Voxels = Field(48, description="Voxels along the longest edge, for the stiffness.")
-    element: Length | None = Field(
-        None,
-        description="Element size, m, of a mesh that follows pores and both faces of cracks, in "
-        "place of voxels.",
-    )
     parts: tuple[Part, ...] = Field(
         (0.5,), description="Sizes of smaller volumes over `size`, rising, of the size study."
     )
@@ -227,6 +222,16 @@ class RveSettings(Settings):
         description="Largest distance of the bounds, and largest scatter, of a representative "
         "volume, over its stiffness.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_meshes(cls, table: object) -> object:
+        if isinstance(table, dict) and "element" in table:
+            raise ValueError(
+                "element is no key any more, as volumes have voxels in place of a mesh; write "
+                "voxels, their number along the longest edge, at least ten across a pore or crack"
+            )
+        return table
 
     @field_validator("size", mode="before")
     @classmethod
@@ -256,8 +261,6 @@ class RveSettings(Settings):
             )
         if self.recipe is not None and self.size is not None:
             self.recipe.check_size(self.size)
-        if self.image is not None and self.element is not None:
-            raise ValueError("element is the size of a mesh, and an image has voxels; leave it out")
         return self
 
     @property
@@ -276,11 +279,11 @@ class RveSettings(Settings):
         assert self.image is not None
         return self.image.read().without_floating()
 
-    def first(self) -> Cavities | VoxelImage:
+    def first(self) -> Volume:
         """Make the first representative volume."""
         return self.volumes(1.0)[0]
 
-    def volumes(self, share: float) -> list[Cavities | VoxelImage]:
+    def volumes(self, share: float) -> list[Volume]:
         """Make the volumes of a size: further ones of a recipe, parts at the corners of others."""
         if self.recipe is not None:
             assert self.size is not None
@@ -292,10 +295,10 @@ class RveSettings(Settings):
                 return [recipe.draw(box, seed + k) for k in range(self.recipe.realisations)]
             except CaseError as error:
                 raise CaseError(f"[rve.recipe] {error}") from error
-        whole = self.read_volume() if self.image is not None else self._listed()
+        whole: Volume = self.read_volume() if self.image is not None else self._listed()
         if share == 1.0:
             return [whole]
-        return [_window(whole, share, corner) for corner in product((0, 1), repeat=3)]
+        return [whole.window(share, corner) for corner in product((0, 1), repeat=3)]
 
     def _box(self, share: float) -> tuple[float, float, float]:
         """Lengths of a smaller volume of whole voxels, m."""
@@ -307,7 +310,7 @@ class RveSettings(Settings):
     def _listed(self) -> Cavities:
         """Make the volume of the lists."""
         assert self.size is not None
-        bodies: list[Shapes] = []
+        bodies: list[Bodies] = []
         if self.pores:
             radii = np.array([one.radius for one in self.pores])
             bodies.append(spheres(np.array([one.centre for one in self.pores]), radii))
@@ -358,12 +361,12 @@ class RveSettings(Settings):
         radii += [self.recipe.pore_radius] if self.recipe and self.recipe.pore_radius else []
         return 2.0 * min(radii, default=np.inf)
 
-    def jobs(self) -> Iterator[tuple[float, Cavities | VoxelImage]]:
+    def jobs(self) -> Iterator[tuple[float, Volume]]:
         """Yield all volumes with their size over the representative one, the largest first."""
         for share in (1.0, *self.parts[::-1]):
             yield from ((share, one) for one in self.volumes(share))
 
-    def voxels_of(self, volume: Cavities | VoxelImage) -> int:
+    def voxels_of(self, volume: Volume) -> int:
         """Voxels along the longest edge of a volume, all of one size."""
         return round(max(volume.size) / self.spacing) if self.size else 0
 
@@ -379,27 +382,7 @@ class RveSettings(Settings):
             update={
                 "recipe": self.recipe and self.recipe.quick(),
                 "voxels": min(24, self.voxels),
-                "element": self.element and 1.5 * self.element,
                 "level": min(1, self.level),
                 "sections": min(17, self.sections),
             }
         )
-
-
-def _window(
-    whole: Cavities | VoxelImage, share: float, corner: Sequence[int]
-) -> Cavities | VoxelImage:
-    """Cut a part at a corner of a volume; its sides are cuts."""
-    if isinstance(whole, VoxelImage):
-        n = [max(1, round(share * k)) for k in whole.void.shape]
-        start = [far * (k - part) for far, k, part in zip(corner, whole.void.shape, n, strict=True)]
-        cut = tuple(slice(a, a + part) for a, part in zip(start, n, strict=True))
-        x, y, z = (part * h for part, h in zip(n, whole.spacing, strict=True))
-        return VoxelImage(whole.void[cut], (x, y, z))
-    x, y, z = (share * edge for edge in whole.size)
-    away = np.array(corner) * (1.0 - share) * np.array(whole.size)
-    inside = [
-        kind.take(np.arange(len(kind.centre)), np.broadcast_to(-away, kind.centre.shape))
-        for kind in whole.images
-    ]
-    return Cavities((x, y, z), inside, periodic=False)

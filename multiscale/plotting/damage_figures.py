@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io.images import VoxelImage
 from multiscale.plotting.element_faces import outer_faces
 from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
 from multiscale.schema import Dataset
@@ -16,7 +15,7 @@ from multiscale.units import length_unit
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-    from multiscale.micro.damage.cavities import Cavities
+    from multiscale.micro.damage.sections import Volume
 
 __all__ = [
     "colour_sphere",
@@ -129,9 +128,7 @@ def plot_element_field(
     return ax
 
 
-def plot_worst_section(
-    rve: "Cavities | VoxelImage", sections: Dataset, *, ax: Axes | None = None
-) -> Axes:
+def plot_worst_section(rve: "Volume", sections: Dataset, *, ax: Axes | None = None) -> Axes:
     """Draw the void in the worst section.
 
     Parameters
@@ -140,7 +137,7 @@ def plot_worst_section(
     """
     from matplotlib.colors import ListedColormap
 
-    from multiscale.micro.damage.section_plane import SectionPlane
+    from multiscale.micro.damage.cavities import SectionPlane
 
     ax = axes_or_current(ax)
     normal = sections["worst_normal"].values
@@ -187,15 +184,13 @@ def plot_woehler(curve: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def _section_image(
-    rve: "Cavities | VoxelImage", origin: np.ndarray, frame: np.ndarray, points: int = 400
+    rve: "Volume", origin: np.ndarray, frame: np.ndarray, points: int = 400
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sample a section on points of a plane.
 
     Return coordinates along its directions (2, 3), m, shape (points,), and values (points, points):
     0 in solid, 1 in void, NaN outside the box; the first axis is the second direction.
     """
-    from multiscale.micro.damage.cavities import Cavities
-
     size = np.array(rve.size)
     half = 0.5 * float(np.linalg.norm(size))
     along = half * (2.0 * (np.arange(points) + 0.5) / points - 1.0)
@@ -204,10 +199,5 @@ def _section_image(
         + frame[1][:, None, None] * along[None, :, None]
     )
     inside = np.all((place >= 0.0) & (place < size[:, None, None]), axis=0)
-    if isinstance(rve, Cavities):
-        void = rve.void_at(place, 4.0 * half / points)
-    else:
-        index = np.floor(place / np.array(rve.spacing)[:, None, None]).astype(int)
-        index = np.clip(index, 0, np.array(rve.void.shape)[:, None, None] - 1)
-        void = rve.void[tuple(index)]
+    void = rve.void_at(place, 4.0 * half / points)
     return along, np.where(inside, void.astype(float), np.nan)

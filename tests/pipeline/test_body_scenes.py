@@ -14,7 +14,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import solve_static, tensegrity_grid
-from multiscale.micro.damage.apparent import measure_volume, represent
+from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.pipeline import load_case, run_macro
 from multiscale.schema import HOMOGENISED, MACRO_RESULT, RVE
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget

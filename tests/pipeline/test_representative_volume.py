@@ -273,6 +273,11 @@ pressures = ["0.1 MPa", "100 MPa"]
         pytest.param(TEXT, "takes either [rve.recipe], a list of pores", id="nothing"),
         pytest.param(TEXT + RECIPE + CRACK, "got recipe and pores or cracks", id="two kinds"),
         pytest.param(
+            TEXT + 'element = "50 um"\n' + RECIPE,
+            "element is no key any more, as volumes have voxels in place of a mesh; write voxels",
+            id="a mesh",
+        ),
+        pytest.param(
             TEXT + RECIPE.replace("140 um", "150"), "pore_radius", id="a radius without unit"
         ),
         pytest.param(

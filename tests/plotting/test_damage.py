@@ -5,9 +5,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from multiscale.micro.damage import (
-    Cavities,
     FatigueMaterial,
-    cylinders,
     max_damage,
     voxelise,
     woehler_curve,
@@ -17,8 +15,9 @@ from multiscale.plotting import (
     plot_woehler,
     plot_worst_section,
 )
+from tests.micro.damage.solid import channels
 
-RVE = Cavities((1e-3, 1e-3, 1e-3), [cylinders([[5e-4, 5e-4, 5e-4]], (0, 0, 1), 3e-4)])
+RVE = channels([(5e-4, 5e-4, 5e-4)], [3e-4], (1e-3, 1e-3, 1e-3))
 
 
 @pytest.fixture(scope="module")

@@ -29,11 +29,11 @@ pores = random_spheres((1e-3, 1e-3, 1e-3), 1.5e-4, porosity=0.1, seed=1)
 sections = max_damage(pores, level=1, sections=17)
 print(float(sections["maximum_damage"]), sections["worst_normal"].values)
 
-# The damage of a section is geometric. The stiffness comes from finite elements with periodic
-# conditions, and is not (1 - damage) times the stiffness of the matrix. mesh_stiffness meshes
-# cavities and cracks with gmsh instead, also where cracks meet each other or a face of the box. A
-# crack through the whole section leaves no stiffness, and the solution says so. In a case, [rve]
-# does this for several volumes, and bodies take its tensor.
+# The damage of a section is geometric. The stiffness comes from finite elements on the voxels of an
+# image with periodic conditions, and is not (1 - damage) times the stiffness of the matrix. A flat
+# crack is one voxel thick, so that its error falls as the size of the voxels does; the change from
+# half the resolution bounds it. A crack through the whole section leaves no stiffness, and the
+# solution says so. In a case, [rve] does this for several volumes, and bodies take its tensor.
 stiffness = effective_stiffness(voxelise(pores, 24), 71e9, 0.33).unwrap()  # 6 x 6, Pa
 print(youngs_modulus_along(stiffness, np.eye(3)) / 71e9)
 

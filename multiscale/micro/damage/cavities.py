@@ -1,17 +1,253 @@
-"""A representative volume with cavities and flat cracks in closed form."""
+"""Volumes with cavities and flat cracks in closed form: bodies, sections, images.
 
+Bodies are arrays with centres, shape (n, 3), m. Radii, m, are one for all bodies or one each, shape
+(n,); directions, shape (3,) or (n, 3), may have any length but zero.
+"""
+
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import Self
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.shapes import NEGLIGIBLE, Cracks, Cylinders, Mapped, Shapes
 
-__all__ = ["Cavities", "check_box", "voxelise"]
+__all__ = [
+    "NEGLIGIBLE",
+    "Bodies",
+    "Cavities",
+    "Cracks",
+    "Ellipsoids",
+    "SectionPlane",
+    "check_box",
+    "penny_cracks",
+    "spheres",
+    "voxelise",
+]
+
+NEGLIGIBLE = 1e-9  # ratio of a length to the size of its body below which it counts as zero
+CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
+EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
+
+
+@dataclass(frozen=True)
+class SectionPlane:
+    """A plane with its own coordinates y: x = origin + y @ frame.
+
+    Attributes
+    ----------
+    origin : ndarray, shape (3,), a point of the plane, m
+    normal : ndarray, shape (3,), unit normal
+    frame : ndarray, shape (2, 3), orthonormal directions in the plane, right-handed with the normal
+    slab : float, thickness of the slab about the plane whose flat cracks count, m
+    """
+
+    origin: np.ndarray
+    normal: np.ndarray
+    frame: np.ndarray
+    slab: float = 0.0
+
+    @staticmethod
+    def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "SectionPlane":
+        """Choose the directions in the plane through a point, m, with a unit normal."""
+        return SectionPlane(origin, normal, perpendicular(normal[None])[0], slab)
+
+
+def perpendicular(unit: np.ndarray) -> np.ndarray:
+    """Complete unit vectors (n, 3) to right-handed frames; the two other vectors, (n, 2, 3).
+
+    References
+    ----------
+    .. [1] T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8: no square root and no special case.
+    """
+    x, y, z = unit.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    frame = np.empty((len(unit), 2, 3))
+    frame[:, 0, 0], frame[:, 0, 1], frame[:, 0, 2] = (
+        1.0 + sign * x * x * a,
+        sign * x * y * a,
+        -sign * x,
+    )
+    frame[:, 1, 0], frame[:, 1, 1], frame[:, 1, 2] = x * y * a, sign + y * y * a, -y
+    return frame
+
+
+def _box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
+    """Corners of the section of a box with a plane, anticlockwise in the plane, shape (n, 2), m.
+
+    There are none if the plane misses the box.
+    """
+    corners = CORNERS * size
+    height = (corners - plane.origin) @ plane.normal
+    below = height <= 0.0
+    start, end = EDGES[:, below[EDGES[0]] != below[EDGES[1]]]
+    share = (height[start] / (height[start] - height[end]))[:, None]
+    points = (1.0 - share) * corners[start] + share * corners[end]
+    flat = (points - plane.origin) @ plane.frame.T
+    x, y = (flat - flat.sum(axis=0) / max(len(flat), 1)).T
+    return np.asarray(flat[np.argsort(np.arctan2(y, x))])
+
+
+@dataclass(frozen=True)
+class Bodies(ABC):
+    """Bodies centre + root @ w, abs(w) <= 1.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (n, 3)
+    root : ndarray, shape (n, 3, 3), or (n, 3, 2) of flat bodies, columns are the semi-axes, m
+    """
+
+    centre: np.ndarray
+    root: np.ndarray
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Half lengths of their boxes, m."""
+        return np.asarray(np.linalg.norm(self.root, axis=2))
+
+    @property
+    def flat(self) -> bool:
+        """Whether the bodies are cracks."""
+        return bool(self.root.shape[2] == 2)
+
+    def take(self, index: np.ndarray, shift: np.ndarray) -> Self:
+        """Pick bodies, moved by a shift of shape (3,) or (picked, 3), m."""
+        return type(self)(self.centre[index] + shift, self.root[index])
+
+    def thickness(self, spacing: np.ndarray) -> np.ndarray:
+        """Thickness of each body in an image of some spacing, m; zero if the body has a volume."""
+        return np.zeros(len(self.centre))
+
+    @abstractmethod
+    def section(self, plane: SectionPlane) -> tuple[np.ndarray, np.ndarray]:
+        """Centres, (k, 2), and roots, (k, 2, 2), of the ellipses that a plane has in common, m."""
+
+    @abstractmethod
+    def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
+        """Whether points (3, ...) lie in body k, or within half a thickness, m, of a crack."""
+
+
+class Ellipsoids(Bodies):
+    """Ellipsoidal cavities."""
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volumes, shape (n,), m³."""
+        return np.asarray(4.0 / 3.0 * np.pi * np.abs(np.linalg.det(self.root)))
+
+    def section(self, plane: SectionPlane) -> tuple[np.ndarray, np.ndarray]:
+        """Ellipses of the section: in the unit ball the plane is (R^T n) . w = -d."""
+        distance = (self.centre - plane.origin) @ plane.normal
+        support = np.einsum("nij,i->nj", self.root, plane.normal)
+        height = np.linalg.norm(support, axis=1)
+        cut = np.abs(distance) < height
+        c, R, m = self.centre[cut], self.root[cut], support[cut] / height[cut, None]
+        s = -distance[cut] / height[cut]
+        circle = np.sqrt((1.0 - s) * (1.0 + s))[:, None, None] * perpendicular(m)
+        centre = (c - plane.origin + np.einsum("nij,nj->ni", R, s[:, None] * m)) @ plane.frame.T
+        return centre, np.einsum("ai,nij,nkj->nak", plane.frame, R, circle)
+
+    def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
+        """Whether points lie in body k."""
+        away = points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1))
+        w = np.tensordot(np.linalg.inv(self.root[k]), away, axes=1)
+        return np.asarray(np.sum(w**2, axis=0) <= 1.0)
+
+
+class Cracks(Bodies):
+    """Flat elliptic cracks."""
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Unit normals, shape (n, 3)."""
+        across = np.cross(self.root[:, :, 0], self.root[:, :, 1])
+        return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))
+
+    @property
+    def area(self) -> np.ndarray:
+        """Areas, shape (n,), m²."""
+        across = np.cross(self.root[:, :, 0], self.root[:, :, 1])
+        return np.asarray(np.pi * np.linalg.norm(across, axis=1))
+
+    def thickness(self, spacing: np.ndarray) -> np.ndarray:
+        """Thickness of a layer of voxels along the normal of each crack, m."""
+        return np.asarray(np.abs(self.normal) @ spacing)
+
+    def section(self, plane: SectionPlane) -> tuple[np.ndarray, np.ndarray]:
+        """Project the cracks that meet the slab of the plane on it, with area A abs(n . m)."""
+        distance = np.abs((self.centre - plane.origin) @ plane.normal)
+        height = np.linalg.norm(np.einsum("nij,i->nj", self.root, plane.normal), axis=1)
+        size = self.reach.max(axis=1)
+        meets = distance <= 0.5 * plane.slab + height + NEGLIGIBLE * size
+        root = np.einsum("ai,nij->naj", plane.frame, self.root)
+        meets &= np.abs(np.linalg.det(root)) * np.pi > NEGLIGIBLE * self.area
+        return (self.centre[meets] - plane.origin) @ plane.frame.T, root[meets]
+
+    def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
+        """Whether points lie within half a thickness of crack k."""
+        away = points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1))
+        w = np.tensordot(np.linalg.pinv(self.root[k]), away, axes=1)
+        above = np.tensordot(self.normal[k], away, axes=1)
+        # only one of two layers of points at the same distance counts
+        near = (above > -0.5 * thickness * (1.0 + NEGLIGIBLE)) & (
+            above <= 0.5 * thickness * (1 - NEGLIGIBLE)
+        )
+        return np.asarray((np.sum(w**2, axis=0) <= 1.0) & near)
+
+
+def spheres(centre: np.ndarray, radius: float | np.ndarray) -> Ellipsoids:
+    """Spherical cavities; centres, shape (n, 3), m, and radii, m, which must be positive."""
+    centre = _points(centre)
+    return Ellipsoids(centre, _radii(radius, len(centre))[:, None, None] * np.eye(3))
+
+
+def penny_cracks(
+    centre: np.ndarray, normal: np.ndarray | Sequence[float], radius: float | np.ndarray
+) -> Cracks:
+    """Circular flat cracks; a radius that is not positive and a normal of zero are refused.
+
+    Parameters
+    ----------
+    centre, normal : ndarray, shape (n, 3), m, and of any length
+    radius : float or ndarray, shape (n,), m
+    """
+    centre = _points(centre)
+    radii = _radii(radius, len(centre))
+    normals = np.broadcast_to(np.asarray(normal, dtype=float), centre.shape)
+    size = np.linalg.norm(normals, axis=1)
+    if not np.all((size > 0.0) & np.isfinite(size)):
+        raise CaseError(f"the normal of a body must be a direction, got {normals[np.argmin(size)]}")
+    across = perpendicular(normals / size[:, None])
+    return Cracks(centre, np.swapaxes(across, 1, 2) * radii[:, None, None])
+
+
+def _points(centre: np.ndarray) -> np.ndarray:
+    points = np.atleast_2d(np.asarray(centre, dtype=float))
+    if points.size == 0:
+        return np.empty((0, 3))
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"centres must have shape (n, 3), got {points.shape}")
+    if not np.all(np.isfinite(points)):
+        raise CaseError("the centres of bodies must be finite (m)")
+    return points
+
+
+def _radii(value: float | np.ndarray, n: int) -> np.ndarray:
+    """Return one positive radius for each body."""
+    values = np.broadcast_to(np.asarray(value, dtype=float), (n,))
+    wrong = ~(values > 0.0) | np.isinf(values)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise CaseError(
+            f"the radius of a body must be positive and finite (m), got {values[k]:g} for body {k}"
+        )
+    return values
 
 
 @dataclass(frozen=True)
@@ -21,17 +257,16 @@ class Cavities:
     Parameters
     ----------
     size : tuple of float, lengths along x, y and z, m
-    bodies : Ellipsoids, Cylinders or Cracks, or a sequence of them
-        Cavities and cracks; see :func:`~.shapes.spheres` and its siblings. They may reach out of
+    bodies : Ellipsoids or Cracks, or a sequence of them
+        Cavities and cracks, of :func:`spheres` or :func:`penny_cracks`. They may reach out of
         the box, and overlap.
     periodic : bool
-        Whether the parts of bodies outside the box enter again on the opposite side. An infinite
-        cylinder must then be parallel to an edge.
+        Whether the parts of bodies outside the box enter again on the opposite side.
 
     Raises
     ------
     CaseError
-        If a length is not positive, or an infinite cylinder is tilted in a periodic box.
+        If a length is not positive.
 
     Examples
     --------
@@ -40,22 +275,14 @@ class Cavities:
     """
 
     size: tuple[float, float, float]
-    bodies: Sequence[Shapes] = ()
+    bodies: Sequence[Bodies] = ()
     periodic: bool = True
 
     def __post_init__(self) -> None:
         check_box(self.size)
         object.__setattr__(self, "size", tuple(float(length) for length in self.size))
-        alone = isinstance(self.bodies, Mapped | Cylinders)
-        object.__setattr__(self, "bodies", (self.bodies,) if alone else tuple(self.bodies))
-        for kind in self.bodies:
-            if self.periodic and isinstance(kind, Cylinders):
-                tilted = np.isinf(kind.half_length) & (np.abs(kind.axis).max(axis=1) < 1.0)
-                if tilted.any():
-                    raise CaseError(
-                        f"cylinder {int(np.argmax(tilted))} is infinite and not along an edge of "
-                        f"the periodic box; give it a length or set periodic=False"
-                    )
+        single = isinstance(self.bodies, Bodies)
+        object.__setattr__(self, "bodies", (self.bodies,) if single else tuple(self.bodies))
 
     @property
     def volume(self) -> float:
@@ -63,7 +290,7 @@ class Cavities:
         return float(np.prod(self.size))
 
     @cached_property
-    def images(self) -> list[Shapes]:
+    def images(self) -> list[Bodies]:
         """All bodies that reach into the box, with their periodic images."""
         found = []
         size = np.array(self.size)
@@ -72,16 +299,43 @@ class Cavities:
             copies = np.zeros((1, 3))
             if self.periodic and len(centre):
                 centre = centre - size * np.floor(centre / size)
-                finite = np.where(np.isfinite(reach), reach, 0.0)  # infinite along an edge
-                n = np.floor(finite.max(axis=0) / size).astype(int) + 1
+                n = np.floor(reach.max(axis=0) / size).astype(int) + 1
                 copies = np.array(list(product(*(range(-k, k + 1) for k in n)))) * size
             place = centre[None] + copies[:, None]
             inside = np.all((place + reach >= 0.0) & (place - reach <= size), axis=2)
-            # a body infinite along an edge is its own image there
-            inside &= ~np.any(np.isinf(reach)[None] & (copies[:, None] != 0.0), axis=2)
             which = np.nonzero(inside)[1]
             found.append(kind.take(which, place[inside] - kind.centre[which]))
         return found
+
+    def section_areas(
+        self, normal: np.ndarray, distance: np.ndarray, slab: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Areas of void and whole areas of plane sections, m², at distances from the centre, m."""
+        from multiscale.micro.damage.ellipse_union import union_area
+
+        lost, area = np.zeros(len(distance)), np.zeros(len(distance))
+        middle = 0.5 * np.array(self.size)
+        through = SectionPlane.through(middle, normal, slab)
+        for k, d in enumerate(distance):
+            plane = replace(through, origin=middle + d * normal)
+            polygon = _box_polygon(plane, np.array(self.size))
+            if len(polygon) > 2:
+                (x, y), after = polygon.T, np.arange(1 - len(polygon), 1)
+                area[k] = 0.5 * float(x @ y[after] - y @ x[after])
+                parts = [kind.section(plane) for kind in self.images]
+                centre = np.concatenate([np.empty((0, 2)), *(c for c, _ in parts)])
+                root = np.concatenate([np.empty((0, 2, 2)), *(M for _, M in parts)])
+                turned = root[:, 0, 0] * root[:, 1, 1] < root[:, 0, 1] * root[:, 1, 0]
+                root = np.where(turned[:, None, None], root[:, :, ::-1], root)
+                lost[k] = union_area(polygon, centre, root)
+        return lost, area
+
+    def image(self, shape: int | tuple[int, int, int]) -> VoxelImage:
+        """Make an image, see :func:`voxelise`."""
+        return voxelise(self, shape)
+
+    def coarser(self) -> None:
+        """Return nothing: closed forms have no resolution."""
 
     def void_at(self, place: np.ndarray, thickness: float = 0.0) -> np.ndarray:
         """Whether points (3, ...), m, lie in a cavity, or in a crack of a thickness, m."""
@@ -90,6 +344,16 @@ class Cavities:
             for k in range(len(kind.centre)):
                 void |= kind.contains(k, place, thickness)
         return void
+
+    def window(self, share: float, corner: Sequence[int]) -> "Cavities":
+        """Cut a part of a share of the edges at a corner, (0 or 1) x 3; its sides are cuts."""
+        x, y, z = (share * edge for edge in self.size)
+        away = np.array(corner) * (1.0 - share) * np.array(self.size)
+        inside = [
+            kind.take(np.arange(len(kind.centre)), np.broadcast_to(-away, kind.centre.shape))
+            for kind in self.images
+        ]
+        return Cavities((x, y, z), inside, periodic=False)
 
 
 def check_box(size: tuple[float, float, float]) -> None:
@@ -131,17 +395,15 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
     axes = [(np.arange(n) + 0.5) * h for n, h in zip(shape, spacing, strict=True)]
     void = np.zeros(shape, dtype=bool)
     for kind in rve.images:
-        for k, (centre, reach) in enumerate(zip(kind.centre, kind.reach, strict=True)):
-            thickness = 0.0
-            if isinstance(kind, Cracks):
-                thickness = float(np.abs(kind.normal[k]) @ spacing)
-                reach = reach + 0.5 * thickness * (1.0 + NEGLIGIBLE)
+        thickness = kind.thickness(spacing)
+        reach = kind.reach + 0.5 * thickness[:, None] * (1.0 + NEGLIGIBLE)
+        for k, (centre, half) in enumerate(zip(kind.centre, reach, strict=True)):
             window = tuple(
                 slice(*np.searchsorted(x, (c - r, c + r)))
-                for x, c, r in zip(axes, centre, reach, strict=True)
+                for x, c, r in zip(axes, centre, half, strict=True)
             )
             points = np.stack(
                 np.meshgrid(*(x[part] for x, part in zip(axes, window, strict=True)), indexing="ij")
             )
-            void[window] |= kind.contains(k, points, thickness)
+            void[window] |= kind.contains(k, points, float(thickness[k]))
     return VoxelImage(void, rve.size)

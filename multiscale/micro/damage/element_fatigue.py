@@ -1,8 +1,8 @@
 r"""Fatigue of a structure, element by element, until the first element has cracked.
 
-Every element is a representative volume with weak inclusions of several fatigue limits, each of
-which has its own two-scale model under the stress of the sound material at the strain of the
-element. Damage of an inclusion is not measurable from outside; an inclusion that cracks
+Every element is a representative volume with weak inclusions of several fatigue limits. Each
+follows the two-scale model under the stress of the sound material at the strain of the element.
+Damage of an inclusion is not measurable from outside; an inclusion that cracks
 (:math:`D = D_c`) takes its share of the stiffness with it,
 
 .. math:: C_e = (1 - c_e)\, C, \qquad c_e = \frac{\text{inclusions cracked}}{\text{inclusions}}.
@@ -10,14 +10,13 @@ element. Damage of an inclusion is not measurable from outside; an inclusion tha
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
-from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
-from multiscale.micro.damage.fatigue_material import LIMIT, STATE_SIZE, FatigueMaterial
+from multiscale.micro.damage.fatigue import FatigueProgress, Inclusions
+from multiscale.micro.damage.fatigue_material import STATE_SIZE, FatigueMaterial
 from multiscale.schema import FATIGUE_LIFE, Dataset
 
 __all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
@@ -26,13 +25,10 @@ StressOf = Callable[[np.ndarray], np.ndarray]
 """From the cracked share of every element to the corners of its stress in one cycle, of shape
 (corners, elements, 6), Pa: the stress of the sound material at the strain of the element."""
 
-STRAIGHT = 1e-6
-"""Distance of a corner from the line of its neighbours, over the largest stress, that is none."""
-
 MOST_SOLVES = 200
 
 INCLUSIONS = 8
-"""Inclusions of an element whose fatigue limits scatter."""
+"""Inclusions of an element with a scatter of fatigue limits."""
 
 
 def limit_factors(scatter: float) -> np.ndarray:
@@ -47,48 +43,6 @@ def limit_factors(scatter: float) -> np.ndarray:
         raise CaseError(f"scatter of the fatigue limit must lie from 0 to 1, got {scatter:g}")
     n = INCLUSIONS if scatter else 1
     return np.asarray(np.exp(scatter * ndtri((np.arange(n) + 0.5) / n)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Inclusions:
-    """The inclusions of all elements: point ``e * classes + k`` is class k of element e."""
-
-    material: FatigueMaterial
-    factors: np.ndarray
-    tolerance: float | None
-    substeps: int
-
-    def follow(self, state: np.ndarray, stress: np.ndarray, cycles: int) -> FatigueProgress:
-        """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
-        from multiscale.micro.damage.inclusion import run_points
-
-        path, n = np.ascontiguousarray(_bends(stress).swapaxes(0, 1)), self.factors.size
-        kinds = np.tile(self.material.parameters(), (n, 1))
-        kinds[:, LIMIT] *= self.factors
-        run = FatigueProgress.begin(state)
-        run.broken[:] = state[:, 0] >= self.material.critical_damage
-
-        def compute(part: FatigueProgress, count: int) -> None:
-            element, own = np.divmod(part.number, n)
-            done, part.elastic[:] = run_points(
-                part.state, path, element, count, kinds, own, self.substeps
-            )
-            part.cycles += done
-            part.computed += done
-            part.broken[:] = part.state[:, 0] >= self.material.critical_damage
-
-        if self.tolerance is None:
-            sound = np.flatnonzero(~run.broken)
-            part = run.take(sound)
-            compute(part, cycles)
-            run.put(sound, part)
-        else:
-            pass_cycles(run, lambda part: compute(part, 1), cycles, self.material, self.tolerance)
-        return run
-
-    def cracked(self, run: FatigueProgress) -> np.ndarray:
-        """Share (1) of the inclusions of every element that have cracked."""
-        return np.asarray(run.broken.reshape(-1, self.factors.size).mean(axis=1))
 
 
 def first_cracks(
@@ -106,7 +60,7 @@ def first_cracks(
     :func:`local_fatigue`. Infinite where it stays elastic or does not crack by ``max_cycles``.
     """
     weakest = limit_factors(scatter)[:1]
-    inclusions = _Inclusions(material, weakest, jump_tolerance, substeps)
+    inclusions = Inclusions(material, weakest, jump_tolerance, substeps)
     run = inclusions.follow(np.zeros((stress.shape[1], STATE_SIZE)), stress, int(max_cycles))
     return np.where(run.broken, run.cycles, np.inf)
 
@@ -138,7 +92,7 @@ def local_fatigue(
         Bound on the relative error of the change of damage and plastic strain over a jump of
         cycles between two solves of the structure.
     jump_tolerance, substeps
-        As of :func:`~multiscale.micro.damage.two_scale_fatigue`, between two solves.
+        As of :func:`~.fatigue.two_scale_fatigue`, between two solves.
     max_cycles : float
 
     Returns
@@ -159,7 +113,7 @@ def local_fatigue(
     """
     check_limits(tolerance)
     factors = limit_factors(scatter)
-    inclusions = _Inclusions(material, factors, jump_tolerance, substeps)
+    inclusions = Inclusions(material, factors, jump_tolerance, substeps)
     whole = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved
 
     share, stress = np.zeros(elements), stress_of(np.zeros(elements))
@@ -228,39 +182,20 @@ def local_fatigue(
 
 
 def _difference(
-    state: np.ndarray, cycles: float, one: FatigueProgress, other: FatigueProgress
+    state: np.ndarray, cycles: float, first: FatigueProgress, other: FatigueProgress
 ) -> float:
     """Half the difference of two jumps from one state after some cycles.
 
     Changes of damage and plastic strain are relative to the larger one, lives of inclusions that
     crack in both jumps to the longer one.
     """
-    changes = [run.state[:, :2] - state[:, :2] for run in (one, other)]
-    cracks = (one.broken & other.broken)[:, None]
-    lives = [cycles + run.cycles[:, None] for run in (one, other)]
+    changes = [run.state[:, :2] - state[:, :2] for run in (first, other)]
+    cracks = (first.broken & other.broken)[:, None]
+    lives = [cycles + run.cycles[:, None] for run in (first, other)]
     pairs = [np.where(cracks, *both) for both in zip(lives, changes, strict=True)]
     size = np.maximum(np.abs(pairs[0]), np.abs(pairs[1]))
     half = 0.5 * np.abs(pairs[1] - pairs[0])
     return float(np.max(half / np.where(size > 0.0, size, 1.0), initial=0.0))
-
-
-def _bends(stress: np.ndarray) -> np.ndarray:
-    """Leave out corners of closed paths where the path of no element bends."""
-    if np.array_equal(stress[0], stress[-1]) and len(stress) > 1:
-        stress = stress[1:]
-    kept, size = list(stress), float(np.abs(stress).max()) or 1.0
-    k = 0
-    while len(kept) > 2 and k < len(kept):
-        before, here, after = kept[k - 1], kept[k], kept[(k + 1) % len(kept)]
-        way = after - before
-        long = np.sum(way**2, axis=-1)
-        share = np.sum((here - before) * way, axis=-1) / np.where(long > 0.0, long, 1.0)
-        off = here - before - np.clip(share, 0.0, 1.0)[:, None] * way
-        if np.abs(off).max() <= STRAIGHT * size:
-            del kept[k]
-        else:
-            k += 1
-    return np.array(kept)
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

@@ -1,39 +1,267 @@
-"""Two-scale fatigue: damage below the yield stress, from cycles of a weak micro-inclusion."""
+r"""Two-scale fatigue: lives of weak micro-inclusions under repeated cycles of stress.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+The model of an inclusion stands in :mod:`~multiscale.micro.damage.inclusion`. Cycles that change
+its state slowly are jumped over, with an error control.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from time import perf_counter
+from typing import Self
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.cycle_jump import FatigueProgress, pass_cycles
-from multiscale.micro.damage.fatigue_material import STATE_SIZE, FatigueMaterial, StressBlock
+from multiscale.micro.damage.fatigue_material import LIMIT, STATE_SIZE, FatigueMaterial
 from multiscale.schema import FATIGUE, WOEHLER, Dataset
 
-__all__ = ["two_scale_fatigue", "woehler_curve"]
+__all__ = [
+    "FatigueProgress",
+    "Inclusions",
+    "pass_cycles",
+    "two_scale_fatigue",
+    "woehler_curve",
+]
+
+STRAIGHT = 1e-6
+"""Distance of a corner from the line of its neighbours, over the largest stress, that is zero."""
+
+LARGEST_GROWTH = 4.0  # largest ratio of a jump to the jump before
+SHORTEST_JUMP = 4  # cycles of the shortest jump that is worth its two trial cycles
+RECORD_SHARE = 20  # a record for every twentieth of the cycles done, where none is jumped
+
+
+@dataclass
+class FatigueProgress:
+    """Progress of the fatigue lives of some inclusions, changed in place with every pass.
+
+    Attributes
+    ----------
+    state : ndarray, shape (points, 20)
+        State of each inclusion, see :mod:`~multiscale.micro.damage.inclusion`.
+    number : ndarray of int, shape (points,), number of each inclusion among all
+    cycles : ndarray, shape (points,), cycles done, with jumps
+    computed : ndarray, shape (points,), cycles whose stress path was computed
+    broken : ndarray of bool, shape (points,), whether the critical damage was reached
+    elastic : ndarray of bool, shape (points,), whether an inclusion stays elastic from now on
+    """
+
+    state: np.ndarray
+    number: np.ndarray
+    cycles: np.ndarray
+    computed: np.ndarray
+    broken: np.ndarray
+    elastic: np.ndarray
+
+    @classmethod
+    def begin(cls, state: np.ndarray) -> Self:
+        """Begin at some states, shape (points, 20), with no cycle done."""
+        n = len(state)
+        zeros, no = np.zeros((2, n)), np.zeros((2, n), dtype=bool)
+        return cls(state.copy(), np.arange(n), *zeros, *no)
+
+    def take(self, index: np.ndarray) -> Self:
+        """Copy the progress of some inclusions."""
+        return type(self)(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def put(self, index: np.ndarray, part: "FatigueProgress") -> None:
+        """Write the progress of some inclusions."""
+        for field in fields(self):
+            getattr(self, field.name)[index] = getattr(part, field.name)
+
+
+def pass_cycles(
+    run: FatigueProgress,
+    once: Callable[[FatigueProgress], None],
+    count: int,
+    material: FatigueMaterial,
+    tolerance: float,
+    note: Callable[[FatigueProgress], None] = lambda run: None,
+) -> None:
+    r"""Pass through a program ``count`` times, with jumps under an error control.
+
+    Every inclusion has jumps of its own length.
+
+    Notes
+    -----
+    Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
+    \varepsilon^p` of the back stress. Let :math:`y` be their values after a pass that changed them
+    by :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
+    not extrapolated, to its cycle there; a second pass from the same :math:`y + J d_1` changes the
+    slow variables by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is
+    at most the tolerance times the larger of both changes, in damage and in accumulated strain,
+    and takes the slow variables to :math:`y + J (d_1 + d_2)/2`.
+    """
+    jump, done = np.full(len(run.state), float(SHORTEST_JUMP)), np.zeros(len(run.state))
+
+    def going() -> np.ndarray:
+        return np.flatnonzero(~(run.broken | run.elastic) & (done < count))
+
+    while (passing := going()).size:
+        part = run.take(passing)
+        before, start = _slow(part.state, material), part.cycles.copy()
+        once(part)
+        run.put(passing, part)
+        done[passing] += 1
+        note(run)
+        y = _slow(part.state, material)
+        first, length = y - before, part.cycles - start
+        at = np.flatnonzero(np.isin(passing, going()))  # places among those that have passed
+        while at.size:
+            all_at = passing[at]
+            J = np.minimum(jump[all_at], count - done[all_at])
+            J = np.floor(np.minimum(J, _longest(part.state[at], first[at], material)))
+            short = J < SHORTEST_JUMP
+            jump[all_at[short]] = np.maximum(jump[all_at[short]], SHORTEST_JUMP)
+            at, all_at, J = at[~short], all_at[~short], J[~short]
+            if not at.size:
+                break
+            near = y[at] + J[:, None] * first[at]
+            trial = part.take(at)
+            trial.computed[:] = 0.0
+            for _ in range(2):
+                _set_slow(trial.state, near, material)
+                once(trial)
+            run.computed[all_at] += trial.computed
+            second = _slow(trial.state, material) - near
+            size = np.maximum(np.abs(first[at]), np.abs(second))[:, :2]  # damage, plastic strain
+            half = 0.5 * np.abs(second - first[at])[:, :2]
+            change = np.max(half / np.where(size > 0.0, size, 1.0), axis=1)
+            ahead = y[at] + 0.5 * J[:, None] * (first[at] + second)
+            broken = trial.broken | (ahead[:, 0] >= material.critical_damage)
+            fits = ~broken & (change <= tolerance)
+            ratio = 0.8 * tolerance / np.maximum(change, 1e-300)
+            again = np.where(broken, 0.5, np.maximum(0.2, ratio))
+            jump[all_at] = J * np.where(fits, np.minimum(LARGEST_GROWTH, ratio), again)
+            _set_slow(trial.state, ahead, material)
+            taken = all_at[fits]
+            run.state[taken] = trial.state[fits]
+            run.cycles[taken] += J[fits] * length[at[fits]]
+            done[taken] += J[fits]
+            if taken.size:
+                note(run)
+            at = at[~fits]
+
+
+def _slow(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
+    """Damage, accumulated plastic strain and drift of the back stress, shape (points, 8)."""
+    modulus = 2.0 / 3.0 * material.hardening * (1.0 - state[:, :1] * material.feedback)
+    return np.concatenate([state[:, :2], state[:, 8:14] - modulus * state[:, 2:8]], axis=1)
+
+
+def _set_slow(state: np.ndarray, slow: np.ndarray, material: FatigueMaterial) -> None:
+    """Write slow variables into states and keep their plastic strain."""
+    modulus = 2.0 / 3.0 * material.hardening * (1.0 - slow[:, :1] * material.feedback)
+    state[:, :2], state[:, 8:14] = slow[:, :2], slow[:, 2:] + modulus * state[:, 2:8]
+
+
+def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -> np.ndarray:
+    """Count the passes that may be jumped before the threshold or the critical damage."""
+    waits = state[:, 1] < material.threshold
+    left = np.where(waits, material.threshold - state[:, 1], material.critical_damage - state[:, 0])
+    rate = np.where(waits, change[:, 1], change[:, 0])
+    passes = left // np.where(rate > 0.0, rate, 1.0) - waits
+    return np.asarray(np.where(rate > 0.0, passes, np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class Inclusions:
+    """Inclusions of elements, in classes of fatigue limits: point ``e * classes + k`` is class k.
+
+    Attributes
+    ----------
+    material : FatigueMaterial
+    factors : ndarray, shape (classes,), fatigue limits over the limit of the material
+    tolerance : float or None, of the jumps of :func:`pass_cycles`; None computes every cycle
+    substeps : int, of the plastic part of each straight piece of a path
+    """
+
+    material: FatigueMaterial
+    factors: np.ndarray
+    tolerance: float | None
+    substeps: int
+
+    def follow(
+        self,
+        state: np.ndarray,
+        stress: np.ndarray,
+        cycles: int,
+        note: Callable[[FatigueProgress], None] = lambda run: None,
+    ) -> FatigueProgress:
+        """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
+        from multiscale.micro.damage.inclusion import run_points
+
+        path, n = np.ascontiguousarray(_bends(stress).swapaxes(0, 1)), self.factors.size
+        kinds = np.tile(self.material.parameters(), (n, 1))
+        kinds[:, LIMIT] *= self.factors
+        run = FatigueProgress.begin(state)
+        run.broken[:] = state[:, 0] >= self.material.critical_damage
+
+        def compute(part: FatigueProgress, count: int) -> None:
+            element, kind = np.divmod(part.number, n)
+            done, part.elastic[:] = run_points(
+                part.state, path, element, count, kinds, kind, self.substeps
+            )
+            part.cycles += done
+            part.computed += done
+            part.broken[:] = part.state[:, 0] >= self.material.critical_damage
+
+        if self.tolerance is not None:
+            once = lambda part: compute(part, 1)  # noqa: E731
+            pass_cycles(run, once, cycles, self.material, self.tolerance, note)
+            return run
+        done = 0
+        while done < cycles and (going := np.flatnonzero(~(run.broken | run.elastic))).size:
+            count, part = min(cycles - done, max(1, done // RECORD_SHARE)), run.take(going)
+            compute(part, count)
+            run.put(going, part)
+            done += count
+            note(run)
+        return run
+
+    def cracked(self, run: FatigueProgress) -> np.ndarray:
+        """Share (1) of the inclusions of every element that have cracked."""
+        return np.asarray(run.broken.reshape(-1, self.factors.size).mean(axis=1))
+
+
+def _bends(stress: np.ndarray) -> np.ndarray:
+    """Leave out corners of closed paths where the path of no element bends."""
+    if np.array_equal(stress[0], stress[-1]) and len(stress) > 1:
+        stress = stress[1:]
+    kept, size = list(stress), float(np.abs(stress).max()) or 1.0
+    k = 0
+    while len(kept) > 2 and k < len(kept):
+        before, here, after = kept[k - 1], kept[k], kept[(k + 1) % len(kept)]
+        way = after - before
+        long = np.sum(way**2, axis=-1)
+        share = np.sum((here - before) * way, axis=-1) / np.where(long > 0.0, long, 1.0)
+        off = here - before - np.clip(share, 0.0, 1.0)[:, None] * way
+        if np.abs(off).max() <= STRAIGHT * size:
+            del kept[k]
+        else:
+            k += 1
+    return np.array(kept)
 
 
 def two_scale_fatigue(
-    history: np.ndarray | StressBlock | Sequence[float] | Sequence[StressBlock],
+    stress: np.ndarray,
     material: FatigueMaterial,
     *,
     jump_tolerance: float | None = 0.02,
     max_cycles: float = 1e9,
     substeps: int = 16,
 ) -> Dataset:
-    """Compute damage under a stress history until a crack starts or the inclusion stays elastic.
+    """Compute damage under a repeated cycle until a crack starts or the inclusion stays elastic.
 
     Parameters
     ----------
-    history : ndarray, sequence of float, StressBlock or sequence of StressBlock
-        Macro stress, Pa: one cycle, see :class:`StressBlock`, repeated without end; or a sequence
-        of blocks, which is repeated as a whole.
+    stress : ndarray, shape (points,) or (points, 6)
+        Corners of a closed path of the macro stress, joined by straight lines, Pa: uniaxial
+        stress, or xx, yy, zz, yz, xz, xy. A program of several kinds of cycles is one path.
     material : FatigueMaterial
     jump_tolerance : float, optional
         Bound on the relative difference between the change over a jump of cycles extrapolated
-        from its start and from both its ends; the second, better value is kept. None computes
+        from its start and from both its ends; the second, better value is used. None computes
         every cycle.
     max_cycles : float
     substeps : int
@@ -51,7 +279,7 @@ def two_scale_fatigue(
     Raises
     ------
     CaseError
-        If an option is out of range.
+        If the path or an option is out of range.
 
     Examples
     --------
@@ -66,23 +294,29 @@ def two_scale_fatigue(
         raise CaseError(
             f"max_cycles and substeps must be at least 1, got {max_cycles:g} and {substeps}"
         )
-    begin = perf_counter()
-    parts = history if isinstance(history, Sequence) else [history]
-    program = [part for part in parts if isinstance(part, StressBlock)]
-    if len(program) < len(parts):  # a single path is one block
-        try:
-            program = [StressBlock(np.asarray(history, dtype=float))]
-        except (TypeError, ValueError) as error:
-            raise CaseError(
-                f"a history is one path of numbers or a list of StressBlocks, got {history!r}"
-            ) from error
-    if not program:
-        raise CaseError("the history holds no block; give at least one")
-    life = _Life(program, material, jump_tolerance, substeps)
-    run, record = life.compute(max_cycles)
+    try:
+        path = np.asarray(stress, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise CaseError(f"the stress of a cycle is a path of numbers, got {stress!r}") from error
+    if path.ndim == 1:
+        path = path[:, None] * np.eye(6)[0]
+    if path.ndim != 2 or path.shape[1] != 6 or len(path) == 0:
+        raise CaseError(
+            f"the stress of a cycle needs the shape (points,) or (points, 6), got "
+            f"{np.shape(stress)}"
+        )
+    if not np.all(np.isfinite(path)):
+        raise CaseError("the stress of a cycle must be finite (Pa)")
+    begin, record = perf_counter(), [(0.0, 0.0, 0.0)]
+
+    def note(run: FatigueProgress) -> None:
+        record.append((float(run.cycles[0]), float(run.state[0, 0]), float(run.state[0, 1])))
+
+    inclusions = Inclusions(material, np.ones(1), jump_tolerance, substeps)
+    start = np.zeros((1, STATE_SIZE))
+    run = inclusions.follow(start, path[:, None], int(max_cycles), note)
     broken, elastic = bool(run.broken[0]), bool(run.elastic[0])
     ended = broken or elastic
-    rupture = float(run.cycles[0]) if broken else np.inf if elastic else np.nan
     cycles, damage, strain = np.array(record).T
     initiation = np.inf if ended else np.nan
     if strain[-1] > material.threshold:
@@ -95,7 +329,7 @@ def two_scale_fatigue(
             "damage": damage,
             "plastic_strain": strain,
             "cycles_to_initiation": initiation,
-            "cycles_to_rupture": rupture,
+            "cycles_to_rupture": float(run.cycles[0]) if broken else np.inf if elastic else np.nan,
             "run_out": int(elastic),
             "computed_cycles": float(run.computed[0]),
             "converged": int(ended),
@@ -148,71 +382,3 @@ def woehler_curve(
     names = ("cycles_to_initiation", "cycles_to_rupture", "run_out", "converged", "wall_time")
     values = {name: np.array([life[name].item() for life in lives]) for name in names}
     return WOEHLER.build({"amplitude": amplitudes, **values}, stress_ratio=stress_ratio)
-
-
-@dataclass(frozen=True)
-class _Life:
-    """Computation of a fatigue life: blocks that are repeated as a whole, and options."""
-
-    program: list[StressBlock]
-    material: FatigueMaterial
-    tolerance: float | None
-    substeps: int
-
-    def compute(
-        self, max_cycles: float
-    ) -> tuple[FatigueProgress, list[tuple[float, float, float]]]:
-        """Repeat the blocks until rupture, shakedown or the last cycle."""
-        run, record = FatigueProgress.begin(np.zeros((1, STATE_SIZE))), [(0.0, 0.0, 0.0)]
-
-        def note() -> None:
-            record.append((float(run.cycles[0]), float(run.state[0, 0]), float(run.state[0, 1])))
-
-        alone = len(self.program) == 1
-        length = 1 if alone else sum(block.cycles for block in self.program)
-        left = int(max(1, max_cycles // length))
-        if self.tolerance is not None:
-            once = partial(self.pass_block, self.program[0], 1) if alone else self.pass_program
-            pass_cycles(run, once, left, self.material, self.tolerance, note)
-            return run, record
-        while left > 0 and not (run.broken[0] or run.elastic[0]):
-            many = min(left, max(1, int(run.cycles[0]) // (20 * length)))  # passes for each record
-            if alone:
-                self.pass_block(self.program[0], many, run)
-            else:
-                for _ in range(many):
-                    self.pass_program(run)
-                    if run.broken[0] or run.elastic[0]:
-                        break
-            left -= many
-            note()
-        return run, record
-
-    def pass_block(self, block: StressBlock, cycles: int, run: FatigueProgress) -> None:
-        """Compute every cycle of a block."""
-        from multiscale.micro.damage.inclusion import run_points
-
-        path, kind, first = block.stress[None], self.material.parameters()[None], run.number
-        done, run.elastic[:] = run_points(
-            run.state, path, first, cycles, kind, first, self.substeps
-        )
-        run.cycles += done
-        run.computed += done
-        run.broken[:] = run.state[:, 0] >= self.material.critical_damage
-
-    def pass_program(self, run: FatigueProgress) -> None:
-        """Pass through all blocks."""
-        strain = run.state[:, 1].copy()
-        for block in self.program:
-            start = run.cycles.copy()
-            if self.tolerance is None:
-                self.pass_block(block, block.cycles, run)
-            else:
-                once = partial(self.pass_block, block, 1)
-                run.elastic[:] = False
-                pass_cycles(run, once, block.cycles, self.material, self.tolerance)
-            if run.broken[0]:
-                return
-            if run.elastic[0]:  # the remaining cycles only count
-                run.cycles[:] = start + block.cycles
-        run.elastic[:] = run.state[:, 1] == strain

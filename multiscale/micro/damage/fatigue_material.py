@@ -1,4 +1,4 @@
-"""Material and stress blocks of two-scale fatigue."""
+"""Material of two-scale fatigue, and the layout of its arrays."""
 
 from dataclasses import dataclass, fields
 
@@ -6,16 +6,13 @@ import numpy as np
 
 from multiscale.errors import CaseError
 
-__all__ = ["STATE_SIZE", "FatigueMaterial", "StressBlock"]
+__all__ = ["STATE_SIZE", "FatigueMaterial"]
 
 STATE_SIZE = 20
 """Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
 # places of the parameters in the array of a material, as the fields of FatigueMaterial
 E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
-
-TRACE = 1e-9
-"""Trace of a plastic strain over its largest component that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -84,79 +81,6 @@ class FatigueMaterial:
         if not 0.0 <= self.closure <= 1.0:
             raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
 
-    def driving_stress(self, stress: np.ndarray, plastic_strain: np.ndarray) -> np.ndarray:
-        r"""Return the stress that drives the inclusion of an elastic volume as this one does.
-
-        Parameters
-        ----------
-        stress : ndarray, shape (points, 6)
-            Corners of a path of the macro stress, Pa: xx, yy, zz, yz, xz, xy.
-        plastic_strain : ndarray, shape (points, 6)
-            Plastic strain :math:`\varepsilon^p` of the volume at the corners, without a trace and
-            with shear angles; corners are joined by straight lines, so that there is one wherever
-            the volume begins to yield.
-
-        Returns
-        -------
-        ndarray, shape (points, 6)
-            :math:`\sigma + 2G(1-b)\, \varepsilon^p`, Pa: the strain of an elastic-plastic volume
-            is :math:`E^{-1} : \sigma + \varepsilon^p`, of which its inclusion takes
-            :math:`(1-b)\, \varepsilon^p / (1-bD)` for every D.
-
-        Raises
-        ------
-        CaseError
-            If the shapes differ or the plastic strain changes the volume.
-        """
-        strain = np.asarray(plastic_strain, dtype=float)
-        if strain.shape != np.shape(stress) or strain.ndim != 2 or strain.shape[1] != 6:
-            raise CaseError(
-                f"stress and plastic_strain have the shape (points, 6), got {np.shape(stress)} and "
-                f"{strain.shape}"
-            )
-        if np.any(np.abs(strain[:, :3].sum(axis=1)) > TRACE * np.abs(strain).max()):
-            raise CaseError("a plastic strain keeps the volume, and plastic_strain has a trace")
-        nu = self.poissons_ratio
-        b = 2.0 * (4.0 - 5.0 * nu) / (15.0 * (1.0 - nu))
-        tensor = strain * np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
-        return np.asarray(stress + self.youngs_modulus / (1.0 + nu) * (1.0 - b) * tensor)
-
     def parameters(self) -> np.ndarray:
         """Return the parameters in SI units, in the order of the fields and of the kernel."""
-        return np.array([float(getattr(self, one.name)) for one in fields(self)])
-
-
-@dataclass(frozen=True)
-class StressBlock:
-    """A closed stress path that is repeated.
-
-    Parameters
-    ----------
-    stress : ndarray, shape (points,) or (points, 6)
-        Corners of one cycle, joined by straight lines, Pa: uniaxial stress, or xx, yy, zz, yz,
-        xz, xy.
-    cycles : int
-
-    Raises
-    ------
-    CaseError
-        If a stress is not finite or there are no cycles.
-    """
-
-    stress: np.ndarray
-    cycles: int = 1
-
-    def __post_init__(self) -> None:
-        stress = np.asarray(self.stress, dtype=float)
-        if stress.ndim == 1:
-            stress = stress[:, None] * np.eye(6)[0]
-        if stress.ndim != 2 or stress.shape[1] != 6 or len(stress) == 0:
-            raise CaseError(
-                f"the stress of a block needs the shape (points,) or (points, 6), "
-                f"got {np.shape(self.stress)}"
-            )
-        if not np.all(np.isfinite(stress)):
-            raise CaseError("the stress of a block must be finite (Pa)")
-        if self.cycles < 1:
-            raise CaseError(f"a block needs at least one cycle, got {self.cycles}")
-        object.__setattr__(self, "stress", np.ascontiguousarray(stress))
+        return np.array([float(getattr(self, field.name)) for field in fields(self)])

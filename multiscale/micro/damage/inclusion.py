@@ -1,8 +1,7 @@
 r"""Cycles of a weak micro-inclusion in an elastic volume: the kernel of two-scale fatigue.
 
 With :math:`a = (1+\nu)/(3(1-\nu))` and :math:`b = 2(4-5\nu)/(15(1-\nu))`, Eshelby and Kröner's
-localisation of the strain of an elastic volume is (for plastic strain at its own scale see
-:meth:`~multiscale.micro.damage.FatigueMaterial.driving_stress`)
+localisation of the strain of an elastic volume is
 
 .. math::
     \varepsilon^\mu = \frac{1}{1 - bD} \Big[ \varepsilon

@@ -1,4 +1,6 @@
-r"""Effective stiffness of a voxel image with periodic, displacement or traction sides.
+r"""Stiffness and damage of representative volumes, and of the material from many volumes.
+
+A volume is an image of voxels with periodic, displacement or traction sides.
 
 For each of six mean strains :math:`\bar\varepsilon` the periodic displacement :math:`u` solves
 
@@ -20,7 +22,7 @@ has an error of the order of the square of the tolerance.
 
 With displacement sides u vanishes on the boundary, which bounds the periodic stiffness from above.
 With traction sides :math:`\int u \otimes n` alone vanishes on the solid part of the sides, which
-bounds it from below: see :mod:`~.voxel_sides`.
+bounds it from below: see :mod:`~.voxels`.
 
 References
 ----------
@@ -34,20 +36,34 @@ References
 from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.convergence import Solution, Status, check_limits, verdict
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io.images import VoxelImage
-from multiscale.laws.bulk.moduli import check_moduli, drop_soft_modes, lame_parameters
-from multiscale.laws.bulk.moduli import youngs_modulus_along as youngs_modulus_along
+from multiscale.laws.bulk.moduli import (
+    check_moduli,
+    drop_soft_modes,
+    lame_parameters,
+    youngs_modulus_along,
+)
+from multiscale.micro.damage.sections import Volume, max_damage, section_normals
+from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 
 if TYPE_CHECKING:
-    from multiscale.micro.damage.voxel_operator import VoxelOperator
+    from multiscale.micro.damage.voxels import VoxelOperator
 
-__all__ = ["SIDES", "STRAINS", "check_sides", "effective_stiffness", "summarise_loads"]
+__all__ = [
+    "SIDES",
+    "STRAINS",
+    "VoxelImage",
+    "effective_stiffness",
+    "measure_volume",
+    "represent",
+    "youngs_modulus_along",
+]
 
 SIDES = ("traction", "periodic", "displacement")
 """Conditions on the sides of a volume, from the softest to the stiffest."""
@@ -59,6 +75,17 @@ LOST_STIFFNESS = 1e-7
 """Share of Young's modulus of the solid below which a stiffness of the volume counts as zero."""
 
 PATIENCE = 100  # iterations without a smaller residual after which a solve counts as stalled
+
+ERRORS = ("sampling", "sides", "elements")
+"""Causes of the error of the mean stiffness: few volumes, their size, and the elements."""
+
+TAIL = 0.025
+"""Share of sections below, and above, the range of damage that is kept."""
+
+APART = 0.5
+"""Edge of parts at the corners of a volume up to which they do not overlap, over its edge."""
+
+PERIODIC = SIDES.index("periodic")
 
 
 def effective_stiffness(
@@ -114,16 +141,20 @@ def effective_stiffness(
     np.float64(0.75)
     """
     check_limits(tolerance, max_iterations)
-    from multiscale.micro.damage.voxel_operator import VoxelOperator
-    from multiscale.micro.damage.voxel_sides import HeldVoxels, traction_stiffness
+    from multiscale.micro.damage.voxels import (
+        FixedVoxels,
+        VoxelOperator,
+        traction_stiffness,
+    )
     from multiscale.numerics.vectors import dot
 
     if not isinstance(image, VoxelImage):
         raise CaseError(
             f"effective_stiffness takes a VoxelImage, got {type(image).__name__}; turn cavities "
-            f"into one by voxelise(rve, 64), or mesh them by mesh_stiffness"
+            f"into one by voxelise(rve, 64)"
         )
-    check_sides(sides)
+    if sides not in SIDES:
+        raise CaseError(f"there are no sides {sides!r}; choose from {', '.join(SIDES)}")
     if sides != "periodic" and min(image.void.shape) < 2:
         raise CaseError(
             f"{sides} sides need two voxels or more along every axis, got {image.void.shape}"
@@ -144,7 +175,7 @@ def effective_stiffness(
     if sides == "traction":
         stiffness, loads = traction_stiffness(modulus, lame, shear, edges, solve)
     else:
-        kind = VoxelOperator if sides == "periodic" else HeldVoxels
+        kind = VoxelOperator if sides == "periodic" else FixedVoxels
         operator = kind(lame * modulus, shear * modulus, edges)
         volume = float(np.prod(edges)) * image.void.size
         stiffness = np.empty((6, 6))
@@ -160,13 +191,7 @@ def effective_stiffness(
             loads.append(replace(load, value=stress))
     # a stiffness below the error of (2) cannot be told from zero
     lost = max(LOST_STIFFNESS, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
-    return summarise_loads(youngs_modulus * stiffness, loads, lost * youngs_modulus)
-
-
-def check_sides(sides: str) -> None:
-    """Refuse sides that there are not."""
-    if sides not in SIDES:
-        raise CaseError(f"there are no sides {sides!r}; choose from {', '.join(SIDES)}")
+    return _summarise_loads(youngs_modulus * stiffness, loads, lost * youngs_modulus)
 
 
 def _solve(
@@ -181,7 +206,7 @@ def _solve(
     Any fixed positive definite preconditioner will do, so that single precision is enough for it;
     all sums are in double precision.
     """
-    from multiscale.micro.damage.voxel_operator import update_iterate
+    from multiscale.micro.damage.voxels import update_iterate
     from multiscale.numerics.vectors import dot, turn
 
     begin = perf_counter()
@@ -216,7 +241,7 @@ def _solve(
     return Solution(u, status, tuple(residuals), tuple(seconds)), r
 
 
-def summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
+def _summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
     """Combine the solves of six strains in one solution, with the status of the worst solve.
 
     Modes of strain with less stiffness than ``lost``, Pa, count as free, and the value, Pa, is
@@ -237,3 +262,156 @@ def summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -
     )
     value = drop_soft_modes(stiffness, lost)
     return Solution(value, worst.status, worst.residuals, worst.seconds, trail, detail)
+
+
+def measure_volume(
+    rve: Volume,
+    youngs_modulus: float,
+    poissons_ratio: float,
+    *,
+    voxels: int,
+    level: int = 2,
+    sections: int = 33,
+    slab: float = 0.0,
+    share: float = 1.0,
+) -> Dataset:
+    """Measure sections and stiffness of one volume, with all kinds of sides."""
+    image = rve.image(voxels)
+    stiffness, ended = np.full((len(SIDES), 6, 6), np.nan), []
+    coarse = np.full((6, 6), np.nan)
+    for k, sides in enumerate(SIDES):
+        try:
+            solution = effective_stiffness(image, youngs_modulus, poissons_ratio, sides=sides)
+            if solution.detail:
+                ended.append(f"{sides} sides: {solution.detail}")
+            stiffness[k] = solution.unwrap()
+        except ConvergenceError as error:
+            ended.append(f"{sides} sides: {error}")
+    halved = image.coarser()
+    if halved is not None and share == 1.0:
+        try:
+            coarse = effective_stiffness(halved, youngs_modulus, poissons_ratio).unwrap()
+        except ConvergenceError as error:
+            ended.append(f"voxels twice as large: {error}")
+    planes = max_damage(rve, level=level, sections=sections, slab=slab, refine=False)
+    damage = planes["damage"]
+    values = {
+        "share": [share],
+        "porosity": [image.porosity],
+        "largest_damage": damage.max("section").to_numpy()[None],
+        "mean_damage": damage.mean("section").to_numpy()[None],
+        "low_damage": damage.quantile(TAIL, "section").to_numpy()[None],
+        "high_damage": damage.quantile(1.0 - TAIL, "section").to_numpy()[None],
+        "apparent_stiffness": stiffness[None],
+        "coarse_stiffness": coarse[None],
+    }
+    dataset = RVE_VOLUMES.build(values)
+    return dataset.assign_attrs(ended="; ".join(ended)) if ended else dataset
+
+
+def represent(
+    volumes: Dataset,
+    image: VoxelImage,
+    youngs_modulus: float,
+    poissons_ratio: float,
+    *,
+    level: int,
+) -> Dataset:
+    """Average volumes, with the errors of the mean as representation of the material."""
+    normals = section_normals(image.size, level)
+    C = volumes["apparent_stiffness"].to_numpy()
+    E = np.full((*C.shape[:2], len(normals)), np.nan)
+    for place in np.ndindex(C.shape[:2]):
+        if np.isfinite(C[place]).all():
+            E[place] = youngs_modulus_along(C[place], normals)
+    share = volumes["share"].to_numpy()
+    whole = (share == 1.0) & np.isfinite(E[:, PERIODIC]).all(axis=1)
+    if not whole.any():
+        raise ConvergenceError(
+            f"no volume has a stiffness: {volumes.attrs.get('ended', 'no solve converged')}; take "
+            f"fewer cracks or pores, or more voxels"
+        )
+    mean = C[whole, PERIODIC].mean(axis=0)
+    modulus = youngs_modulus_along(mean, normals)
+    safe = np.where(modulus > 0.0, modulus, np.nan)
+    scatter, spread, students = _scatter(E[:, PERIODIC], share, whole)
+    count = int(whole.sum())
+    sides = E[whole].mean(axis=0)
+    coarse = volumes["coarse_stiffness"].to_numpy()[whole]
+    known = np.isfinite(coarse).all(axis=(1, 2))
+    elements = np.full(len(normals), np.nan)
+    if known.any():
+        finer = C[whole, PERIODIC][known]
+        change = [
+            youngs_modulus_along(a, normals) - youngs_modulus_along(b, normals)
+            for a, b in zip(coarse[known], finer, strict=True)
+        ]
+        elements = np.abs(np.mean(change, axis=0)) / safe
+    errors = np.stack(
+        [
+            students * scatter / np.sqrt(count),
+            np.maximum(sides[2] - sides[1], sides[1] - sides[0]) / safe,
+            elements,
+        ]
+    )
+    total = np.sqrt((errors**2).sum(axis=0))
+    largest = volumes["largest_damage"].to_numpy()
+    damage = largest[whole].mean(axis=0)
+    values: dict[str, Any] = {name: volumes[name].to_numpy() for name in RVE_VOLUMES.variables}
+    values |= {
+        "normal": normals,
+        "box_size": np.array(image.size),
+        "apparent_modulus": E,
+        "stiffness": mean,
+        "modulus": modulus,
+        "modulus_mean_law": _interval(modulus, modulus * total),
+        "modulus_one_part": _interval(modulus, modulus * np.hypot(total, students * scatter)),
+        "modulus_error": errors,
+        "scatter": scatter,
+        "damage": damage,
+        "damage_mean_law": np.clip(
+            _interval(damage, _spread(largest, share, whole, 1.0 / count)), 0.0, 1.0
+        ),
+        "damage_one_part": np.clip(
+            _interval(damage, _spread(largest, share, whole, 1.0 + 1.0 / count)), 0.0, 1.0
+        ),
+        "void": image.void.astype(np.int8),
+        "sides": list(SIDES),
+        "strain": list(STRAINS),
+        "other_strain": list(STRAINS),
+        "rve_error": list(ERRORS),
+    }
+    return RVE.build(
+        values, youngs_modulus=youngs_modulus, poissons_ratio=poissons_ratio, spread=spread
+    )
+
+
+def _scatter(
+    values: np.ndarray, share: np.ndarray, whole: np.ndarray
+) -> tuple[np.ndarray, str, float]:
+    """Relative standard deviation between volumes, how it is known, and Student's factor."""
+    from scipy.special import stdtrit
+
+    if whole.sum() > 1:
+        found, scale, told = values[whole], 1.0, "the volumes"
+    else:
+        parts = [k for k in np.unique(share[share <= APART]) if (share == k).sum() > 2]
+        if not parts:
+            return np.full(values.shape[1], np.nan), "", np.nan
+        found, scale = values[share == parts[-1]], float(parts[-1]) ** 1.5
+        told = f"parts of {parts[-1]:g} of the edge, by the law of large numbers"
+    found = found[np.isfinite(found).all(axis=1)]
+    mean = found.mean(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scatter = scale * found.std(axis=0, ddof=1) / mean
+    return scatter, told, float(stdtrit(max(1, len(found) - 1), 1.0 - TAIL))
+
+
+def _spread(values: np.ndarray, share: np.ndarray, whole: np.ndarray, count: float) -> np.ndarray:
+    """Half-width of the interval of damage, for a variance of some volumes."""
+    scatter, _, students = _scatter(values, share, whole)
+    return np.asarray(students * scatter * values[whole].mean(axis=0) * np.sqrt(count))
+
+
+def _interval(value: np.ndarray, half: np.ndarray) -> np.ndarray:
+    return np.stack([value - half, value + half])

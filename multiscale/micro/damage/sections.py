@@ -1,38 +1,58 @@
 r"""Damage on plane sections, eq (1) of the source: :math:`D(n) = \delta S_D / \delta S`.
 
 This damage is a geometric quantity. The stiffness is :math:`E (1 - D)` only where cavities run
-through the volume along the normal, see :mod:`~multiscale.micro.damage.rve`; and the maximum over
+through the volume along the normal, see :mod:`~.rve`; and the maximum over
 the planes of a random medium falls towards its porosity as the volume grows.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from itertools import product
+from math import gcd
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.cavities import Cavities
-from multiscale.micro.damage.directions import (
-    fit_tensor,
-    lattice_directions,
-    miller_indices,
-    sphere_directions,
-)
-from multiscale.micro.damage.section_plane import SectionPlane
+from multiscale.micro.damage.cavities import SectionPlane
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 
-__all__ = ["box_polygon", "max_damage", "plane_damage", "section_normals"]
+__all__ = ["Volume", "max_damage", "plane_damage", "section_normals", "sphere_directions"]
 
 QUANTILES = (0.5, 0.9, 0.95, 0.99)  # quantiles of the damage over all sections that are reported
-CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])  # of a unit box
-EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
+LARGEST_INDEX = 12  # largest Miller index of a plane that counts as closed
 N_STARTS = 4  # number of worst sections from which the local search starts
 MOST_STEPS, SMALLEST_SHARE, LEAST_GAIN = 100, 1e-7, 1e-12  # of the local search
 
 
+@runtime_checkable
+class Volume(Protocol):
+    """A box of solid with voids: closed forms (:class:`Cavities`) or an image (VoxelImage)."""
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Lengths along x, y and z, m."""
+
+    def section_areas(
+        self, normal: np.ndarray, distance: np.ndarray, slab: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Areas of void and whole areas of plane sections, m², at distances from the centre, m."""
+
+    def image(self, shape: int) -> VoxelImage:
+        """Image with a number of voxels along the longest edge; an image as it is."""
+
+    def coarser(self) -> "Volume | None":
+        """Volume of half the resolution; none of closed forms and of single layers of voxels."""
+
+    def void_at(self, place: np.ndarray, thickness: float = 0.0) -> np.ndarray:
+        """Whether points (3, ...), m, lie in a void, or in a crack of a thickness, m."""
+
+    def window(self, share: float, corner: Sequence[int]) -> "Volume":
+        """Part of a share of the edges at a corner, (0 or 1) x 3."""
+
+
 def plane_damage(
-    rve: Cavities | VoxelImage,
+    rve: Volume,
     normal: np.ndarray | Sequence[float],
     offset: float | np.ndarray = 0.0,
     *,
@@ -86,7 +106,7 @@ def plane_damage(
 
 
 def max_damage(
-    rve: Cavities | VoxelImage,
+    rve: Volume,
     *,
     level: int = 2,
     sections: int = 65,
@@ -101,7 +121,7 @@ def max_damage(
     ----------
     rve : Cavities or VoxelImage
     level : int
-        Refinement of the sphere of normals, see :func:`~.directions.sphere_directions`; edges
+        Refinement of the sphere of normals, see :func:`sphere_directions`; edges
         and diagonals of the box are always among the normals.
     sections : int
     slab, closed
@@ -164,9 +184,9 @@ def max_damage(
         "anisotropy": fit_tensor(normals, damage.max(axis=1)),
         "box_size": np.array(rve.size),
     }
-    if isinstance(rve, VoxelImage) and min(rve.void.shape) > 1:
-        coarse = plane_damage(rve.coarsened(), normal, place, slab=slab, closed=closed)
-        values["resolution_error"] = abs(float(coarse) - worst)
+    if (coarse := rve.coarser()) is not None:
+        change = plane_damage(coarse, normal, place, slab=slab, closed=closed) - worst
+        values["resolution_error"] = abs(float(change))
     return DAMAGE_SECTIONS.build(values, slab=slab, closed=int(closed))
 
 
@@ -178,7 +198,7 @@ def section_normals(size: tuple[float, float, float], level: int) -> np.ndarray:
 
 
 def _sections(
-    rve: Cavities | VoxelImage, normal: np.ndarray, distances: np.ndarray, slab: float, closed: bool
+    rve: Volume, normal: np.ndarray, distances: np.ndarray, slab: float, closed: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Area of void and whole area of sections, m²."""
     if closed:
@@ -191,51 +211,18 @@ def _sections(
             parts = _sections(rve, normal, first + copy * period, slab, closed=False)
             lost, area = lost + parts[0], area + parts[1]
         return lost, area
-
-    from multiscale.micro.damage.planar import Ellipses, union_area
-    from multiscale.micro.damage.voxel_sections import box_section, void_section
-
-    if isinstance(rve, VoxelImage):
-        return void_section(rve, normal, distances), box_section(rve.size, normal, distances)
-    bodies, size = rve.images, np.array(rve.size)
-    lost, area = np.zeros(len(distances)), np.zeros(len(distances))
-    through = SectionPlane.through(0.5 * size, normal, slab)
-    for k, distance in enumerate(distances):
-        plane = replace(through, origin=0.5 * size + distance * normal)
-        polygon = box_polygon(plane, size)
-        if len(polygon) > 2:
-            (x, y), after = polygon.T, np.arange(1 - len(polygon), 1)
-            area[k] = 0.5 * float(x @ y[after] - y @ x[after])
-            sets = Ellipses.join([kind.section(plane) for kind in bodies])
-            lost[k] = union_area(polygon, sets)
-    return lost, area
-
-
-def box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
-    """Corners of the section of a box with a plane, anticlockwise in the plane, shape (n, 2), m.
-
-    There are none if the plane misses the box.
-    """
-    corners = CORNERS * size
-    height = (corners - plane.origin) @ plane.normal
-    below = height <= 0.0
-    start, end = EDGES[:, below[EDGES[0]] != below[EDGES[1]]]
-    share = (height[start] / (height[start] - height[end]))[:, None]
-    points = (1.0 - share) * corners[start] + share * corners[end]
-    flat = (points - plane.origin) @ plane.frame.T
-    x, y = (flat - flat.sum(axis=0) / max(len(flat), 1)).T
-    return np.asarray(flat[np.argsort(np.arctan2(y, x))])
+    return rve.section_areas(normal, distances, slab)
 
 
 def _offsets(
-    rve: Cavities | VoxelImage, normal: np.ndarray, sections: int, smallest: float, closed: bool
+    rve: Volume, normal: np.ndarray, sections: int, smallest: float, closed: bool
 ) -> np.ndarray:
     """Offsets at the middle of equal parts of the range where sections are large enough, m.
 
     With an edge of the box as normal and more sections than voxels, several planes lie in one
     layer of voxels; all of them count.
     """
-    from multiscale.micro.damage.voxel_sections import box_section
+    from multiscale.numerics.box_sections import box_section
 
     if closed:
         largest = 0.5 / float(np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size)))
@@ -250,7 +237,7 @@ def _offsets(
 
 
 def _refine(
-    rve: Cavities | VoxelImage,
+    rve: Volume,
     normals: np.ndarray,
     offset: np.ndarray,
     damage: np.ndarray,
@@ -261,7 +248,7 @@ def _refine(
     starts: int,
 ) -> tuple[float, np.ndarray, float]:
     """Maximise damage locally from the worst sections found; closed planes keep their normal."""
-    from multiscale.micro.damage.voxel_sections import box_section
+    from multiscale.numerics.box_sections import box_section
 
     step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1)) or 0.1 * min(
         rve.size
@@ -319,7 +306,7 @@ def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.n
 
 def _check_volume(rve: object) -> None:
     """Refuse objects that are no volume, such as a bare array."""
-    if not isinstance(rve, Cavities | VoxelImage):
+    if not isinstance(rve, Volume):
         raise CaseError(
             f"sections need Cavities or a VoxelImage, got {type(rve).__name__}; an array becomes "
             f"an image by VoxelImage(array, size) with its size (m)"
@@ -332,3 +319,75 @@ def _unit(normal: np.ndarray | Sequence[float]) -> np.ndarray:
     if vector.shape != (3,) or not (size > 0.0 and np.isfinite(size)):
         raise CaseError(f"the normal of a plane must be a direction in space, got {normal}")
     return vector / size
+
+
+def sphere_directions(level: int) -> np.ndarray:
+    """Spread normals evenly over half a sphere, by halving the edges of an icosahedron.
+
+    Examples
+    --------
+    >>> [len(sphere_directions(level)) for level in range(4)]
+    [6, 21, 81, 321]
+    """
+    golden = 0.5 * (1.0 + np.sqrt(5.0))
+    corners = [
+        np.roll([0.0, a, b * golden], k) for k in range(3) for a, b in product((-1, 1), repeat=2)
+    ]
+    points = np.array(corners) / np.hypot(1.0, golden)
+    for _ in range(level):
+        distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+        # the five or six neighbours of a corner; lengths of edges differ by less than a half
+        nearest = np.sort(distance, axis=1)[:, 1:2]
+        near = np.triu(distance < 1.4 * np.minimum(nearest, nearest.T), k=1)
+        i, j = np.nonzero(near)
+        middle = points[i] + points[j]
+        points = np.concatenate([points, middle / np.linalg.norm(middle, axis=1, keepdims=True)])
+    return _one_of_each_pair(points)
+
+
+def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np.ndarray:
+    """List the normals of the lattice planes of a periodic box."""
+    span = range(-largest, largest + 1)
+    indices = [m for m in product(span, repeat=3) if gcd(*m) == 1]
+    indices.sort(key=lambda m: sum(abs(k) for k in m))
+    normals = np.array(indices, dtype=float) / size
+    return _one_of_each_pair(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def miller_indices(normal: np.ndarray, size: tuple[float, float, float]) -> tuple[int, int, int]:
+    """Find the Miller indices of a normal in a periodic box.
+
+    The normal may have any length but zero.
+    """
+    ratio = normal * np.asarray(size)
+    ratio = ratio / np.abs(ratio).max()
+    for multiple in range(1, LARGEST_INDEX + 1):
+        rounded = np.rint(multiple * ratio)
+        if np.abs(multiple * ratio - rounded).max() < 1e-7 * multiple:
+            h, k, l_ = (int(m) for m in rounded)
+            return (h, k, l_)
+    raise CaseError(
+        f"a plane with the normal {np.array2string(normal, precision=4)} does not close in a "
+        f"periodic box of {size} m within indices of {LARGEST_INDEX}; leave out closed=True or "
+        f"take a lattice direction"
+    )
+
+
+def fit_tensor(normals: np.ndarray, values: np.ndarray) -> np.ndarray:
+    r"""Second-order tensor nearest to a function of the normal."""
+    x, y, z = normals.T
+    columns = np.stack([x * x, y * y, z * z, 2 * y * z, 2 * x * z, 2 * x * y], axis=1)
+    a, b, c, d, e, f = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return np.array([[a, f, e], [f, b, d], [e, d, c]])
+
+
+def _one_of_each_pair(points: np.ndarray) -> np.ndarray:
+    """Keep one of x and -x, and one of equal points, in their order."""
+    kept: list[np.ndarray] = []
+    for point in points:
+        x, y, z = np.round(point, 9)
+        if z < 0 or (z == 0 and (y < 0 or (y == 0 and x < 0))):
+            point = -point
+        if not kept or np.abs(np.array(kept) @ point).max() < 1.0 - 1e-9:
+            kept.append(point)
+    return np.array(kept)

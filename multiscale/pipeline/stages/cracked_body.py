@@ -9,7 +9,7 @@ import numpy as np
 from multiscale import macro
 from multiscale.errors import CaseError
 from multiscale.macro import substructures
-from multiscale.micro.damage.volume_growth import half_widths, softening_samples
+from multiscale.micro.damage.cracks import half_widths, softening_samples
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.settings import Case

@@ -2,15 +2,13 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from math import nan
 from pathlib import Path
 
 import numpy as np
 
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage import Cavities, voxelise
-from multiscale.micro.damage.apparent import measure_volume, represent
-from multiscale.micro.damage.sections import section_normals
+from multiscale.micro.damage.rve import measure_volume, represent
+from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import ROUNDING, Table, round_by
@@ -67,7 +65,6 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
         measure_volume,
         youngs_modulus=rve.youngs_modulus,
         poissons_ratio=rve.poissons_ratio,
-        element_size=rve.element,
         level=rve.level,
         sections=rve.sections,
         slab=rve.slab,
@@ -84,8 +81,7 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
         name="volume",
         schema=RVE_VOLUMES,
     )
-    first = volumes[0][1]
-    image = voxelise(first, rve.voxels) if isinstance(first, Cavities) else first
+    image = volumes[0][1].image(rve.voxels)
     moduli = rve.youngs_modulus, rve.poissons_ratio
     result = represent(measured, image, *moduli, level=rve.level)
     own = result["porosity"].to_numpy()[result["share"].to_numpy() == 1.0]
@@ -98,7 +94,7 @@ def measure_case(rve: RveSettings, job: Job) -> Dataset:
 
 
 def _measure(
-    measure: Callable[..., Dataset], volume: Cavities | VoxelImage, voxels: int, share: float
+    measure: Callable[..., Dataset], volume: Volume, voxels: int, share: float
 ) -> PlainDataset:
     return RVE_VOLUMES.plain(measure(volume, voxels=voxels, share=share))
 
@@ -128,7 +124,7 @@ def _cautions(
             )
     edges = np.array(image.spacing)
     across = rve.smallest / edges.max()
-    if rve.element is None and across < FEWEST_ACROSS:
+    if across < FEWEST_ACROSS:
         yield (
             f"pores are {across:.2g} voxels across, and their stiffness needs {FEWEST_ACROSS:g} or "
             f"more; give more voxels"
@@ -351,10 +347,9 @@ def _needs(case: Case) -> Needs:
                 "traction and displacement sides, which tell whether the volume is representative",
             ),
         ),
-        libraries=("gmsh", "scikit-fem") if rve.element else ("numba",),
-        # the elements at fronts of cracks, which are most of a mesh, are not counted before
-        memory=0 if rve.element else int(BYTES * voxels),
-        seconds=nan if rve.element else cubes * SECONDS * voxels + planes * SECTION_SECONDS,
+        libraries=("numba",),
+        memory=int(BYTES * voxels),
+        seconds=cubes * SECONDS * voxels + planes * SECTION_SECONDS,
     )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from multiscale.micro.damage import Cavities, spheres, youngs_modulus_along
+from multiscale.micro.damage import Cavities, Ellipsoids, spheres, youngs_modulus_along
 
 E, NU = 200e9, 0.3
 CUBE = (1.0, 1.0, 1.0)
@@ -31,3 +31,15 @@ LATTICES = {
 def lattice(name, radius, *, edge):
     """Spheres on a cubic lattice, in one cell of it."""
     return Cavities((edge,) * 3, [spheres(edge * np.array(LATTICES[name]), radius)])
+
+
+def ellipsoids(centre, semi_axes, rotation=None):
+    """Ellipsoids with semi-axes along the columns of a rotation, or along x, y and z."""
+    turn = np.eye(3) if rotation is None else rotation
+    return Ellipsoids(np.array(centre, dtype=float), turn * np.array([[semi_axes]], dtype=float))
+
+
+def channels(centre, radius, size=CUBE):
+    """Box with round channels along z: ellipsoids a million times as long."""
+    long = [ellipsoids([c], [r, r, 1e6 * max(size)]) for c, r in zip(centre, radius, strict=True)]
+    return Cavities(size, long, periodic=False)

@@ -1,99 +1,66 @@
-r"""Exact area of a union of ellipses, possibly cut by strips, within a convex polygon.
+r"""Exact area of a union of ellipses within a convex polygon.
 
-By Green's theorem the area is a sum over the boundary of the union. Every ellipse, edge of a strip
-and edge of the polygon is split where it meets another boundary, and a piece counts if it lies on
-the boundary of the union. An arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)`
-contributes
+By Green's theorem the area is a sum over the boundary of the union. Every ellipse and every edge of
+the polygon is split where it meets another boundary, and a piece counts if it lies on the boundary
+of the union. An arc :math:`c + M w` with :math:`w = (\cos\theta, \sin\theta)` contributes
 
 .. math:: \tfrac12 \int x \times \mathrm{d}x = \tfrac12\, c \times M (w_1 - w_0)
     + \tfrac12 \det M\, (\theta_1 - \theta_0).    \tag{1}
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["Ellipses", "union_area"]
+__all__ = ["union_area"]
 
 BOUNDARY_MARGIN = 1e-11  # relative distance by which rounding may move a point across a boundary
 
 
-@dataclass(frozen=True)
-class Ellipses:
-    """Plane convex sets, each an ellipse within a strip.
+def union_area(polygon: np.ndarray, centre: np.ndarray, root: np.ndarray) -> float:
+    """Area, m², that ellipses cover in a convex polygon.
 
-    Attributes
-    ----------
-    centre : ndarray, shape (k, 2), centres, m
-    root : ndarray, shape (k, 2, 2)
-        Matrices M with positive determinant, m: an ellipse is centre + M w for abs(w) <= 1.
-    strip : ndarray, shape (k, 4)
-        Unit normal g and bounds b, m, of the strip: b[0] <= g . x <= b[1]. A set without a strip
-        has infinite bounds.
+    ``polygon`` has the corners, anticlockwise, (corners, 2), m. An ellipse is centre + M w for
+    abs(w) <= 1, with centres (k, 2), m, and matrices M of positive determinant, (k, 2, 2), m.
     """
-
-    centre: np.ndarray
-    root: np.ndarray
-    strip: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.centre)
-
-    @staticmethod
-    def join(parts: "list[Ellipses]") -> "Ellipses":
-        """Concatenate several lists of sets."""
-        return Ellipses(
-            np.concatenate([np.empty((0, 2)), *(part.centre for part in parts)]),
-            np.concatenate([np.empty((0, 2, 2)), *(part.root for part in parts)]),
-            np.concatenate([np.empty((0, 4)), *(part.strip for part in parts)]),
-        )
-
-
-def union_area(polygon: np.ndarray, sets: Ellipses) -> float:
-    """Area, m², that sets cover in a convex polygon: corners, anticlockwise, (corners, 2), m."""
-    if len(sets) == 0:
+    if len(centre) == 0:
         return 0.0
     size = float(np.ptp(polygon, axis=0).max())
     origin = polygon.mean(axis=0)
-    strip = sets.strip.copy()
-    strip[:, 2:] = (strip[:, 2:] - (strip[:, :2] @ origin)[:, None]) / size
-    root = sets.root / size
+    root = root / size
     (a, b), (c, d) = root.transpose(1, 2, 0)
     inverse = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
     area = _union_area(
         (polygon - origin) / size,
-        (sets.centre - origin) / size,
+        (centre - origin) / size,
         root,
         inverse.transpose(2, 0, 1).copy(),
         0.5 * (np.hypot(a + d, b - c) + np.hypot(a - d, b + c)),  # the larger semi-axis
-        strip,
     )
     return float(size**2 * area)
 
 
 @compiled
-def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[no-untyped-def]
+def _union_area(polygon, centre, root, inverse, radius):  # type: ignore[no-untyped-def]
     """Sum (1) over the pieces of the boundary of the union."""
     near = _neighbours(polygon, centre, radius)
-    breaks = np.empty(8 + 2 * len(polygon) + 8 * len(centre))
+    breaks = np.empty(8 + 2 * len(polygon) + 4 * len(centre))
     total = 0.0
+    # exposed arcs of the ellipses
     for i in range(len(centre)):
         if near[i, i]:
-            total += _arcs(i, polygon, centre, root, inverse, strip, near[i], breaks)
-            total += _cuts(i, polygon, centre, root, inverse, strip, near[i], breaks)
-    none, everyone = np.int64(-1), np.ones(len(centre), dtype=np.bool_)
+            total += _arcs(i, polygon, centre, root, inverse, near[i], breaks)
+    # pieces of the edges of the polygon that lie in an ellipse
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
-        n = _crossings(p, q, none, polygon, centre, inverse, strip, everyone, breaks, False)
+        n = _crossings(p, q, centre, inverse, breaks)
         for b in range(n - 1):
             s, t = _samples(breaks[b], breaks[b + 1])
             x, y = p[0] + s * (q[0] - p[0]), p[1] + s * (q[1] - p[1])
             u, v = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])
             for j in range(len(centre)):
                 depth = min(
-                    _depth(x, y, j, centre, inverse, strip), _depth(u, v, j, centre, inverse, strip)
+                    _depth(x, y, centre[j], inverse[j]), _depth(u, v, centre[j], inverse[j])
                 )
                 if depth >= -BOUNDARY_MARGIN:
                     total += 0.5 * (p[0] * q[1] - p[1] * q[0]) * (breaks[b + 1] - breaks[b])
@@ -103,7 +70,7 @@ def _union_area(polygon, centre, root, inverse, radius, strip):  # type: ignore[
 
 @compiled
 def _neighbours(polygon, centre, radius):  # type: ignore[no-untyped-def]
-    """Whether circumcircles of two sets meet; on the diagonal, whether one meets the polygon."""
+    """Whether circumcircles of two ellipses, or on the diagonal of one and the polygon, meet."""
     reach = 0.0
     for corner in polygon:
         reach = max(reach, np.hypot(corner[0], corner[1]))
@@ -124,18 +91,17 @@ def _samples(low, high):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _depth(x, y, j, centre, inverse, strip):  # type: ignore[no-untyped-def]
-    """Depth of a point in a set: positive inside, zero on the boundary; dimensionless."""
-    x0, y0 = x - centre[j, 0], y - centre[j, 1]
-    u = inverse[j, 0, 0] * x0 + inverse[j, 0, 1] * y0
-    v = inverse[j, 1, 0] * x0 + inverse[j, 1, 1] * y0
-    along = strip[j, 0] * x + strip[j, 1] * y
-    return min(1.0 - u * u - v * v, along - strip[j, 2], strip[j, 3] - along)
+def _depth(x, y, centre, inverse):  # type: ignore[no-untyped-def]
+    """Depth of a point in an ellipse: positive inside, zero on the boundary; dimensionless."""
+    x0, y0 = x - centre[0], y - centre[1]
+    u = inverse[0, 0] * x0 + inverse[0, 1] * y0
+    v = inverse[1, 0] * x0 + inverse[1, 1] * y0
+    return 1.0 - u * u - v * v
 
 
 @compiled
-def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no-untyped-def]
-    """Whether a point of the boundary of a set lies in the polygon and in no other set."""
+def _exposed(x, y, i, polygon, centre, inverse, near):  # type: ignore[no-untyped-def]
+    """Whether a point of the boundary of an ellipse lies in the polygon and in no other one."""
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
         dx, dy = q[0] - p[0], q[1] - p[1]
@@ -143,32 +109,31 @@ def _exposed(x, y, i, polygon, centre, inverse, strip, near):  # type: ignore[no
             return False
     for j in range(len(centre)):
         if j != i and near[j]:
-            depth = _depth(x, y, j, centre, inverse, strip)
-            # the first of equal sets counts
+            depth = _depth(x, y, centre[j], inverse[j])
+            # the first of equal ellipses counts
             if depth > BOUNDARY_MARGIN or (depth > -BOUNDARY_MARGIN and j < i):
                 return False
     return True
 
 
 @compiled
-def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
+def _arcs(i, polygon, centre, root, inverse, near, breaks):  # type: ignore[no-untyped-def]
     """Part of (1) from the exposed arcs of an ellipse."""
     M, cx, cy = root[i], centre[i, 0], centre[i, 1]
+    # angles where another boundary may cross the ellipse
     n = np.int64(0)  # as in every later call: one signature
     for a in range(len(polygon)):
         p, q = polygon[a], polygon[(a + 1) % len(polygon)]
         gx, gy = q[1] - p[1], p[0] - q[0]
-        n = _arc_line(M, cx, cy, gx, gy, gx * p[0] + gy * p[1], breaks, n)
+        B, C = M[0, 0] * gx + M[1, 0] * gy, M[0, 1] * gx + M[1, 1] * gy
+        n = _add_angles(gx * (cx - p[0]) + gy * (cy - p[1]), B, C, breaks, n)
     for j in range(len(centre)):
-        if j == i or near[j]:
-            for bound in range(2, 4):
-                if np.isfinite(strip[j, bound]):
-                    n = _arc_line(M, cx, cy, strip[j, 0], strip[j, 1], strip[j, bound], breaks, n)
         if j != i and near[j]:
             n = _arc_ellipse(M, cx, cy, centre[j], inverse[j], breaks, n)
     breaks[n], breaks[n + 1] = 0.0, 2.0 * np.pi
     n += 2
     _sort(breaks, n)
+    # the pieces between them that are on the boundary of the union
     det = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
     total = 0.0
     for b in range(n - 1):
@@ -179,9 +144,7 @@ def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
         for angle in _samples(low, high):
             x = cx + M[0, 0] * np.cos(angle) + M[0, 1] * np.sin(angle)
             y = cy + M[1, 0] * np.cos(angle) + M[1, 1] * np.sin(angle)
-            along = strip[i, 0] * x + strip[i, 1] * y
-            counts &= strip[i, 2] <= along <= strip[i, 3]
-            counts &= _exposed(x, y, i, polygon, centre, inverse, strip, near)
+            counts &= _exposed(x, y, i, polygon, centre, inverse, near)
         if counts:
             u, v = np.cos(high) - np.cos(low), np.sin(high) - np.sin(low)
             dx, dy = M[0, 0] * u + M[0, 1] * v, M[1, 0] * u + M[1, 1] * v
@@ -190,60 +153,12 @@ def _arcs(i, polygon, centre, root, inverse, strip, near, breaks):  # type: igno
 
 
 @compiled
-def _cuts(i, polygon, centre, root, inverse, strip, near, breaks):  # type: ignore[no-untyped-def]
-    """Part of (1) from the exposed edges of the strip of a set."""
-    total = 0.0
-    gx, gy = strip[i, 0], strip[i, 1]
-    for bound in range(2, 4):
-        h = strip[i, bound]
-        if not np.isfinite(h):
-            continue
-        # the chord of the ellipse: w with (M^T g) . w = h - g . c
-        a = root[i, 0, 0] * gx + root[i, 1, 0] * gy
-        b = root[i, 0, 1] * gx + root[i, 1, 1] * gy
-        size = np.hypot(a, b)
-        s = (h - gx * centre[i, 0] - gy * centre[i, 1]) / size
-        if abs(s) >= 1.0:
-            continue
-        half = np.sqrt(1.0 - s * s)
-        sign = 1.0 if bound == 3 else -1.0  # anticlockwise
-        ends = np.empty((2, 2))
-        for k in range(2):
-            t = sign * (2 * k - 1) * half
-            u, v = (s * a - t * b) / size, (s * b + t * a) / size
-            ends[k, 0] = centre[i, 0] + root[i, 0, 0] * u + root[i, 0, 1] * v
-            ends[k, 1] = centre[i, 1] + root[i, 1, 0] * u + root[i, 1, 1] * v
-        p, q = ends[0], ends[1]
-        n = _crossings(p, q, i, polygon, centre, inverse, strip, near, breaks, True)
-        for k in range(n - 1):
-            counts = True
-            for t in _samples(breaks[k], breaks[k + 1]):
-                x, y = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])
-                counts &= _exposed(x, y, i, polygon, centre, inverse, strip, near)
-            if counts:
-                total += 0.5 * (p[0] * q[1] - p[1] * q[0]) * (breaks[k + 1] - breaks[k])
-    return total
-
-
-@compiled
-def _crossings(  # type: ignore[no-untyped-def]
-    p, q, own, polygon, centre, inverse, strip, near, breaks, with_polygon
-):
-    """Sorted places t in [0, 1] where a segment may cross a boundary."""
+def _crossings(p, q, centre, inverse, breaks):  # type: ignore[no-untyped-def]
+    """Sorted places t in [0, 1] where a segment may cross an ellipse, and their number."""
     breaks[0], breaks[1] = 0.0, 1.0
     n = np.int64(2)  # as in every later call: one signature
     dx, dy = q[0] - p[0], q[1] - p[1]
-    if with_polygon:
-        for a in range(len(polygon)):
-            r, s = polygon[a], polygon[(a + 1) % len(polygon)]
-            gx, gy = s[1] - r[1], r[0] - s[0]
-            n = _add_line(p, dx, dy, gx, gy, gx * r[0] + gy * r[1], breaks, n)
     for j in range(len(centre)):
-        if j == own or not near[j]:
-            continue
-        for bound in range(2, 4):
-            if np.isfinite(strip[j, bound]):
-                n = _add_line(p, dx, dy, strip[j, 0], strip[j, 1], strip[j, bound], breaks, n)
         W = inverse[j]
         x0, y0 = p[0] - centre[j, 0], p[1] - centre[j, 1]
         a0, b0 = W[0, 0] * x0 + W[0, 1] * y0, W[1, 0] * x0 + W[1, 1] * y0
@@ -269,25 +184,6 @@ def _sort(values, n):  # type: ignore[no-untyped-def]
             values[j] = values[j - 1]
             j -= 1
         values[j] = value
-
-
-@compiled
-def _add_line(p, dx, dy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
-    """Add the place where a segment crosses the line g . x = h."""
-    slope = gx * dx + gy * dy
-    if slope != 0.0:
-        t = (h - gx * p[0] - gy * p[1]) / slope
-        if 0.0 < t < 1.0:
-            breaks[n] = t
-            n += 1
-    return n
-
-
-@compiled
-def _arc_line(M, cx, cy, gx, gy, h, breaks, n):  # type: ignore[no-untyped-def]
-    """Add the angles where an ellipse crosses the line g . x = h."""
-    B, C = M[0, 0] * gx + M[1, 0] * gy, M[0, 1] * gx + M[1, 1] * gy
-    return _add_angles(gx * cx + gy * cy - h, B, C, breaks, n)
 
 
 @compiled

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.executors import threads
-from multiscale.micro.damage.voxel_operator import VoxelOperator
+from multiscale.micro.damage.voxels import VoxelOperator
 
 EDGES = (0.3, 0.5, 0.2)
 SHAPES = [(4, 3, 5), (5, 4, 2), (1, 4, 3), (3, 1, 1), (2, 2, 1)]

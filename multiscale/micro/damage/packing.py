@@ -10,8 +10,7 @@ from math import ceil, exp, log, pi
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.cavities import Cavities, check_box
-from multiscale.micro.damage.shapes import penny_cracks, spheres
+from multiscale.micro.damage.cavities import Cavities, check_box, penny_cracks, spheres
 
 __all__ = ["Recipe", "boolean_spheres", "random_spheres"]
 

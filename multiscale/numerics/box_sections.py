@@ -1,4 +1,4 @@
-r"""Exact sections of a voxel image with any plane.
+r"""Exact areas of plane sections of boxes and of images of voxels.
 
 The area of the section of a box of volume V with the plane :math:`n \cdot x = d` is V times the
 density at d of the sum of three independent uniform variables whose ranges are the extents of the
@@ -13,7 +13,6 @@ that becomes a ramp and a step as c and b vanish, so that no plane needs a speci
 
 import numpy as np
 
-from multiscale.io.images import VoxelImage
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["box_section", "void_section"]
@@ -22,23 +21,26 @@ __all__ = ["box_section", "void_section"]
 def box_section(
     size: tuple[float, float, float], normal: np.ndarray, distance: np.ndarray
 ) -> np.ndarray:
-    """Area of plane sections of a box, m²."""
+    """Area of plane sections of a box, m², at distances from its centre along a unit normal, m."""
     a, b, c = np.sort(np.abs(normal) * size)[::-1]
     return np.array(
         [np.prod(size) * _density(d + 0.5 * (a + b + c), a, b, c) for d in distance], dtype=float
     )
 
 
-def void_section(image: VoxelImage, normal: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Area of void in plane sections of an image, m²; arguments as of :func:`box_section`."""
+def void_section(
+    void: np.ndarray, size: tuple[float, float, float], normal: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
+    """Area of void voxels, (nx, ny, nz), in plane sections of a box, m²."""
+    spacing = np.array(size) / void.shape
     order = np.argsort(distance)
-    step = normal * image.spacing
-    low = -0.5 * float(np.abs(normal) @ image.size)
+    step = normal * spacing
+    low = -0.5 * float(np.abs(normal) @ size)
     a, b, c = np.sort(np.abs(step))[::-1]
     found = np.empty(len(order))
     planes = np.asarray(distance, dtype=float)[order] - low
-    found[order] = _void_section(image.void, step, planes, a, b, c)
-    return np.prod(image.spacing) * found
+    found[order] = _void_section(void, step, planes, a, b, c)
+    return np.prod(spacing) * found
 
 
 @compiled
