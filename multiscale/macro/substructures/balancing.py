@@ -10,6 +10,7 @@ from scipy.sparse import coo_array, csr_array
 from multiscale.fe.condensation import Split
 from multiscale.macro.substructures.parallel import ProcessGroup, together
 from multiscale.macro.substructures.problem import CutInterface
+from multiscale.macro.substructures.stack import split_columns
 from multiscale.numerics.factorisation import Solve
 
 __all__ = ["Balancing", "Layout", "lay_out", "prepare_balancing"]
@@ -75,16 +76,13 @@ def lay_out(
     count = parts.edge_start.size - 1
     shared = np.full((count, int(np.diff(parts.edge_start).max(initial=0))), n_shared)
     shared[parts.owner, parts.column] = slot
-    own = [
-        basis[slot[a:b]] for a, b in zip(parts.edge_start[:-1], parts.edge_start[1:], strict=True)
-    ]
-    used = [np.unique(block.indices) for block in own]
+    used, motions = split_columns(csr_array(basis[slot]), parts.edge_start)
     width = max((item.size for item in used), default=0)
     coarse = np.full((count, width), n_coarse)
     constraint = np.zeros((count, width, shared.shape[1]))
-    for part, (block, item) in enumerate(zip(own, used, strict=True)):
+    for part, (block, item) in enumerate(zip(motions, used, strict=True)):
         coarse[part, : item.size] = item
-        constraint[part, : item.size, : block.shape[0]] = block[:, item].toarray().T
+        constraint[part, : item.size, : block.shape[0]] = block.T
     order, faces, first = np.argsort(shared, axis=1), [], 0
     for face in interfaces:
         rows = np.arange(first, first + face.size)

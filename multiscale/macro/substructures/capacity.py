@@ -2,7 +2,7 @@ r"""What friction can carry: the kinematic theorem of limit analysis for bodies 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import null_space
@@ -23,10 +23,10 @@ CORNERS, CUTS, CLOSE = 8, 20, 1e-6
 changes its work by no more than this, relative to the work of all friction for a slip of one."""
 
 HELD = 1e-6
-"""Size of a rigid motion, relative to the largest, up to which it is none."""
+"""Size of a rigid motion, relative to the largest, up to which it is zero."""
 
 NOTHING = 1e-6
-"""Share of a load whose power is none, and of the largest slip that is none."""
+"""Share of a load with a power that is zero, and of the largest slip that is zero."""
 
 
 @dataclass(frozen=True)
@@ -84,17 +84,12 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     power = load @ modes
     if not np.any(np.abs(power) > NOTHING * np.abs(load).sum()):
         return None
-    start = np.cumsum([0, *(part.n for part in problem.substructures)])
-    moved = [modes[first:last] for first, last in pairwise(start)]
-    jumps = [
-        np.split(joint.trace[1] @ moved[joint.sides[1]] - joint.trace[0] @ moved[joint.sides[0]], 3)
-        for joint in problem.joints
-    ]
-    normal, *across = (np.concatenate(direction) for direction in zip(*jumps, strict=True))
-    known = [one for one in pressures if one.size and np.all(np.isfinite(one))]
+    jumps = zip(*_jumps(problem, modes), strict=True)
+    normal, *across = (np.concatenate(direction) for direction in jumps)
+    known = [pressure for pressure in pressures if pressure.size and np.isfinite(pressure).all()]
     sliding = np.concatenate([normal, -normal])
-    # sliding first: what also tips has a capacity that can be told
-    for kept, pressure in [(sliding, one) for one in known] + [(normal, one) for one in known]:
+    # sliding first: bodies that also tip have a capacity
+    for kept, pressure in [*product([sliding], known), *product([normal], known)]:
         bound = problem.weight * problem.law.friction_limit(np.maximum(pressure, 0.0))
         a = _weakest(power, kept, across, bound)
         if a is None:
@@ -115,29 +110,24 @@ def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
     Interfaces hold along their normal, and across it where they have friction; bolts hold along
     their axes.
     """
-    modes = _free_motions(problem)
-    start = np.cumsum([0, *(part.n for part in problem.substructures)])
-    held = []
-    for joint in problem.joints:
-        first, second = (
-            trace @ modes[start[side] : start[side + 1]]
-            for side, trace in zip(joint.sides, joint.trace, strict=True)
-        )
-        normal, *across = np.split(second - first, 3)
+    modes, held = _free_motions(problem), []
+    for joint, jump in zip(problem.joints, _jumps(problem, modes), strict=True):
         assert joint.law is not None  # a joint has one
         rough = joint.law.friction_limit(np.ones(1))[0] > 0.0
-        held += [one / np.sqrt(len(one)) for one in (normal, *(across if rough else ()))]
+        held += [rows / np.sqrt(len(rows)) for rows in (jump if rough else jump[:1])]
     numbers = np.concatenate([part.unknown for part in problem.substructures])
     for bolt in problem.bolts:
         ends = [modes[np.argmax(numbers == unknown)] for unknown in bolt.unknown]
         held.append((ends[1] - ends[0])[None])
     if held and modes.shape[1]:
         modes = modes @ null_space(np.linalg.qr(np.concatenate(held), mode="r"), rcond=HELD)
-    said = []
-    for name, part, at in zip(names, problem.substructures, start, strict=False):
-        own = np.linalg.lstsq(part.rigid_motions, modes[at : at + part.n], rcond=None)[0]
-        own[3:] *= np.ptp(part.position, axis=0).max()  # displacements by turning
-        size = np.abs(own).max(axis=1, initial=0.0)
+    sentences = []
+    for name, part, moved in zip(
+        names, problem.substructures, _split(problem, modes), strict=False
+    ):
+        rigid = np.linalg.lstsq(part.rigid_motions, moved, rcond=None)[0]
+        rigid[3:] *= np.ptp(part.position, axis=0).max()  # displacements by turning
+        size = np.abs(rigid).max(axis=1, initial=0.0)
         loose = size > HELD * max(1.0, size.max())
         moves, turns = (
             " and ".join(filter(None, [", ".join(axes[:-1]), *axes[-1:]]))
@@ -145,8 +135,8 @@ def _name_free_motions(problem: CutProblem, names: Sequence[str]) -> str:
         )
         how = [f"to move along {moves}"] * bool(moves) + [f"to turn about {turns}"] * bool(turns)
         if how:
-            said.append(f"{name} is free {' and '.join(how)}")
-    return ", ".join(said)
+            sentences.append(f"{name} is free {' and '.join(how)}")
+    return ", ".join(sentences)
 
 
 def require_held(assembly: Assembly) -> None:
@@ -161,7 +151,7 @@ def require_held(assembly: Assembly) -> None:
 
 
 def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None:
-    """Refuse bodies that may move freely in the cut problem of an assembly, with more words."""
+    """Refuse bodies that may move freely in the cut problem of an assembly."""
     names = [body.name or f"body {number}" for number, body in enumerate(assembly.bodies)]
     if free := _name_free_motions(problem, names):
         raise CaseError(
@@ -169,11 +159,26 @@ def refuse_free(assembly: Assembly, problem: CutProblem, more: str = "") -> None
         )
 
 
+def _split(problem: CutProblem, modes: np.ndarray) -> list[np.ndarray]:
+    """Motions of the unknowns of every substructure."""
+    start = np.cumsum([0, *(part.n for part in problem.substructures)])
+    return [modes[first:last] for first, last in pairwise(start)]
+
+
+def _jumps(problem: CutProblem, modes: np.ndarray) -> list[list[np.ndarray]]:
+    """Return normal and tangential jumps of every joint, shape (points, motions) each."""
+    moved = _split(problem, modes)
+    return [
+        np.split(joint.trace[1] @ moved[joint.sides[1]] - joint.trace[0] @ moved[joint.sides[0]], 3)
+        for joint in problem.joints
+    ]
+
+
 def _free_motions(problem: CutProblem) -> np.ndarray:
     """Rigid motions of every body that its supports leave free, shape (unknowns, motions).
 
-    A body is what substructures that share unknowns make. Locked bolts hold bodies together along
-    their shanks alone: the motions do not stretch them.
+    Substructures that share unknowns are a body. Locked bolts hold bodies together only along
+    their shanks: the motions do not stretch them.
     """
     shanks = len(problem.bolts) if problem.locked else 0
     parts = problem.substructures[: len(problem.substructures) - shanks]

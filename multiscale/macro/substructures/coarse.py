@@ -1,6 +1,7 @@
 """The coarse problem: forces of the interfaces that act over long distances."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -8,7 +9,7 @@ from scipy.sparse import coo_array, csr_array
 from multiscale.errors import MultiscaleError
 from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutInterface, CutProblem
-from multiscale.macro.substructures.stack import Factors, Sides, Stack
+from multiscale.macro.substructures.stack import Factors, Sides, Stack, split_columns
 from multiscale.numerics.factorisation import Solve, on_diagonal
 
 __all__ = ["Coarse", "coarse_basis", "prepare_coarse"]
@@ -87,22 +88,19 @@ def prepare_coarse(
     push = csr_array(side_stiffness @ on_sides)
     first = sides.start[parts.start] if len(parts) else 0
     local_push = csr_array(stack.trace.T @ push[first : first + stack.trace.shape[0]])
-    columns = [
-        np.unique(local_push.indices[local_push.indptr[a] : local_push.indptr[b]])
-        for a, b in zip(stack.start[:-1], stack.start[1:], strict=True)
-    ]
+    columns, pushes = split_columns(local_push, stack.start)
     width = max((used.size for used in columns), default=0)
     right = np.zeros((stack.n, width))
     column = np.full((stack.n, width), basis.shape[1])
-    for used, a, b in zip(columns, stack.start[:-1], stack.start[1:], strict=True):
-        right[a:b, : used.size] = local_push[a:b][:, used].toarray()
-        column[a:b, : used.size] = used
+    ends = list(pairwise(stack.start))
+    for used, block, (a, b) in zip(columns, pushes, ends, strict=True):
+        right[a:b, : used.size], column[a:b, : used.size] = block, used
     answer = solve(right)
 
     triplets = []
-    for used, a, b in zip(columns, stack.start[:-1], stack.start[1:], strict=True):
-        block = -right[a:b, : used.size].T @ answer[a:b, : used.size]
-        triplets.append((np.repeat(used, used.size), np.tile(used, used.size), block.ravel()))
+    for used, block, (a, b) in zip(columns, pushes, ends, strict=True):
+        product = -block.T @ answer[a:b, : used.size]
+        triplets.append((np.repeat(used, used.size), np.tile(used, used.size), product.ravel()))
     rows, cols, values = (
         np.concatenate(item) for item in zip(*team.collect(triplets), strict=True)
     )

@@ -4,8 +4,8 @@ With the kept unknowns b of a substructure and those inside it, i, a displacemen
 
 .. math:: u_i = -K_{ii}^{-1} K_{ib} u_b + K_{ii}^{-1} f_i \lambda,    \tag{1}
 
-so that constraint modes and modes of the loads tell all of it, whatever the laws of the joints and
-the forces of the bolts are. Modes of both kinds do no work on each other.
+so that constraint modes and modes of the loads span it for all laws of the joints and forces of the
+bolts. Modes of both kinds do no work on each other.
 """
 
 from collections.abc import Iterator, Sequence
@@ -62,10 +62,10 @@ class CondensedProblem:
         if self.small is self.whole:
             return u
         small = np.zeros(self.small.n)
-        for large, part, one, modes in self._parts():
-            own, k = u[large.unknown], large.stiffness.diagonal().mean()
-            amplitude = modes.T @ (large.stiffness @ own)[one.split.inside] / k
-            small[part.unknown] = np.concatenate([own[one.split.edge], amplitude])
+        for large, part, inside, modes in self._parts():
+            moved, k = u[large.unknown], large.stiffness.diagonal().mean()
+            amplitude = modes.T @ (large.stiffness @ moved)[inside.split.inside] / k
+            small[part.unknown] = np.concatenate([moved[inside.split.edge], amplitude])
         return small
 
     def expand(self, small: np.ndarray) -> np.ndarray:
@@ -73,11 +73,11 @@ class CondensedProblem:
         if self.small is self.whole:
             return small
         u = np.zeros((self.whole.n, *small.shape[1:]))
-        for large, part, one, modes in self._parts():
-            own, split = small[part.unknown], one.split
-            edge, amplitude = own[: split.edge.size], own[split.edge.size :]
+        for large, part, inside, modes in self._parts():
+            split = inside.split
+            edge, amplitude = np.split(small[part.unknown], [split.edge.size])
             u[large.unknown[split.edge]] = edge
-            u[large.unknown[split.inside]] = modes @ amplitude - one.solve(one.back @ edge)  # (1)
+            u[large.unknown[split.inside]] = modes @ amplitude - inside.solve(inside.back @ edge)
         return u
 
     def with_loads(self, load: np.ndarray) -> "CondensedProblem":
@@ -107,7 +107,7 @@ class CondensedProblem:
         )
 
     def _parts(self) -> Iterator[tuple[Any, ...]]:
-        """Each substructure, large and small, what condenses it, and its modes."""
+        """Each substructure, large and small, its condensation, and its modes."""
         parts = self.whole.substructures, self.small.substructures
         return zip(*parts, self.insides, self.modes, strict=True)
 
@@ -130,14 +130,13 @@ def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
 
 def condense_problem(
     problem: CutProblem,
-    kept: Sequence[int] = (),
     *,
     largest: int | None = None,
     insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
     """Condense each substructure, unless joints are missing or too many unknowns would be kept."""
     parts, wanted = problem.substructures, problem.shares > 1.0
-    wanted[[*kept, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
+    wanted[[end for bolt in problem.bolts for end in bolt.unknown]] = True
     keeps = [wanted[part.unknown] for part in parts]
     for joint in problem.joints:
         for side, trace in zip(joint.sides, joint.trace, strict=True):
@@ -158,29 +157,29 @@ def condense_problem(
 def _reduce(problem: CutProblem, insides: Sequence[CondensedStiffness]) -> CondensedProblem:
     """Put the condensed substructures and the modes of their loads together."""
     parts = problem.substructures
-    edges = [one.split.edge for one in insides]
+    edges = [inside.split.edge for inside in insides]
     left = np.unique(
         np.concatenate([part.unknown[edge] for part, edge in zip(parts, edges, strict=True)])
     )
     number = np.full(problem.n, -1)
     number[left] = np.arange(left.size)
     modes, small, last = [], [], left.size
-    for part, edge, one in zip(parts, edges, insides, strict=True):
-        own, load = _load_modes(one, part)
-        stiffness = [one.blocks[0], np.eye(load.shape[0]) * part.stiffness.diagonal().mean()]
+    for part, edge, inside in zip(parts, edges, insides, strict=True):
+        motion, load = _load_modes(inside, part)
+        stiffness = [inside.blocks[0], np.eye(load.shape[0]) * part.stiffness.diagonal().mean()]
         new = last + np.arange(load.shape[0])
         last += new.size
         nowhere = np.tile(part.position.mean(axis=0), (new.size, 1))
         small.append(
             Substructure(
                 on_diagonal(stiffness),
-                np.concatenate([one.reduce(part.load), load]),
+                np.concatenate([inside.reduce(part.load), load]),
                 np.concatenate([number[part.unknown[edge]], new]),
                 np.concatenate([part.position[edge], nowhere]),
                 np.concatenate([part.component[edge], np.full(new.size, UNMOVED)]),
             )
         )
-        modes.append(own)
+        modes.append(motion)
     position = np.zeros((last, 3))
     for part in small:
         position[part.unknown] = part.position
@@ -221,5 +220,5 @@ def _load_modes(condensed: CondensedStiffness, part: Substructure) -> tuple[np.n
 
 def _extend(trace: csr_array, edge: np.ndarray, n: int) -> csr_array:
     """Trace of the kept unknowns, among all of the small substructure."""
-    own = csr_array(trace[:, edge])
-    return csr_array((own.data, own.indices, own.indptr), shape=(own.shape[0], n))
+    few = csr_array(trace[:, edge])
+    return csr_array((few.data, few.indices, few.indptr), shape=(few.shape[0], n))

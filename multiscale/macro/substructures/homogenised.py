@@ -1,7 +1,5 @@
 """Behaviour of every substructure as its neighbours feel it from afar."""
 
-from itertools import pairwise
-
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
@@ -9,7 +7,13 @@ from multiscale.errors import CaseError
 from multiscale.fe.condensation import compliances
 from multiscale.macro.substructures.coarse import coarse_basis
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.stack import Factors, Stack, lay_out_sides, stack_parts
+from multiscale.macro.substructures.stack import (
+    Factors,
+    Stack,
+    lay_out_sides,
+    split_columns,
+    stack_parts,
+)
 from multiscale.numerics.factorisation import on_diagonal
 from multiscale.schema import HOMOGENISED, Dataset
 
@@ -61,9 +65,7 @@ def homogenise(problem: CutProblem, result: Dataset | None = None, *, step: int 
     slack = _slack_links(problem, result, step)
     parts = stack_parts(problem, range(len(problem.substructures)))
     motions = csr_array(parts.trace.T @ coarse_basis(problem)[lay_out_sides(problem).slot])
-    own = [motions[a:b] for a, b in pairwise(parts.start)]
-    used = [np.unique(block.indices) for block in own]  # coarse unknowns
-    columns = [block[:, item].toarray() for block, item in zip(own, used, strict=True)]  # C_E^T
+    used, columns = split_columns(motions, parts.start)  # coarse unknowns, C_E^T
     width = max((item.size for item in used), default=0)
     number = np.full((len(used), width), -1)
     rigid = np.full((len(used), width, 6), np.nan)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
@@ -11,7 +12,7 @@ from multiscale.macro.substructures.problem import CutInterface, CutProblem, Lin
 from multiscale.numerics.cholesky import Factorise, prepare_cholesky
 from multiscale.numerics.factorisation import Solve, on_diagonal
 
-__all__ = ["Sides", "Stack", "lay_out_sides", "stack_parts"]
+__all__ = ["Sides", "Stack", "lay_out_sides", "split_columns", "stack_parts"]
 
 FULL = 0.1
 """Share of the entries of a matrix that are not zero above which it is factorised in full."""
@@ -182,6 +183,15 @@ def stack_parts(problem: CutProblem, parts: Sequence[int]) -> Stack:
         np.isfinite(joined.lower) | np.isfinite(joined.upper),
         shared,
     )
+
+
+def split_columns(
+    matrix: csr_array, start: np.ndarray
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Columns that each block of rows uses, and its entries in them as a full matrix."""
+    blocks = [matrix[first:last] for first, last in pairwise(start)]
+    used = [np.unique(block.indices) for block in blocks]
+    return used, [block[:, at].toarray() for block, at in zip(blocks, used, strict=True)]
 
 
 def _traces(
