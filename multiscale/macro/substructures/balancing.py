@@ -55,8 +55,8 @@ class Layout:
 
     def add(self, value: np.ndarray) -> np.ndarray:
         """Add up over the substructures of all processes, shape (shared,)."""
-        own = np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)[:-1]
-        return self.team.total(own)
+        force = np.bincount(self.shared.ravel(), value.ravel(), self.n_shared + 1)
+        return self.team.total(force[:-1])
 
     def multiply(self, schur: np.ndarray, value: np.ndarray) -> np.ndarray:
         """Apply the sum of the matrices of the substructures, shape (shared,)."""
@@ -121,10 +121,10 @@ class Balancing:
     def __call__(self, force: np.ndarray) -> np.ndarray:
         """Approximate displacement of the shared unknowns for a force on them."""
         layout = self.layout
-        own = layout.take(force)
-        u = np.einsum("pij,pj->pi", self.fine, own)
+        shares = layout.take(force)
+        u = np.einsum("pij,pj->pi", self.fine, shares)
         if self.solve is not None:
-            amount = np.einsum("pij,pj->pi", self.left, own)
+            amount = np.einsum("pij,pj->pi", self.left, shares)
             total = np.bincount(layout.coarse.ravel(), amount.ravel(), layout.n_coarse + 1)
             w = np.append(self.solve(layout.team.total(total[:-1])), 0.0)
             u += np.einsum("pij,pj->pi", self.right, w[layout.coarse])
@@ -154,8 +154,8 @@ def prepare_balancing(
     coarse = -inverse[:, width:, width:] * unit[:, None, None]
     rows = np.broadcast_to(layout.coarse[:, :, None], coarse.shape)
     columns = np.broadcast_to(layout.coarse[:, None, :], coarse.shape)
-    kept = wanted[:, :, None] & wanted[:, None, :]
-    entries = layout.team.collect([(coarse[kept], rows[kept], columns[kept])])
+    used = wanted[:, :, None] & wanted[:, None, :]
+    entries = layout.team.collect([(coarse[used], rows[used], columns[used])])
     value, row, column = (np.concatenate(item) for item in zip(*entries, strict=True))
     assembled = csr_array(coo_array((value, (row, column)), shape=(layout.n_coarse,) * 2))
     D = together(layout.team, partial(_scaling, layout, schur, added))
@@ -184,16 +184,16 @@ def _scaling(layout: Layout, schur: np.ndarray, added: np.ndarray) -> np.ndarray
     D = np.zeros_like(schur)
     blocks, sums = [], [np.zeros(0)]
     for size, sides in layout.faces:
-        own = []
+        of_sides = []
         for part, at in sides:
             block = schur[part][np.ix_(at, at)]
-            own.append(0.5 * (block + block.T) + np.diag(added[part, at]))
-        blocks.append(own)
-        sums.append(sum(own, np.zeros((size, size))).ravel())
+            of_sides.append(0.5 * (block + block.T) + np.diag(added[part, at]))
+        blocks.append(of_sides)
+        sums.append(sum(of_sides, np.zeros((size, size))).ravel())
     total, first = layout.team.total(np.concatenate(sums)), 0
-    for (size, sides), own in zip(layout.faces, blocks, strict=True):
+    for (size, sides), of_sides in zip(layout.faces, blocks, strict=True):
         whole = total[first : first + size**2].reshape(size, size)
         first += size**2
-        for (part, at), block in zip(sides, own, strict=True):
+        for (part, at), block in zip(sides, of_sides, strict=True):
             D[part][np.ix_(at, at)] = np.linalg.solve(whole, block)
     return D

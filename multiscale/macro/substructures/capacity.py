@@ -1,4 +1,4 @@
-r"""What friction can carry: the kinematic theorem of limit analysis for bodies on joints."""
+r"""Capacity of friction: the kinematic theorem of limit analysis for bodies on joints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from multiscale.macro.substructures.stack import stack_parts
 __all__ = ["Slide", "find_slide", "refuse_free", "require_held"]
 
 CORNERS, CUTS, CLOSE = 8, 20, 1e-6
-"""Directions in which the slip is measured at first, and how often its own are added, until that
-changes its work by no more than this, relative to the work of all friction for a slip of one."""
+"""Directions in which the slip is measured at first, and how often those of the solution are added,
+until that changes the work by no more than this, relative to that of all friction for slip of 1."""
 
 HELD = 1e-6
 """Size of a rigid motion, relative to the largest, up to which it is zero."""
@@ -49,7 +49,7 @@ class Slide:
     joints: tuple[int, ...]
 
     def __str__(self) -> str:
-        """Say why there is no equilibrium."""
+        """Return why there is no equilibrium."""
         if not self.joints:
             return (
                 "no equilibrium found: the load lifts, tips or moves a body that neither supports "
@@ -89,14 +89,14 @@ def find_slide(problem: CutProblem, load: np.ndarray, *pressures: np.ndarray) ->
     known = [pressure for pressure in pressures if pressure.size and np.isfinite(pressure).all()]
     sliding = np.concatenate([normal, -normal])
     # sliding first: bodies that also tip have a capacity
-    for kept, pressure in [*product([sliding], known), *product([normal], known)]:
+    for rows, pressure in [*product([sliding], known), *product([normal], known)]:
         bound = problem.weight * problem.law.friction_limit(np.maximum(pressure, 0.0))
-        a = _weakest(power, kept, across, bound)
+        a = _weakest(power, rows, across, bound)
         if a is None:
             continue
         slip, work = np.hypot(*(J @ a for J in across)), float(power @ a)
         taken, largest = float(bound @ slip), float(slip.max())
-        if taken < work and kept is normal:
+        if taken < work and rows is normal:
             return Slide(np.nan, np.nan, ())
         if taken < work and largest > 0.0:
             slides = tuple(np.unique(problem.point_joint[slip > NOTHING * largest]).tolist())
@@ -190,15 +190,15 @@ def _free_motions(problem: CutProblem) -> np.ndarray:
     component = np.concatenate([part.component for part in parts])
     stacked = stack_parts(problem, range(len(parts)))
     K = stacked.matrix(stacked.links.stiffness, None)  # all links taut
-    found = [np.zeros((owner.size, 0))]
+    motions_of_bodies = [np.zeros((owner.size, 0))]
     for index in range(int(body.max()) + 1):
         mine = np.flatnonzero(body == index)
         motions = np.zeros((owner.size, 6))
         motions[mine] = rigid_motions(position[mine], component[mine])
         motions /= np.abs(motions).max(axis=0)
         free = free_motions(K, motions)
-        found.append(free / np.abs(free).max(axis=0))
-    modes = np.concatenate(found, axis=1)
+        motions_of_bodies.append(free / np.abs(free).max(axis=0))
+    modes = np.concatenate(motions_of_bodies, axis=1)
     if shanks:
         ends = [
             [np.argmax(numbers == unknown) for unknown in bolt.unknown] for bolt in problem.bolts
@@ -223,7 +223,7 @@ def _weakest(
         for at in angles:
             slip = csr_array(np.cos(at) * across[0] + np.sin(at) * across[1])
             rows.append([slip, -eye_array(points)])
-        found = linprog(
+        program = linprog(
             np.append(np.zeros(count), weight),
             A_ub=block_array(rows, format="csr"),
             b_ub=np.zeros(len(normal) + (len(rows) - 1) * points),
@@ -231,10 +231,10 @@ def _weakest(
             b_eq=[1.0],
             bounds=[(None, None)] * count + [(0.0, None)] * points,
         )
-        if found.status != 0:
+        if program.status != 0:
             return None
-        slips = [J @ found.x[:count] for J in across]
-        if weight @ np.hypot(*slips) <= found.fun + CLOSE:
+        slips = [J @ program.x[:count] for J in across]
+        if weight @ np.hypot(*slips) <= program.fun + CLOSE:
             break
         angles = [np.arctan2(*slips[::-1])[:, None]]
-    return np.asarray(found.x[:count])
+    return np.asarray(program.x[:count])

@@ -74,12 +74,12 @@ def cut_assembly(
         CutBolt((below, above), bolt.stiffness, bolt.preload, bolt.name(bodies))
         for bolt, (below, above) in zip(bolts, middle, strict=True)
     )
-    found: list[tuple[csr_array, np.ndarray]] = []
+    matrices: list[tuple[csr_array, np.ndarray]] = []
     first_part = [0]
     for index, (body, owner) in enumerate(zip(bodies, owners, strict=True)):
-        found.extend(_stiffness(body, index, np.asarray(owner), structure.of_body[index]))
-        first_part.append(len(found))
-    shares = np.bincount(np.concatenate([unknown for _, unknown in found]))
+        matrices.extend(_stiffness(body, index, np.asarray(owner), structure.of_body[index]))
+        first_part.append(len(matrices))
+    shares = np.bincount(np.concatenate([unknown for _, unknown in matrices]))
     load = structure.load
     if cut_bolts or sections:
         pull = [bolt.preload * bolt.pull(len(load)) for bolt in cut_bolts]
@@ -89,7 +89,7 @@ def cut_assembly(
         Substructure(
             K, load[unknown], unknown, structure.position[unknown], structure.component[unknown]
         )
-        for K, unknown in found
+        for K, unknown in matrices
     ]
     numbered = [np.asarray(owner) + first for owner, first in zip(owners, first_part, strict=False)]
     interfaces = [
@@ -165,15 +165,16 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
         force = [evaluate(platen.force, point, time, f"the force of {name}")[0] for time in times]
         forces.append(np.outer(platen.arm(body), force))
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
-    axes = np.repeat([one.axis for _, one in platens], list(map(len, places)))
+    axes = np.repeat([platen.axis for _, platen in platens], list(map(len, places)))
     for section in assembly.sections:
-        (one, two), (first_nodes, second_nodes, axis, along) = section.sides, section.nodes(bodies)
+        (lower, upper), nodes = section.sides, section.nodes(bodies)
+        first_nodes, second_nodes, axis, along = nodes
         count = first_nodes.size
-        lead = first[one] + 3 * first_nodes[:, None] + np.arange(3)
-        row = first[two] + 3 * second_nodes[:, None] + np.arange(3)
+        lead = first[lower] + 3 * first_nodes[:, None] + np.arange(3)
+        row = first[upper] + 3 * second_nodes[:, None] + np.arange(3)
         if not free[row].all():
             raise CaseError(
-                f"the cut through a bolt at {bodies[two].say_face(section.boundaries[1], two)} "
+                f"the cut through a bolt at {bodies[upper].say_face(section.boundaries[1], upper)} "
                 f"has nodes that a support, a platen or another cut holds; take one of them"
             )
         free[row] = False
@@ -183,29 +184,31 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
         follows += csr_array((mean, pairs), shape=follows.shape)  # (1) of BoltSection
         ends = np.ones(count), (row[:, axis], np.zeros(count, dtype=int))
         ties.append(csr_array(ends, shape=(free.size, 1)))
-        places.append(bodies[two].basis.doflocs[:, second_nodes].mean(axis=1)[None])
+        places.append(bodies[upper].basis.doflocs[:, second_nodes].mean(axis=1)[None])
         axes = np.append(axes, axis)
         pulled[row[:, axis]] += along * section.preload / count
         pulled[lead[:, axis]] -= along * section.preload / count
-    own = np.flatnonzero(free)
-    single = csr_array((np.ones(own.size), (own, np.arange(own.size))), shape=(free.size, own.size))
+    kept = np.flatnonzero(free)
+    single = csr_array(
+        (np.ones(kept.size), (kept, np.arange(kept.size))), shape=(free.size, kept.size)
+    )
     expansion = csr_array(hstack([single, *ties]))
     expansion = csr_array(expansion + follows @ expansion)
     expansion.eliminate_zeros()
     loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
     load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
     acting = np.concatenate([np.zeros((0, len(times))), *forces])
-    load[own.size : own.size + len(acting)] += acting
+    load[kept.size : kept.size + len(acting)] += acting
     position, sizes = (
         np.concatenate([body.basis.doflocs.T for body in bodies]),
         list(map(len, places)),
     )
     return _Structure(
         [expansion[a:b] for a, b in pairwise(first)],
-        np.concatenate([position[own // 3], *places]),
-        np.append(own % 3, axes).astype(int),
+        np.concatenate([position[kept // 3], *places]),
+        np.append(kept % 3, axes).astype(int),
         load,
-        own.size + np.cumsum([0, *sizes])[: len(platens)],
+        kept.size + np.cumsum([0, *sizes])[: len(platens)],
         expansion.T @ pulled,
     )
 
@@ -216,7 +219,7 @@ def _stiffness(
     """Stiffness of every substructure of a body, and its unknowns, rising."""
     from skfem import ElementHex1
 
-    mesh, found = body.mesh, []
+    mesh, matrices = body.mesh, []
     if not isinstance(body.law, Elastic | AnisotropicElastic):
         raise CaseError(
             f"body {index} must be Elastic or AnisotropicElastic to be cut, "
@@ -250,8 +253,8 @@ def _stiffness(
         K = elastic_matrix(basis, body.law, share)
         if body.bends and isinstance(basis.elem, ElementHex1):
             K = K - mode_stiffness(basis, body.law, share)
-        found.append((csr_array(mine.T @ K @ mine), unknown))
-    return found
+        matrices.append((csr_array(mine.T @ K @ mine), unknown))
+    return matrices
 
 
 def _check_piece(elements: np.ndarray, name: str) -> None:

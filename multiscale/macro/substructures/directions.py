@@ -1,4 +1,4 @@
-"""Search directions of LATIN: the stiffness of sides by which one stage looks for the other."""
+"""Search directions of LATIN: the stiffness of sides between its two stages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ SOFTEST = 1e-9
 """Below this share of the stiffest motion of an interface all are taken as equally soft."""
 
 SETTLED, PASSES = 0.05, 40
-"""Relative change at which the stiffness of interfaces counts as found, and limit of passes."""
+"""Relative change at which the stiffness of interfaces has settled, and limit of passes."""
 
 HELD = 1e-9
 """Stiffness lent to the inside of a substructure, relative to its diagonal."""
@@ -102,26 +102,26 @@ def interface_stiffness(
 def _seen_behind(
     schur: np.ndarray, places: dict[int, np.ndarray], stiffness: dict[int, np.ndarray]
 ) -> dict[int, np.ndarray]:
-    """Evaluate (1) for one substructure: the inverse of its flexibility less its own stiffness."""
+    """Evaluate (1) for one substructure: the inverse of its flexibility less its stiffness."""
     whole = schur.copy()
     for index, at in places.items():
         whole[np.ix_(at, at)] += stiffness[index]
     scale = 1.0 / np.sqrt(whole.diagonal())
     flexibility = np.linalg.inv(whole * scale[:, None] * scale) * scale[:, None] * scale
-    found = {}
+    behind = {}
     for index, at in places.items():
         block = np.linalg.inv(flexibility[np.ix_(at, at)]) - stiffness[index]
-        found[index] = 0.5 * (block + block.T)
-    return found
+        behind[index] = 0.5 * (block + block.T)
+    return behind
 
 
 def _mean(
     blocks: Sequence[dict[int, np.ndarray]], counts: dict[int, int], team: ProcessGroup
 ) -> dict[int, np.ndarray]:
     """Average over the sides of every interface, on all processes."""
-    own = [(i, block / counts[i]) for mine in blocks for i, block in mine.items()]
+    shares = [(i, block / counts[i]) for mine in blocks for i, block in mine.items()]
     mean: dict[int, np.ndarray] = {}
-    for index, block in team.collect(own):
+    for index, block in team.collect(shares):
         mean[index] = mean.get(index, 0.0) + block
     return mean
 
@@ -147,7 +147,7 @@ def side_stiffness(
     perfect: dict[int, np.ndarray],
     joints: dict[int, tuple[np.ndarray, ...]],
 ) -> SideStiffness:
-    """Give every side the matrix of its interface, or its own diagonal in a joint."""
+    """Stiffness of all sides: the matrix of the interface, or a diagonal in a joint."""
     rows, columns = [np.zeros(0, int)], [np.zeros(0, int)]
     values, roots = [np.zeros(0)], [np.zeros(0)]
     for index, (face, places) in enumerate(zip(problem.interfaces, sides.place, strict=True)):
@@ -177,20 +177,20 @@ def side_stiffness(
 def body_stiffness(problem: CutProblem, joint: CutInterface) -> tuple[np.ndarray, ...]:
     """Stiffness per area of what either side of a joint stands for, shape (3, points), Pa/m.
 
-    The diagonal of a body is the stiffness of the shortest waves; the stiffness of the longest is
+    The diagonal of a body is the stiffness at the shortest wavelength; that at the longest is
     less by their ratio of lengths; the mean of both is taken. The stiffer side is taken a little
     softer and the softer one stiffer: a stiff body has soft motions too. Where a support holds a
-    side it is as good as rigid, whatever the body.
+    side it counts as rigid, for any body.
     """
-    weight, found, held = np.tile(joint.weight, 3), [], []
+    weight, sizes, held = np.tile(joint.weight, 3), [], []
     for owner, trace in zip(joint.sides, joint.trace, strict=True):
         touched = abs(trace).T @ weight > 0.0
         total = float(np.abs(problem.substructures[owner].stiffness.diagonal()) @ touched)
-        found.append(total / weight.sum() / joint.weight.size**0.25)
+        sizes.append(total / weight.sum() / joint.weight.size**0.25)
         held.append((np.diff(trace.indptr) == 0).reshape(3, -1))
-    found = [k or max(found) for k in found]  # of a side that is held as a whole
-    lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (found, found[::-1])]
-    return tuple(np.where(rows, RIGID * max(found), k) for rows, k in zip(held, lean, strict=True))
+    sizes = [k or max(sizes) for k in sizes]  # of a side that is held as a whole
+    lean = [a ** (1.0 - LEAN) * b**LEAN for a, b in (sizes, sizes[::-1])]
+    return tuple(np.where(rows, RIGID * max(sizes), k) for rows, k in zip(held, lean, strict=True))
 
 
 def law_stiffness(law: InterfaceLaw, jump: np.ndarray, state: np.ndarray) -> np.ndarray:

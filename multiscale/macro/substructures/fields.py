@@ -95,7 +95,7 @@ def element_stress(body: Body, displacement: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (steps, elements, 6)
-        xx, yy, zz, yz, xz, xy, Pa. An element whose ``share`` is less bears that share of it.
+        xx, yy, zz, yz, xz, xy, Pa. An element bears its ``share`` of it.
     """
     stress = np.stack([_mean_fields(body, u)[0] for u in displacement])
     i, j = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]).T

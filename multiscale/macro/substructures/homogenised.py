@@ -119,12 +119,12 @@ def _condensed(
     kappa = float(taut.max())
     held = diags_array(HELD * np.where(taut > 0.0, taut, kappa))
     answer_to = Factors()(csr_array(matrix + held + kappa * (C @ C.T)))
-    found = np.full((len(columns), width, width), np.nan)
+    condensed = np.full((len(columns), width, width), np.nan)
     start = np.cumsum([0, *(item.shape[1] for item in columns)])
     for place, flexibility in zip(
-        found, compliances(answer_to, csr_array(C.T), start), strict=True
+        condensed, compliances(answer_to, csr_array(C.T), start), strict=True
     ):
         size = len(flexibility)
         stiffness = np.linalg.inv(flexibility) - kappa * np.eye(size)
         place[:size, :size] = 0.5 * (stiffness + stiffness.T)
-    return found
+    return condensed

@@ -45,7 +45,7 @@ def simulate_latin(
     -------
     Dataset
         Follows ``MACRO_RESULT``, one step for each time. A step that fails is NaN with
-        ``converged`` 0, the attribute ``failure`` says why, and the later ones are not tried.
+        ``converged`` 0, the attribute ``failure`` has the reason, and the later ones are not tried.
 
     Raises
     ------

@@ -18,7 +18,7 @@ LAUNCHERS = ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "PMIX_RANK")
 
 
 class ProcessGroup(Protocol):
-    """Processes that each hold some substructures and all interfaces."""
+    """Group of processes. Each owns some substructures; every process has all interfaces."""
 
     size: int
     rank: int

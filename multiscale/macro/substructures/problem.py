@@ -54,7 +54,7 @@ class Substructure:
     position : ndarray, shape (n, 3), position of the node of every unknown, m
     component : ndarray of int, shape (n,)
         Direction of every unknown: 0, 1 or 2; 3, 4, 5 for rotations times a length.
-    links : Links, optional, what is not smooth in it
+    links : Links, optional, its non-smooth part
     """
 
     stiffness: csr_array
@@ -141,8 +141,8 @@ class CutProblem:
     position : ndarray, shape (nodes, 3), m
     expansion : csr_array, shape (nodes * c, n)
         Components of the displacement of the nodes, one node after the other, from the unknowns:
-        nothing where a component is held, one entry where it is an unknown of its own, more where
-        a rigid plate moves it.
+        nothing where a component is held, one entry where it is an unknown, more where a rigid
+        plate moves it.
     joints : tuple of CutInterface
         Interfaces with a law. Perfect ones follow from the numbers of the unknowns.
     bolts : tuple of CutBolt, tightened by the first load case
@@ -293,7 +293,7 @@ class CutProblem:
 
 
 def expand_numbers(number: np.ndarray) -> csr_array:
-    """Expansion of nodes whose components are unknowns of their own, or held."""
+    """Expansion of nodes with components that are an unknown each, or held."""
     row = np.flatnonzero(number.ravel() >= 0)
     shape = (number.size, 1 + int(number.max(initial=-1)))
     return csr_array((np.ones(row.size), (row, number.ravel()[row])), shape=shape)
@@ -311,15 +311,15 @@ def _perfect_interfaces(parts: Sequence[Substructure]) -> list[CutInterface]:
         if last - first > 1:
             entries = order[first:last]
             classes.setdefault(tuple(owner[entries].tolist()), []).append(local[entries])
-    found = []
+    faces = []
     for sides, shared in classes.items():
         pick = np.ones(len(shared)), np.arange(len(shared))
         traces = [
             csr_array((pick[0], (pick[1], rows)), shape=(len(shared), parts[side].n))
             for side, rows in zip(sides, np.array(shared).T, strict=True)
         ]
-        found.append(CutInterface(sides, tuple(traces)))
-    return found
+        faces.append(CutInterface(sides, tuple(traces)))
+    return faces
 
 
 def _check_joint(place: int, joint: CutInterface, parts: Sequence[Substructure]) -> None:

@@ -37,9 +37,10 @@ __all__ = ["NewtonSchur", "SchurIterate", "SchurSolver", "solve_schur"]
 HELD = 1e-12
 """Stiffness lent to every unknown in the tangent, relative to its diagonal."""
 
-REGULAR = 1e-10
+REGULAR, WITH_JOINTS = 1e-10, 1e-6
 """Stiffness lent to shared unknowns in the preconditioner, relative to the diagonal without slack:
-more is an elastic foundation below all interfaces, which costs Krylov iterations."""
+more is an elastic foundation below all interfaces, which costs Krylov iterations. Beside joints a
+million million times stiffer than the bodies, less is rounded away."""
 
 SLACK, SLACKEST = 0.3, 1e-5
 """Stiffness of slack links in the tangent, relative to their elastic one: at first, to which it
@@ -289,7 +290,8 @@ class SchurSolver:
         condensed = together(self.team, lambda: condense(matrix, self.parts, inside))
         schur = self.layout.gather(condensed.blocks)
         added = np.zeros(self.layout.shared.shape)
-        added[self.parts.owner, self.parts.column] = REGULAR * self.taut[self.parts.edge]
+        lent = WITH_JOINTS if self.problem.joints else REGULAR
+        added[self.parts.owner, self.parts.column] = lent * self.taut[self.parts.edge]
         balancing = prepare_balancing(self.layout, schur, added, coarse)
         return _Factored(condensed, schur, balancing, symmetric)
 

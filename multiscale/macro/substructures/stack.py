@@ -1,4 +1,4 @@
-"""All substructures of a process side by side: block-diagonal operators on long vectors."""
+"""All substructures of a process: block-diagonal operators on long vectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,12 +82,12 @@ def lay_out_sides(problem: CutProblem) -> Sides:
 
 def _sides_of(interfaces: Sequence[CutInterface], count: int) -> list[list[tuple[int, int]]]:
     """Interface and side that every substructure has."""
-    found: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    sides: list[list[tuple[int, int]]] = [[] for _ in range(count)]
     for index, face in enumerate(interfaces):
         for side, owner in enumerate(face.sides):
             if owner < count:
-                found[owner].append((index, side))
-    return found
+                sides[owner].append((index, side))
+    return sides
 
 
 @dataclass(frozen=True, eq=False)
