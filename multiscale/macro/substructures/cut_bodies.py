@@ -167,8 +167,8 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
     axes = np.repeat([platen.axis for _, platen in platens], list(map(len, places)))
     for section in assembly.sections:
-        (lower, upper), nodes = section.sides, section.nodes(bodies)
-        first_nodes, second_nodes, axis, along = nodes
+        lower, upper = section.sides
+        first_nodes, second_nodes, axis, along = section.nodes(bodies)
         count = first_nodes.size
         lead = first[lower] + 3 * first_nodes[:, None] + np.arange(3)
         row = first[upper] + 3 * second_nodes[:, None] + np.arange(3)

@@ -229,7 +229,6 @@ def follow(
     columns: list[dict[str, Any]] = []
     unknowns = np.full((len(factors), problem.n), np.nan)
     slipping, dissipated = np.full((2, len(factors), problem.weight.size), np.nan)
-    solver = prepared.tightened
     for step, factor in enumerate(factors):
         # solve the step
         locks = bool(bolts) and factor[0] == state.tightening
@@ -241,20 +240,19 @@ def follow(
             column |= {"jump": (state.slid + answer.jump).T, "traction": answer.traction.T}
 
         # forces of the bolts
-        before, stretched = force, -stiffness * (pulls @ answer.unknowns)
-        force = state.pull + stretched if locks else factor[0] * preload
-        if bolts:
-            column["bolt_force"] = force
-            largest = max(largest, float(np.nanmax(np.abs(force), initial=0.0)))
-            loose = [
-                bolt.name for bolt, N in zip(bolts, force, strict=True) if LOOSE * largest >= N
-            ]
-            if column["converged"] and loose:
-                column |= {"converged": 0, "failure": _say_loose(loose)}
-            elif not column["converged"] and locks:
-                parted = _say_parted(problem, factor, state.pressure, before)
-                column["failure"] = parted or column["failure"]
-        columns.append(column)
+        if bolts and column["converged"]:
+            stretched = -stiffness * (pulls @ answer.unknowns)
+            force = state.pull + stretched if locks else factor[0] * preload
+            largest = max(largest, float(np.abs(force).max()))
+            loose = np.flatnonzero(force <= LOOSE * largest)
+            if loose.size:
+                names = " and ".join(bolts[place].name for place in loose)
+                reason = f"the load leaves {names} loose, as its force falls to zero; tighten it "
+                column |= {"converged": 0, "failure": f"{reason}harder, or lower the load"}
+        elif locks:
+            parted = _say_parted(problem, factor, state.pressure, force)
+            column["failure"] = parted or column["failure"]
+        columns.append(column | ({"bolt_force": force} if bolts else {}))
         if not column["converged"]:
             break
 
@@ -290,13 +288,6 @@ def _load_factors(problem: CutProblem, load_factor: float | np.ndarray) -> np.nd
             f"{np.shape(load_factor)}"
         )
     return factors
-
-
-def _say_loose(names: list[str]) -> str:
-    return (
-        f"the load leaves {' and '.join(names)} loose, as its force falls to zero; tighten it "
-        f"harder, or lower the load"
-    )
 
 
 def _say_parted(

@@ -150,29 +150,24 @@ def solve_whole(
     after: Dataset | None = None,
     **options: Any,
 ) -> Dataset:
-    """Solve elastic bodies in one piece: the slow twin of LATIN and Newton-Schur on large cuts.
+    """Solve elastic bodies in one piece, with the same answer for every cut.
 
     Parameters
     ----------
     problem, load_factor, after
-        As of :func:`solve_latin`, without links, which :func:`multiscale.macro.solve_static` takes;
-        however it is cut, the answer is the same.
+        As of :func:`solve_latin`; :func:`multiscale.macro.solve_static` takes links.
     options
         Of :class:`AssembledNewton`; see :func:`~multiscale.macro.monolithic.solve_interface`.
 
     Returns
     -------
-    Dataset
-        As :func:`solve_latin` gives it. A step that did not converge is NaN with ``converged`` 0,
-        and the later ones are not tried.
+    Dataset, as of :func:`solve_latin`
 
     Raises
     ------
     CaseError
         If load factors do not fit the load cases, there are links, or a joint is one of rigid
         contact.
-    ConvergenceError
-        If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
     """
     return AssembledNewton(**options).solve(problem, load_factor, after)
 
