@@ -130,13 +130,14 @@ def condense_assembly(assembly: Assembly, method: Method) -> CondensedProblem:
 
 def condense_problem(
     problem: CutProblem,
+    kept: Sequence[int] = (),
     *,
     largest: int | None = None,
     insides: Sequence[CondensedStiffness] = (),
 ) -> CondensedProblem:
     """Condense each substructure, unless joints are missing or too many unknowns would be kept."""
     parts, wanted = problem.substructures, problem.shares > 1.0
-    wanted[[end for bolt in problem.bolts for end in bolt.unknown]] = True
+    wanted[[*kept, *(end for bolt in problem.bolts for end in bolt.unknown)]] = True
     keeps = [wanted[part.unknown] for part in parts]
     for joint in problem.joints:
         for side, trace in zip(joint.sides, joint.trace, strict=True):
