@@ -17,11 +17,8 @@ Factorise = Callable[[np.ndarray, bool], Solve]
 POSITIVE_DEFINITE = 2
 """Kind of matrix, as PARDISO counts them."""
 
-ANALYSE, FACTORISE, SOLVE = 11, 22, 33
-"""Phases of PARDISO."""
-
-SETTINGS = {0: 1, 1: 3, 23: 1, 36: -80}
-"""Of PARDISO (iparm, from 0): these and not its defaults; nested dissection on all threads, \
+SETTINGS = {1: 1, 2: 3, 24: 1, 37: -80}
+"""Of PARDISO (iparm, from 1): these and not its defaults; nested dissection on all threads, \
 factors of two levels, rows gathered into blocks if they differ in less than a fifth. The \
 defaults would also refine every solution, which takes four times as long."""
 
@@ -31,8 +28,7 @@ NOT_DEFINITE = "the tangent stiffness is not positive definite"
 def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
     """Return the function that factorises matrices of one pattern.
 
-    PARDISO analyses the pattern once, if pypardiso is installed; otherwise SuperLU takes every
-    matrix in its symmetric mode.
+    PARDISO takes the matrices, if pypardiso is installed; otherwise SuperLU in its symmetric mode.
     """
     if start.size == 1:
         return lambda entries, signs: np.copy
@@ -41,38 +37,20 @@ def prepare_cholesky(start: np.ndarray, column: np.ndarray) -> Factorise:
 
 
 def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
-    """Numeric factors by PARDISO; its own ``factorize`` would repeat the analysis."""
-    for place, value in SETTINGS.items():
-        solver.iparm[place] = value
+    """Factors by PARDISO, which stores one factorisation."""
+    for number, value in SETTINGS.items():
+        solver.set_iparm(number, value)
     n = start.size - 1
-    none = np.zeros((n, 1))
-    analysed = False
 
     def factorise(entries: np.ndarray, signs: bool) -> Solve:
-        nonlocal analysed
         matrix = csr_matrix((entries, column, start), shape=(n, n))
-
-        def call(phase: int, rhs: np.ndarray) -> np.ndarray:
-            solver.set_phase(phase)
-            return np.asarray(solver._call_pardiso(matrix, rhs))
-
         try:
-            if not analysed:
-                call(ANALYSE, none)
-                weakref.finalize(factorise, solver.free_memory, everything=True)
-                analysed = True
-            call(FACTORISE, none)
+            solver.factorize(matrix)
         except Exception as error:  # its class is only known where pypardiso is installed
             raise MultiscaleError(NOT_DEFINITE) from error
+        return lambda rhs: np.asarray(solver.solve(matrix, rhs)) if rhs.size else rhs.copy()
 
-        def solve(rhs: np.ndarray) -> np.ndarray:
-            if not rhs.size:
-                return rhs.copy()
-            columns = np.asfortranarray(rhs.reshape(n, -1), dtype=float)
-            return call(SOLVE, columns).reshape(rhs.shape)
-
-        return solve
-
+    weakref.finalize(factorise, solver.free_memory, everything=True)
     return factorise
 
 
