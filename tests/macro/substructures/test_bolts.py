@@ -24,7 +24,13 @@ from multiscale.macro import (
     solve_assembly,
 )
 from multiscale.macro.bodies import LapShape, lap_joint
-from multiscale.macro.substructures import JointLoading, load_joint
+from multiscale.macro.substructures import (
+    JointLoading,
+    PreparedStructure,
+    cut_assembly,
+    follow,
+    load_joint,
+)
 
 EDGE, E = 0.02, 210e9
 AREA = EDGE**2
@@ -158,6 +164,23 @@ def test_a_path_goes_on_from_an_earlier_one(method):
             np.testing.assert_allclose(found[name], once[name], atol=1e-6 * size, err_msg=name)
     with pytest.raises(CaseError, match="points of joints, where the structure has"):
         solve_assembly(assembly, steps, method=method, after=once.isel(point=slice(2)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_state_goes_from_path_to_path_whatever_changes_first(method):
+    steps = np.array([[1.0, 0.0], [1.0, 2e6], [1.3, 2e6], [1.3, -1e6], [1.3, 1e6]])  # 1, Pa
+    prepared = PreparedStructure(cut_assembly(sheared(), method.parts), method)
+    once = follow(prepared, steps)
+    for cut in (2, 3):  # the next step tightens, or shears
+        begun = follow(prepared, steps[:cut])
+        path = follow(prepared, steps[cut:], after=begun.end)
+        for name in ("displacement", "traction", "bolt_force"):
+            expected = once.result[name].values
+            atol = 1e-6 * float(np.abs(expected).max())
+            np.testing.assert_allclose(path.result[name], expected[cut:], atol=atol, err_msg=name)
+        np.testing.assert_allclose(path.slipping, once.slipping[cut:], atol=1e-5)
+        size = float(once.dissipated.max())
+        np.testing.assert_allclose(path.dissipated, once.dissipated[cut:], atol=1e-4 * size)
 
 
 def with_clamp(mesh):

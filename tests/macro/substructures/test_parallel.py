@@ -23,9 +23,9 @@ PROGRAM = dedent(
     from multiscale.macro import LatinMethod, NewtonSchur, cut_links, solve_assembly
     from multiscale.macro import solve_latin, solve_schur, tensegrity_grid
     from multiscale.macro.substructures import split_grid, world
-    from tests.macro.test_bolts import sheared
-    from tests.macro.test_schur import thin_plate
-    from tests.macro.test_cut_joints import stacked_blocks
+    from tests.macro.substructures.test_bolts import sheared
+    from tests.macro.substructures.test_schur import thin_plate
+    from tests.macro.substructures.test_cut_joints import stacked_blocks
 
     team, solve = world(), {"latin": solve_latin, "schur": solve_schur}[sys.argv[2]]
     grid = tensegrity_grid(8, prestress=2550.0 / 4.0)

@@ -21,8 +21,8 @@ from multiscale.macro.substructures.balancing import prepare_balancing
 from multiscale.macro.substructures.schur import NewtonSchur
 from multiscale.macro.substructures.stack import Factors
 from multiscale.numerics.factorisation import factorise, on_diagonal
-from tests.macro.test_cut_joints import stacked_blocks, whole_blocks
-from tests.macro.test_substructures import tension_error, thin_plate
+from tests.macro.substructures.test_cut_joints import stacked_blocks, whole_blocks
+from tests.macro.substructures.test_latin import tension_error, thin_plate
 
 
 @pytest.fixture(scope="module")
