@@ -17,8 +17,8 @@ from multiscale.macro.substructures.motion import simulate_latin
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.damage.element_fatigue import local_fatigue
 from multiscale.micro.damage.rve import effective_stiffness
+from multiscale.micro.flat.viscoelastic import solve_sliding
 from multiscale.micro.slide import slide_cell
-from multiscale.micro.viscoelastic_sliding import solve_sliding
 from multiscale.nonsmooth.coulomb import verify_friction
 from multiscale.nonsmooth.friction import solve_friction
 from multiscale.nonsmooth.lcp import solve_lcp

@@ -20,8 +20,8 @@ Kernel = tuple[Callable[[], object], float, float]
 def _stiffness(dtype: type[np.floating], points: int) -> Kernel:
     """Stiffness of the conforming cell: 2 x 2 x 2 Gauss points in each hexahedron."""
     from multiscale.bench.micro_family import scene_surface
-    from multiscale.micro.elastic_operator import stiffness_operator
-    from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+    from multiscale.micro.elastic.stiffness import stiffness_operator
+    from multiscale.micro.layer import GraphMesh, graded_planes
 
     surface = scene_surface(points)
     mesh = GraphMesh(surface, graded_planes(surface.size[0], LAYERS, surface.spacing[0]))
@@ -33,7 +33,7 @@ def _stiffness(dtype: type[np.floating], points: int) -> Kernel:
 
 def _inverse(points: int) -> Kernel:
     """Preconditioner of the conforming cell: transforms and eliminations in single precision."""
-    from multiscale.micro.lateral_fft import factorise_flat_cell
+    from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
 
     planes = np.linspace(0.0, 1.0, LAYERS + 1)
     grid = (points, points), (1.0 / points, 1.0 / points)
@@ -47,7 +47,7 @@ def _inverse(points: int) -> Kernel:
 
 def _convolution(points: int) -> Kernel:
     """Compliance of the flat cell: a transform there and back."""
-    from multiscale.micro.lateral_fft import SurfaceFilter
+    from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
     values = np.random.default_rng(seed=1).standard_normal((points, points))
     symbol = np.ones((points, points // 2 + 1))

@@ -24,7 +24,7 @@ def gap_of_waves(element: str, points: int) -> float:
     """Press waves meshed with an element, or with the kernel: mean gap over wavelength."""
     from multiscale.laws.bulk import Elastic
     from multiscale.micro import GraphCell, Path, Surface, solve_cell
-    from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
+    from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell
 
     wave = np.cos(2.0 * np.pi * np.arange(points) / points)
     surface = Surface(AMPLITUDE * wave[:, None] * wave, (1.0, 1.0))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from multiscale.laws import Sliders
     from multiscale.macro import Assembly, LinkSystem
     from multiscale.macro.substructures import Method
-    from multiscale.micro.contact_state import ContactState
+    from multiscale.micro.elastic_cell import ContactState
     from multiscale.surfaces.surface import Surface
 
 
@@ -272,7 +272,7 @@ def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) ->
     """Elastic cell: worst of balance, load and the conditions of contact."""
     from multiscale.laws.bulk import Elastic
     from multiscale.micro import GraphCell
-    from multiscale.micro.graph_cell import assemble_graph_cell
+    from multiscale.micro.elastic.graph_cell import assemble_graph_cell
 
     cell = GraphCell(_surface(slope), 0.5, LAYERS, Elastic(YOUNG, poissons_ratio))
     problem = assemble_graph_cell(cell)

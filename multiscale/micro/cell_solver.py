@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from functools import lru_cache, singledispatch
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +10,9 @@ import numpy as np
 from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.micro.averages import SPOTS, Keep, pad_spots
-from multiscale.micro.cell import AnyCell, FiniteCell, FlatCell, GraphCell, MeshCell
+from multiscale.micro.cell import AnyCell
 from multiscale.micro.path import Path
-from multiscale.micro.step_loop import CellModel, Checkpoint, follow_path
+from multiscale.micro.step_loop import Checkpoint, follow_path
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def record_cell(
     # threads of linear algebra would wait for the kernels' and spin
     with _libraries(len(sys.modules)).limit(limits=1, user_api="blas"):
         steps = follow_path(
-            _model(cell, path, keep.stress and cell.recovers_stress),
+            cell.model(path, recover_stress=keep.stress and cell.recovers_stress),
             path,
             keep,
             spacing=cell.grid_spacing,
@@ -125,59 +125,6 @@ def _libraries(modules: int) -> "ThreadpoolController":
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
-
-
-@singledispatch
-def _model(cell: AnyCell, path: Path, recover_stress: bool) -> CellModel[Any]:
-    """Set up the model of a cell for the steps of a path."""
-    raise TypeError(f"{type(cell).__name__} is no kind of cell")
-
-
-@_model.register
-def _(cell: FlatCell, path: Path, recover_stress: bool) -> CellModel[Any]:
-    from multiscale.micro.flat_cell import assemble_flat_cell
-
-    _check_still(path)
-    return assemble_flat_cell(cell)
-
-
-@_model.register
-def _(cell: GraphCell, path: Path, recover_stress: bool) -> CellModel[Any]:
-    if path.slide is not None:  # normals turn as the obstacle passes
-        fields = cell.surface, cell.depth, cell.layers, cell.law, cell.obstacle
-        return _model(FiniteCell(*fields, coating=cell.coating), path, recover_stress)
-    from multiscale.micro.graph_cell import assemble_graph_cell
-
-    _check_still(path)
-    return assemble_graph_cell(cell, recover_stress=recover_stress)
-
-
-@_model.register
-def _(cell: MeshCell, path: Path, recover_stress: bool) -> CellModel[Any]:
-    from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell
-
-    if cell.remembers:
-        from multiscale.micro.mesh.mesh_history import assemble_mesh_history
-
-        return assemble_mesh_history(cell, path)
-    _check_still(path)
-    return assemble_mesh_cell(cell, recover_stress=recover_stress)
-
-
-@_model.register
-def _(cell: FiniteCell, path: Path, recover_stress: bool) -> CellModel[Any]:
-    from multiscale.micro.finite.finite_path import assemble_finite_cell
-
-    return assemble_finite_cell(cell, path)
-
-
-def _check_still(path: Path) -> None:
-    """Refuse slide and time for a cell whose answer has no history."""
-    if path.slide is not None or path.time is not None:
-        raise CaseError(
-            "a linear elastic body has no time, and slides neither as a flat cell nor on a mesh "
-            "without friction; leave out slide and time"
-        )
 
 
 def _record(

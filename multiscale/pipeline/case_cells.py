@@ -9,10 +9,9 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.micro import Coating, FiniteCell, FlatCell, SecondBody
-from multiscale.micro.cell import AnyCell, CellSides, GridCell, MeshCell
-from multiscale.micro.cell_maker import Cell
-from multiscale.micro.mesh.file_cell import cell_from_file
-from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
+from multiscale.micro.cell import AnyCell, Cell, GridCell
+from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell
+from multiscale.micro.mesh.meshing import ElementKind, cell_from_file, graph_mesh_cell
 from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.measured_sides import RoughSide, measured_map, measured_side
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
@@ -221,7 +220,7 @@ def composite_coating(case: Case) -> tuple[Coating, ...]:
 
 def coating_caution(case: Case) -> list[str]:
     """Say how far one meshed, coated body is from both; flat cells add up both, without a mesh."""
-    from multiscale.micro.flat_cell import flat_gap
+    from multiscale.micro.flat.flat_cell import flat_gap
 
     if not case.coated or case.cell.geometry == "flat":
         return []

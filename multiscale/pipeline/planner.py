@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import make_folder, open_dataset, write_dataset
-from multiscale.micro.graph_mesh import graded_planes
+from multiscale.micro.layer import graded_planes
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.case_cells import longest_wave
 from multiscale.pipeline.forecast import (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, get_args
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from multiscale.errors import CaseError
-from multiscale.micro.cell import depth_caution
+from multiscale.micro.layer import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
 from multiscale.pipeline.body_settings import Blocks, Plate

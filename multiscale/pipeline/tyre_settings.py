@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
-from multiscale.micro.viscoelastic_sliding import RelaxingSolid
+from multiscale.micro.flat.viscoelastic import RelaxingSolid
 from multiscale.pipeline.case_tables import POINTS_PER_WAVE, GridSettings
 from multiscale.pipeline.rough_bodies import SyntheticSurface
 from multiscale.pipeline.structure_kind import Pressed, tell_far

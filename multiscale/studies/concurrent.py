@@ -10,7 +10,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.interface_law import NormalLaw
 from multiscale.micro import FlatCell
-from multiscale.micro.flat_cell import assemble_flat_cell
+from multiscale.micro.flat.flat_cell import assemble_flat_cell
 
 __all__ = ["CellLaw"]
 

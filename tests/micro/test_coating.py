@@ -6,8 +6,8 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, NeoHookean
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
-from multiscale.micro.coating import elements_of
-from multiscale.micro.flat_cell import flat_gap
+from multiscale.micro.flat.flat_cell import flat_gap
+from multiscale.micro.layer import elements_of
 from tests.support import rough_square, wave
 
 SHAPE = (64, 2)

@@ -8,12 +8,13 @@ import pytest
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import GradedElastic
-from multiscale.micro import Cell, MeshCell, Path, Surface, elastic_contact, self_affine, solve_cell
-from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
-from multiscale.micro.flat import solve_flat
-from multiscale.micro.graph_cell import assemble_graph_cell
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from multiscale.micro.lateral_fft import SurfaceFilter
+from multiscale.micro import Cell, MeshCell, Path, Surface, self_affine, solve_cell
+from multiscale.micro.elastic import active_set
+from multiscale.micro.elastic.active_set import ElasticBody, solve_elastic_contact
+from multiscale.micro.elastic.graph_cell import assemble_graph_cell
+from multiscale.micro.elastic.lateral_fft import SurfaceFilter
+from multiscale.micro.flat.contact import solve_flat
+from multiscale.micro.layer import GraphMesh, graded_planes
 from tests.support import egg_box, rough_square
 
 
@@ -164,7 +165,7 @@ def test_an_unconverged_step_is_not_a_number_and_says_so():
 
 def test_all_active_sets_share_one_budget_of_linear_iterations(monkeypatch):
     cell = cell_of(rough(n=16, slope=0.5), poissons_ratio=0.499)
-    monkeypatch.setattr(elastic_contact, "_LINEAR_LIMIT", 160)
+    monkeypatch.setattr(active_set, "_LINEAR_LIMIT", 160)
     response = solve_cell(cell, Path(pressure=(0.01, 0.0)), recover_stress=False)
     assert response["converged"].values.tolist() == [[0, 1]]
     assert response["active_set_iterations"].values[0, 0] > 1
@@ -196,14 +197,14 @@ def dense_body(stiffness, rng):
 def test_random_problems_agree_with_non_negative_least_squares(blocks, monkeypatch):
     from scipy.optimize import nnls
 
-    monkeypatch.setattr(elastic_contact, "_BLOCKS", blocks)
+    monkeypatch.setattr(active_set, "_BLOCKS", blocks)
     rng = np.random.default_rng(seed=0)
     for _ in range(40):
         n = rng.integers(3, 30)
         factor = rng.standard_normal((n, n))
         stiffness = factor @ factor.T + 10.0 ** rng.uniform(-3.0, 0.0) * np.eye(n)
         gap, approach = rng.uniform(0.0, 1.0, n), rng.uniform(0.2, 2.0)
-        state = elastic_contact.solve_elastic_contact(
+        state = solve_elastic_contact(
             dense_body(stiffness, rng), gap, np.ones(n), approach=approach, max_iterations=300
         )
         assert state.status is Status.CONVERGED

@@ -9,8 +9,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Path, solve_cell
-from multiscale.micro.mesh.file_cell import cell_from_file
-from multiscale.micro.mesh.graph_elements import ElementKind
+from multiscale.micro.mesh.meshing import ElementKind, cell_from_file
 from tests.support import keep_ignoring_broken_pipes
 
 STEEL = Elastic(1.0, 0.3)

@@ -20,12 +20,12 @@ from multiscale.micro import (
     FlatCell,
     GraphCell,
     Path,
-    elastic_contact,
     run_ensemble,
     step_loop,
 )
 from multiscale.micro import ensemble as module
-from multiscale.micro.contact_state import ContactState
+from multiscale.micro.elastic import active_set
+from multiscale.micro.elastic_cell import ContactState
 from multiscale.micro.step_loop import Checkpoint
 from multiscale.schema import MICRO_RESPONSE, PlainDataset
 from multiscale.surfaces import rms_slope
@@ -233,7 +233,7 @@ def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path
 
 
 def test_a_realisation_says_why_it_lacks_steps(cells, tmp_path, monkeypatch):
-    monkeypatch.setattr(elastic_contact, "_LINEAR_LIMIT", 1)
+    monkeypatch.setattr(active_set, "_LINEAR_LIMIT", 1)
     response = run_ensemble(cells[:2], PATH)
     assert not response["converged"].values.any()
     lines = response.attrs["ended"].splitlines()

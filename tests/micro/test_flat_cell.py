@@ -5,9 +5,10 @@ import pytest
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError
-from multiscale.micro import Cell, Path, Surface, flat, flat_cell, solve_cell
-from multiscale.micro.flat_cell import flat_gap
-from multiscale.micro.lateral_fft import SurfaceFilter
+from multiscale.micro import Cell, Path, Surface, solve_cell
+from multiscale.micro.elastic.lateral_fft import SurfaceFilter
+from multiscale.micro.flat.contact import coarse_start, contact
+from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_gap
 from tests.closed_forms import westergaard
 from tests.support import rough_square, wave
 
@@ -131,7 +132,7 @@ def test_every_other_point_answers_long_waves_as_all_points_do():
 
 def _start_elsewhere(*problem, **options):
     """A good guess for the surface shifted by half its length."""
-    return np.roll(flat.coarse_start(*problem, **options), 32, axis=0)
+    return np.roll(coarse_start(*problem, **options), 32, axis=0)
 
 
 def _start_at_random(_compliance, gap, _closing, *, load, cap):
@@ -145,10 +146,10 @@ def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(
 ):
     monkeypatch.setattr(flat, "_FINE", 16)
     cell = Cell(rough(64, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=hardness)
-    problem, scale = flat_cell.assemble_flat_cell(cell), float(np.ptp(cell.surface.heights))
+    problem, scale = assemble_flat_cell(cell), float(np.ptp(cell.surface.heights))
     pressed = {"load": 0.01, "approach": None, "start": None, "tolerance": 1e-6}
     guessed = problem.solve(**pressed)
-    monkeypatch.setattr(flat_cell, "coarse_start", start)
+    monkeypatch.setattr(contact, "coarse_start", start)
     other = problem.solve(**pressed)
     assert guessed.linear_iterations < 0.95 * other.linear_iterations
     for state in (guessed, other):
@@ -164,10 +165,10 @@ def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(
 
 def test_the_guess_carries_the_load_below_the_cap_nearly_where_the_solution_does():
     cell = Cell(rough(256, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=0.06)
-    problem = flat_cell.assemble_flat_cell(cell)
+    problem = assemble_flat_cell(cell)
     gap, symbol = problem.obstacle_height - problem.surface_height, flat_gap(cell)[2]
     options = {"load": 0.01, "cap": problem.cap}
-    guess = flat.coarse_start(SurfaceFilter(symbol), gap, np.ones_like(gap), **options)
+    guess = coarse_start(SurfaceFilter(symbol), gap, np.ones_like(gap), **options)
     solved = problem.solve(load=0.01, approach=None, start=None, tolerance=1e-6)
     assert np.sum(guess) == pytest.approx(0.01, rel=1e-2)
     assert 0.0 <= np.min(guess) <= np.max(guess) <= problem.cap
@@ -178,4 +179,4 @@ def test_the_guess_carries_the_load_below_the_cap_nearly_where_the_solution_does
 def test_odd_and_coarse_grids_have_no_guess(shape):
     symbol = SurfaceFilter(np.ones((shape[0], shape[1] // 2 + 1)))
     given = {"load": 1.0, "cap": np.inf}
-    assert flat.coarse_start(symbol, np.zeros(shape), np.ones(shape), **given) is None
+    assert coarse_start(symbol, np.zeros(shape), np.ones(shape), **given) is None

@@ -5,9 +5,9 @@ import pytest
 
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Surface
-from multiscale.micro.elastic_operator import stiffness_operator
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from multiscale.micro.lateral_fft import factorise_flat_cell
+from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
+from multiscale.micro.elastic.stiffness import stiffness_operator
+from multiscale.micro.layer import GraphMesh, graded_planes
 from tests.closed_forms import layer
 
 

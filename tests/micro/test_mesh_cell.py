@@ -7,12 +7,11 @@ from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2, MeshHex,
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
-from multiscale.micro.cell import CellSides
-from multiscale.micro.cell_needs import cell_needs
 from multiscale.micro.damage import Cavities, spheres
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.layer import GraphMesh, graded_planes
 from multiscale.micro.mesh import mesh_size
-from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
+from multiscale.micro.mesh.mesh_cell import CellSides
+from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell
 from tests.support import egg_box, keep_ignoring_broken_pipes, rough_square
 
 PATH = Path(pressure=(1e-3, 1e-2, 1e-1))
@@ -161,7 +160,7 @@ def test_multigrid_and_factors_have_one_answer(kind, sides, monkeypatch):
     cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), kind, sides=sides)
     factors = solve_cell(cell, PATH, keep_fields=True)
     monkeypatch.setattr(mesh_size, "MOST_FACTORED", 0)
-    assert "multigrid" in cell_needs(cell).built
+    assert "multigrid" in cell.needs().built
     multigrid = solve_cell(cell, PATH, keep_fields=True)
     assert multigrid["converged"].values.all()
     assert np.all(multigrid["linear_iterations"] > 3)

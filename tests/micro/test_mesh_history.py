@@ -6,8 +6,8 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic
 from multiscale.micro import Cell, Path, Surface, run_ensemble, solve_cell
-from multiscale.micro.cell import CellSides
-from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
+from multiscale.micro.mesh.mesh_cell import CellSides
+from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell
 from tests.support import rough_square
 
 METAL = J2(1.0, 0.3, 0.005, 0.02)

@@ -7,9 +7,9 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro import graph_cell as graph_cell_module
-from multiscale.micro.cell_needs import CellPart, cell_needs
-from multiscale.micro.lateral_fft import LateralInverse
+from multiscale.micro.cell_needs import CellPart
+from multiscale.micro.elastic import stiffness
+from multiscale.micro.elastic.lateral_fft import LateralInverse
 from tests.support import rough_square, run_python
 
 N, LAYERS = 48, 10
@@ -48,7 +48,7 @@ def plain_cell(n=N, **changes):
     ],
 )
 def test_each_feature_is_built_only_where_it_is_used(changes, built):
-    needs = cell_needs(plain_cell(**changes))
+    needs = plain_cell(**changes).needs()
     assert set(needs.built) == built
     assert not built & set(needs.omitted)
     assert all(f"builds {name}" in needs.explain() for name in built)
@@ -65,7 +65,7 @@ def test_the_memory_said_is_the_memory_taken(geometry, order):
     solve_cell(cell, path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert cell_needs(cell).memory == pytest.approx(peak, rel=0.1)
+    assert cell.needs().memory == pytest.approx(peak, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_the_memory_said_is_the_memory_taken(geometry, order):
     ],
 )
 def test_friction_and_large_strain_are_paid_where_they_are_used(changes, built, state):
-    needs = cell_needs(plain_cell(**changes))
+    needs = plain_cell(**changes).needs()
     assert set(needs.built) == built
     assert len(needs.state_variables) == state
     assert needs.unknowns_per_contact == (3 if CellPart.FRICTION in built else 1)
@@ -116,7 +116,7 @@ def test_a_frictionless_run_takes_less_than_half_the_memory_of_a_frictional_one(
 def test_what_a_plain_run_costs(monkeypatch):
     # the counts of the first version of this test: a later feature must not raise them
     counts = {"apply": 0, "solve": 0}
-    make, solve = graph_cell_module.stiffness_operator, LateralInverse.solve
+    make, solve = stiffness.stiffness_operator, LateralInverse.solve
 
     def counted_operator(*arguments, **options):
         apply = make(*arguments, **options)
@@ -131,7 +131,7 @@ def test_what_a_plain_run_costs(monkeypatch):
         counts["solve"] += 1
         return solve(self, *arguments)
 
-    monkeypatch.setattr(graph_cell_module, "stiffness_operator", counted_operator)
+    monkeypatch.setattr(stiffness, "stiffness_operator", counted_operator)
     monkeypatch.setattr(LateralInverse, "solve", counted_solve)
     response = solve_cell(plain_cell(), Path(pressure=(0.002, 0.02)))
     assert response["converged"].values.all()

@@ -12,7 +12,6 @@ from pathlib import Path as File
 import numba
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, solve_cell
-from multiscale.micro.cell_needs import cell_needs
 from multiscale.surfaces import self_affine
 
 def peak():
@@ -30,13 +29,13 @@ before = peak()
 whole = cell({n}, {layers})
 solved = solve_cell(whole, Path(pressure=({pressure},)))
 assert solved["converged"].values.all()
-needs = cell_needs(whole)
+needs = whole.needs()
 found = dict(stated=needs.memory, taken=peak() - before, libraries=list(needs.libraries))
 print(json.dumps(found | dict(modules=list(sys.modules))))
 """
 
 MESH = (
-    "from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell; "
+    "from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell; "
     "return graph_mesh_cell(surface, 1.0, layers, {law}, ElementKind('{element}'){more})"
 )
 ELASTIC = "Elastic(1.0, 0.3)"

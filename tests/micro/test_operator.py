@@ -7,8 +7,8 @@ from skfem import Basis, ElementHex1
 from multiscale.errors import CaseError
 from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.micro import Surface
-from multiscale.micro.elastic_operator import stiffness_operator
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.elastic.stiffness import stiffness_operator
+from multiscale.micro.layer import GraphMesh, graded_planes
 
 LAYERS = 3
 

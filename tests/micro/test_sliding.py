@@ -7,7 +7,7 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.laws import wlf_shift
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
+from multiscale.micro.flat.viscoelastic import RelaxingSolid, solve_sliding
 from tests.support import slow
 
 LENGTH = 1e-3

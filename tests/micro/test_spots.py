@@ -6,7 +6,7 @@ import pytest
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import Cell, Path, Surface, run_ensemble, solve_cell
 from multiscale.micro.averages import ContactSurface, Keep, average_surface
-from multiscale.micro.mesh.graph_elements import ElementKind, graph_mesh_cell
+from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell
 from tests.support import rough_square
 
 PATH = Path(pressure=(1e-3, 1e-2))

@@ -6,7 +6,7 @@ import xarray as xr
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.micro.flat_cell import flat_gap
+from multiscale.micro.flat.flat_cell import flat_gap
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus

@@ -9,7 +9,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.io import open_run
 from multiscale.micro import Path, run_ensemble
-from multiscale.micro.graph_mesh import graded_planes
+from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.forecast import (

@@ -8,8 +8,8 @@ from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.averages import average_traction
-from multiscale.micro.graph_cell import assemble_graph_cell
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
+from multiscale.micro.elastic.graph_cell import assemble_graph_cell
+from multiscale.micro.layer import GraphMesh, graded_planes
 from tests.support import egg_box, observed_rate, rough_square
 
 

@@ -8,9 +8,8 @@ import pytest
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import CellSides, Path, solve_cell
-from multiscale.micro.mesh.file_cell import cell_from_file
-from multiscale.micro.mesh.graph_elements import ElementKind
-from multiscale.micro.mesh.mesh_problem import assemble_mesh_cell, cell_basis
+from multiscale.micro.mesh.elastic_mesh import assemble_elastic_mesh, cell_basis
+from multiscale.micro.mesh.meshing import ElementKind, cell_from_file
 from tests.voxels import write_voxels
 
 pytestmark = [
@@ -98,7 +97,7 @@ def read_tables(file):
 @pytest.mark.parametrize("kind", ["overhang", "inclusion", "pore"])
 def test_calculix_finds_the_same_contact_forces(kind, tmp_path):
     cell = scene(kind, tmp_path / "rve.msh")
-    problem = assemble_mesh_cell(cell)
+    problem = assemble_elastic_mesh(cell).problem
     state = problem.solve(load=None, approach=APPROACH, start=None, tolerance=1e-10)
     force = -float(
         solve_cell(cell, Path(approach=(APPROACH,)), tolerance=1e-10)["traction"][0, 0, 0]

@@ -8,7 +8,7 @@ from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.newton import walk_step
 from multiscale.micro.finite.scene import rest_state
-from multiscale.micro.graph_mesh import graded_planes
+from multiscale.micro.layer import graded_planes
 from multiscale.micro.path import Target
 from tests.closed_forms import mindlin
 from tests.support import egg_box, flat, rough_square

@@ -6,8 +6,7 @@ Question: how does the friction of rubber on asphalt depend on its speed and tem
 """
 
 from multiscale.laws import wlf_shift
-from multiscale.micro import self_affine
-from multiscale.micro.viscoelastic_sliding import RelaxingSolid, solve_sliding
+from multiscale.micro import RelaxingSolid, self_affine, solve_sliding
 
 # The rubber is a Prony series, shifted by temperature after Williams, Landel and Ferry. The road is
 # rigid, rough and self-affine. solve_sliding gives the friction of the viscoelastic half-space in

@@ -17,7 +17,7 @@ tangents are pulled back with it once, so that a tangent is applied without any 
 
 import math
 
-from multiscale.micro.hexahedron import (
+from multiscale.micro.elastic.hexahedron import (
     BATCH,
     X,
     Y,

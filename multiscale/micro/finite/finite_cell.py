@@ -4,15 +4,15 @@ import numpy as np
 from scipy import fft
 
 from multiscale.laws.bulk import Elastic, GradedElastic
-from multiscale.micro.cell import FiniteCell, PeriodicLayer
-from multiscale.micro.elastic_operator import stiffness_operator
+from multiscale.micro.cell import FiniteCell
+from multiscale.micro.elastic.flat_reference import Reference, flat_inverse, flat_reference
+from multiscale.micro.elastic.lateral_fft import LateralInverse
+from multiscale.micro.elastic.stiffness import stiffness_operator
 from multiscale.micro.finite.large_strain import large_strain_body
 from multiscale.micro.finite.preconditioner import FlatCells, join_flat_cells, mixed_reference
 from multiscale.micro.finite.scene import CellScene, FiniteBody, linear_body
 from multiscale.micro.finite.surfaces import OppositeSide
-from multiscale.micro.flat_reference import Reference, flat_inverse, flat_reference
-from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.lateral_fft import LateralInverse
+from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["make_scene"]

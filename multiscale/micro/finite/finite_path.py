@@ -8,13 +8,13 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.micro.averages import ContactSurface
-from multiscale.micro.cell import FiniteCell, PeriodicLayer
+from multiscale.micro.cell import FiniteCell
 from multiscale.micro.contact_area import EdgeLayer
+from multiscale.micro.elastic.flat_reference import surface_slopes
+from multiscale.micro.elastic.graph_cell import element_edges
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.newton import walk_step
 from multiscale.micro.finite.scene import CellScene, CellState, rest_state
-from multiscale.micro.flat_reference import surface_slopes
-from multiscale.micro.graph_cell import element_edges
 from multiscale.micro.path import Path, Target
 from multiscale.micro.step_loop import Step
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
+from multiscale.micro.elastic.hexahedron import BATCH
 from multiscale.micro.finite.element_stiffness import ENTRIES, MOTIONS
 from multiscale.micro.finite.scene import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.tangent_operator import (
@@ -17,8 +18,7 @@ from multiscale.micro.finite.tangent_operator import (
     respond_cell,
     update_state,
 )
-from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.hexahedron import BATCH
+from multiscale.micro.layer import GraphMesh
 
 __all__ = ["large_strain_body", "pressure_scale"]
 

@@ -11,8 +11,8 @@ whose logarithm is half as large.
 
 import math
 
+from multiscale.micro.elastic.hexahedron import BATCH
 from multiscale.micro.finite.batch import DEFORMED, METRIC, kernel, part
-from multiscale.micro.hexahedron import BATCH
 from multiscale.numerics.compiled import compiled
 
 __all__ = [

@@ -1,5 +1,6 @@
 r"""Neo-Hookean stress and tangent of a batch, with the frozen stress of viscous branches."""
 
+from multiscale.micro.elastic.hexahedron import BATCH
 from multiscale.micro.finite.batch import (
     FLUX,
     GEOMETRY,
@@ -12,7 +13,6 @@ from multiscale.micro.finite.batch import (
     point_rows,
 )
 from multiscale.micro.finite.element_stiffness import FIRST, SECOND, STEP
-from multiscale.micro.hexahedron import BATCH
 
 __all__ = ["neo_hookean"]
 

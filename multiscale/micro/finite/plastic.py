@@ -11,6 +11,7 @@ pulled back directions :math:`g = F^{-T} T^t`,
 
 import math
 
+from multiscale.micro.elastic.hexahedron import BATCH
 from multiscale.micro.finite.batch import (
     COFACTOR,
     FLUX,
@@ -34,7 +35,6 @@ from multiscale.micro.finite.logarithmic_strain import (
     turn_vectors,
 )
 from multiscale.micro.finite.plastic_tangent import plastic_tangent
-from multiscale.micro.hexahedron import BATCH
 
 __all__ = ["plastic", "plastic_state"]
 

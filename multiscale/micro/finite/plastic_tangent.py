@@ -18,10 +18,10 @@ where :math:`\lambda = \kappa - d|s|/d|e|`, :math:`m` is :math:`\tfrac{\kappa}{2
 
 import numpy as np
 
+from multiscale.micro.elastic.hexahedron import BATCH
 from multiscale.micro.finite.batch import PULLED, kernel
 from multiscale.micro.finite.element_stiffness import FIRST, SECOND, STEP
 from multiscale.micro.finite.logarithmic_strain import STRAIN, SYMMETRIC, turn_vectors
-from multiscale.micro.hexahedron import BATCH
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["SINGLE_ROWS", "plastic_tangent"]

@@ -41,16 +41,15 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.micro.cell import PeriodicLayer
+from multiscale.micro.elastic.flat_reference import Field, Reference, flat_inverse
+from multiscale.micro.elastic.lateral_fft import LateralInverse
 from multiscale.micro.finite.batch import kernel
 from multiscale.micro.finite.equations import Iterate
 from multiscale.micro.finite.large_strain import pressure_scale
 from multiscale.micro.finite.scene import join
 from multiscale.micro.finite.surfaces import MIRROR, Meeting
-from multiscale.micro.flat import solve_flat
-from multiscale.micro.flat_reference import Field, Reference, flat_inverse
-from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.lateral_fft import LateralInverse
+from multiscale.micro.flat.contact import solve_flat
+from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.numerics.krylov import conjugate_gradients, minimal_residual
 
 __all__ = ["Constraint", "FlatCells", "MixedReference", "join_flat_cells", "mixed_reference"]

@@ -36,7 +36,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.executors import run_ranges
-from multiscale.micro.contact_state import at_first_touch
+from multiscale.micro.elastic_cell import at_first_touch
 from multiscale.micro.finite.batch import kernel
 from multiscale.numerics.compiled import compiled
 from multiscale.surfaces.surface import Surface

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from multiscale.executors import run_ranges
+from multiscale.micro.elastic.hexahedron import BATCH, gather, scatter
 from multiscale.micro.finite.batch import (
     CHANGE,
     COFACTOR,
@@ -44,7 +45,6 @@ from multiscale.micro.finite.element_stiffness import (
 from multiscale.micro.finite.neo_hookean_kernel import neo_hookean
 from multiscale.micro.finite.plastic import plastic, plastic_state
 from multiscale.micro.finite.plastic_tangent import SINGLE_ROWS
-from multiscale.micro.hexahedron import BATCH, gather, scatter
 
 __all__ = [
     "NEO_HOOKEAN",

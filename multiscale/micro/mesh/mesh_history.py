@@ -25,7 +25,6 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.elements import element_response, elements_of_basis
 from multiscale.laws.bulk import J2
 from multiscale.micro.averages import ContactSurface, to_components
-from multiscale.micro.cell import MeshCell
 from multiscale.micro.finite.finite_path import HistoryModel, plastic_approach
 from multiscale.micro.finite.scene import (
     BodyResponse,
@@ -35,7 +34,8 @@ from multiscale.micro.finite.scene import (
     Increment,
 )
 from multiscale.micro.finite.surfaces import OppositeSide
-from multiscale.micro.mesh.mesh_problem import ElasticMesh, assemble_elastic_mesh
+from multiscale.micro.mesh.elastic_mesh import ElasticMesh, assemble_elastic_mesh
+from multiscale.micro.mesh.mesh_cell import MeshCell
 from multiscale.micro.mesh.unknowns import strained_weight
 from multiscale.micro.path import Path
 from multiscale.numerics.factorisation import factorise

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.convergence import Status, check_limits
-from multiscale.micro.contact_state import ContactState, untouched
+from multiscale.micro.elastic_cell import ContactState, untouched
 from multiscale.numerics.krylov import conjugate_gradients
 
 __all__ = ["LargeBody", "solve_large_contact"]

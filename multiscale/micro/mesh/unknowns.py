@@ -27,7 +27,7 @@ from scipy import sparse
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import cofactor
-from multiscale.micro.cell import CellSides, MeshCell
+from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell
 
 if TYPE_CHECKING:
     from skfem import CellBasis

@@ -9,10 +9,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
+from multiscale.micro import FlatCell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
-from multiscale.micro import contact_modulus, run_ensemble
-from multiscale.micro.cell import FlatCell
-from multiscale.micro.cell_needs import CellPart, cell_needs
+from multiscale.micro.cell_needs import CellPart
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
     cell_of,
@@ -276,7 +275,7 @@ def _with_roughness(response: Dataset, measured: Mapping[str, Measured]) -> Data
 
 def _needs(case: Case) -> Needs:
     cell = cell_of(case, Surface(np.zeros(case.cell.points), case.cell.size))
-    needs = cell_needs(cell, keep_fields=True)
+    needs = cell.needs()
     reader = ("SurfaceTopography",) if case.measured else ()
     nx, ny = case.cell.points
     cells = Choice(
@@ -306,6 +305,7 @@ def _needs(case: Case) -> Needs:
     halved = 2 * len(case.micro.path) if case.yield_stress is not None else 0
     return replace(
         needs,
+        fields=("pressure", "gap"),
         seconds=needs.seconds * (steps + halved),
         choices=(cells, *choices, *([planner] if case.accuracy is not None else [])),
         libraries=(*needs.libraries, *reader),

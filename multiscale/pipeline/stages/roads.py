@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.convergence import Status
 from multiscale.micro.ensemble import run_realisations
-from multiscale.micro.viscoelastic_sliding import solve_sliding
+from multiscale.micro.flat.viscoelastic import solve_sliding
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells

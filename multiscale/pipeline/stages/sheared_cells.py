@@ -4,7 +4,6 @@ from typing import Any
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import FiniteCell, run_ensemble, shear_path
-from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.settings import Case
@@ -73,7 +72,7 @@ def _pair(case: Case, surfaces: tuple[Surface, Surface]) -> FiniteCell:
 def _needs(case: Case) -> Needs:
     own = _as_sheared(case)
     shear, (nx, ny) = own.micro.shear, own.cell.points
-    pair = cell_needs(_pair(own, smooth_pair(own.cell)))
+    pair = _pair(own, smooth_pair(own.cell)).needs()
     unknowns = 6 * nx * ny * own.cell.layers
     each = shear.steps + 2 + (4 if shear.cycle else 0)
     steps = len(own.micro.pressures) + 1 + 2 * len(shear.pressures) * each

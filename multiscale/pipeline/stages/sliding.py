@@ -7,7 +7,6 @@ import numpy as np
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import FiniteCell, slide_cell
-from multiscale.micro.cell_needs import cell_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.rough_bodies import RoughBody
@@ -60,7 +59,7 @@ def _law(body: RoughBody) -> NeoHookean | J2:
 
 
 def _needs(case: Case) -> Needs:
-    pair = cell_needs(make_pair(case, smooth_pair(case.cell)))
+    pair = make_pair(case, smooth_pair(case.cell)).needs()
     slide = Choice("slide", "both bodies, deformable and at large strain, a pressure at a time")
     steps = (case.slide.steps + 1) * len(case.slide.pressures or case.micro.pressures)
     return Needs(choices=(slide,), memory=pair.memory, seconds=pair.seconds * steps)

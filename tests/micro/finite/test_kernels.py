@@ -6,10 +6,10 @@ from skfem import Basis, ElementHex1
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import FiniteCell, Surface
+from multiscale.micro.elastic.hexahedron import BATCH
 from multiscale.micro.finite.large_strain import large_strain_body
 from multiscale.micro.finite.preconditioner import mixed_reference
-from multiscale.micro.graph_mesh import GraphMesh, graded_planes
-from multiscale.micro.hexahedron import BATCH
+from multiscale.micro.layer import GraphMesh, graded_planes
 
 LAYERS = 3
 E, NU = 1.0, 0.3

@@ -6,7 +6,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
-from multiscale.micro.cell_needs import CellPart, cell_needs
+from multiscale.micro.cell_needs import CellPart
 from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.newton import walk_step
@@ -230,14 +230,14 @@ def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points)
 
 
 def test_bodies_without_friction_carry_no_state_and_pay_for_one_unknown():
-    needs = cell_needs(pair(rough(1), rough(2)))
+    needs = pair(rough(1), rough(2)).needs()
     assert CellPart.SECOND_BODY in needs.built
     assert CellPart.TANGENT in needs.omitted
     assert needs.unknowns_per_contact == 1
     assert needs.state_variables == ()
     scene = make_scene(pair(rough(1), rough(2)))
     assert rest_state(scene).material == (None, None)
-    assert CellPart.SECOND_BODY in cell_needs(Cell(rough(1), 0.5, LAYERS, 1.0, 0.3)).omitted
+    assert CellPart.SECOND_BODY in Cell(rough(1), 0.5, LAYERS, 1.0, 0.3).needs().omitted
 
 
 def test_the_other_way_round_is_the_same_up_to_the_side_of_the_nodes():

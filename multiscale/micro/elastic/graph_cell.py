@@ -1,30 +1,94 @@
 """The periodic graph cell as an elastic body: matrix-free stiffness, lateral-FFT inverse."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from multiscale.errors import CaseError
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell import GraphCell, PeriodicLayer
+from multiscale.micro.cell_needs import CellPart, cell_choices, layer_memory, layer_unknowns
 from multiscale.micro.contact_area import EdgeLayer, edge_layer
-from multiscale.micro.contact_state import ElasticCell, at_first_touch, obstacle_normal
-from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
-from multiscale.micro.elastic_operator import stiffness_operator
-from multiscale.micro.flat_reference import flat_reference, surface_slopes
-from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.lateral_fft import factorise_flat_cell
-from multiscale.micro.layered import layered_compliance
+from multiscale.micro.elastic_cell import ElasticCell, at_first_touch, obstacle_normal
+from multiscale.micro.layer import GraphMesh, PeriodicLayer
+from multiscale.micro.path import Path
+from multiscale.needs import Needs
+from multiscale.surfaces.surface import Surface
 
-__all__ = ["assemble_graph_cell", "element_edges"]
+if TYPE_CHECKING:
+    from multiscale.micro.step_loop import CellModel
+
+__all__ = ["GraphCell", "assemble_graph_cell", "element_edges"]
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
-EDGE_POINTS = 32  # of the waves that tell what elements do at an edge of contact
+EDGE_POINTS = 32  # of the wavelengths from which the effect of elements at an edge is computed
+ELASTIC = 5.5e-7  # s of one core for a load step and an unknown, measured
+
+
+@dataclass(frozen=True, eq=False)
+class GraphCell(PeriodicLayer):
+    """A linear elastic layer whose mesh follows its surface, pressed by a rigid obstacle.
+
+    Contact acts along the normal of the obstacle, without friction. In addition to the parameters
+    of :class:`PeriodicLayer`:
+
+    Parameters
+    ----------
+    obstacle : Surface, optional
+        Underside of the rigid obstacle on the same grid; a flat if not given.
+
+    A law that is not linear and an obstacle on another grid are refused.
+    """
+
+    obstacle: Surface | None = None
+    recovers_stress: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.law.finite_strain:
+            raise CaseError("a graph cell is linear elastic; use FiniteCell for large strain")
+        self._check_obstacle(self.obstacle)
+
+    def needs(self) -> Needs:
+        """Parts, memory and time that a step takes."""
+        return Needs(
+            kinematics="small strain, the mesh follows the surface",
+            choices=cell_choices(
+                {
+                    CellPart.STIFFNESS: True,
+                    CellPart.LAYER_FACTORS: True,
+                    CellPart.MEAN_DILATATION: self.mean_dilatation,
+                    CellPart.TILT: self.nearly_incompressible,
+                    CellPart.OBSTACLE_NORMALS: self.obstacle is not None,
+                    CellPart.ELEMENT_MODULI: self.heterogeneous,
+                    CellPart.COATING: bool(self.coating),
+                }
+            ),
+            libraries=("numba",),
+            memory=layer_memory(self, 0.0),
+            seconds=ELASTIC * layer_unknowns(self),
+        )
+
+    def model(self, path: Path, *, recover_stress: bool = False) -> "CellModel[Any]":
+        """Set up the contact of the cell for a path; a sliding obstacle turns its normals."""
+        if path.slide is not None:
+            from multiscale.micro.finite.finite_path import FiniteCell
+
+            fields = self.surface, self.depth, self.layers, self.law, self.obstacle
+            return FiniteCell(*fields, coating=self.coating).model(path)
+        path.check_still()
+        return assemble_graph_cell(self, recover_stress=recover_stress)
 
 
 def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> ElasticCell:
     """Set up the operators that a graph cell needs, and its contact geometry."""
+    from multiscale.micro.elastic.active_set import ElasticBody, solve_elastic_contact
+    from multiscale.micro.elastic.flat_reference import flat_reference, surface_slopes
+    from multiscale.micro.elastic.stiffness import stiffness_operator
+
     surface = cell.surface
     (nx, ny), spacing = surface.heights.shape, surface.spacing
     mesh = GraphMesh(surface, cell.planes)
@@ -76,7 +140,10 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
 
 
 def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
-    """Return what the elements of the bodies of a cell do at an edge along x and y."""
+    """Effect of the elements of the bodies of a cell at an edge of contact along x and y."""
+    from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
+    from multiscale.micro.flat.compliance import layered_compliance
+
     n, edges = EDGE_POINTS, []
     for spacing in cell.surface.spacing:
         discrete, exact = np.zeros((2, n // 2 + 1))

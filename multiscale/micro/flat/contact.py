@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError
-from multiscale.micro.lateral_fft import SurfaceFilter
+from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.vectors import dot
 

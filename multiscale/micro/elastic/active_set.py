@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.convergence import Status, check_limits
-from multiscale.micro.contact_state import ContactState, untouched
-from multiscale.micro.flat import solve_flat
+from multiscale.micro.elastic_cell import ContactState, untouched
+from multiscale.micro.flat.contact import solve_flat
 from multiscale.numerics.krylov import conjugate_gradients
 from multiscale.numerics.vectors import advance, dot, turn
 

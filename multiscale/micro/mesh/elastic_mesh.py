@@ -9,21 +9,20 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.fe.elasticity import assemble_elasticity
+from multiscale.fe.facets import surface_of
 from multiscale.fe.mesh_file import check_orientation
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.averages import ContactSurface, recovered_force
-from multiscale.micro.cell import CellSides, MeshCell
-from multiscale.micro.contact_state import (
+from multiscale.micro.elastic.active_set import ElasticBody, solve_elastic_contact
+from multiscale.micro.elastic.graph_cell import element_edges
+from multiscale.micro.elastic_cell import (
     ContactState,
     ElasticCell,
     at_first_touch,
     obstacle_normal,
 )
-from multiscale.micro.elastic_contact import ElasticBody, solve_elastic_contact
-from multiscale.micro.graph_cell import element_edges
-from multiscale.micro.mesh.mesh_size import mesh_size
-from multiscale.micro.mesh.seen import Sight, sight
+from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell
 from multiscale.micro.mesh.unknowns import CellUnknowns, cell_unknowns, mean_strain
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
@@ -34,15 +33,9 @@ if TYPE_CHECKING:
 __all__ = [
     "ElasticMesh",
     "assemble_elastic_mesh",
-    "assemble_mesh_cell",
 ]
 
 Operator = Callable[[np.ndarray], np.ndarray]
-
-
-def assemble_mesh_cell(cell: MeshCell, *, recover_stress: bool = False) -> ElasticCell:
-    """Set up operators and contact geometry on any mesh."""
-    return assemble_elastic_mesh(cell, recover_stress=recover_stress).problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +58,7 @@ class ElasticMesh:
 
 
 def assemble_elastic_mesh(cell: MeshCell, *, recover_stress: bool = False) -> ElasticMesh:
-    """Set up the elastic body of a cell; see :func:`assemble_mesh_cell`."""
+    """Set up operators and contact geometry on any mesh."""
     basis = cell_basis(cell)
     lame, shear = lame_parameters(cell.law.youngs_modulus, cell.law.poissons_ratio)
     unknowns = cell_unknowns(cell, basis)
@@ -124,7 +117,7 @@ def _solver(
 ) -> Callable[..., ContactState]:
     """Choose what solves contact: factors of the stiffness, or multigrid where it is large."""
     number = unknowns.number
-    if mesh_size(cell).multigrid:
+    if cell.multigrid:
         from multiscale.micro.mesh.multigrid_contact import LargeBody, solve_large_contact
 
         place, size = unknowns.place, float(np.ptp(basis.doflocs))
@@ -193,14 +186,14 @@ def _arrangement(
     if cell.layer is None:
 
         @cache
-        def look() -> Sight:
-            return sight(cell)
+        def look() -> tuple[np.ndarray, sparse.csr_array]:
+            return uppermost_facets(cell)
 
         def to_grid(values: np.ndarray) -> np.ndarray:
-            spread, seen = np.zeros(basis.N), look()
+            spread, (height, interpolate) = np.zeros(basis.N), look()
             spread[nodes] = values
-            there = seen.interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
-            return np.asarray(there.reshape(seen.height.shape))
+            there = interpolate @ spread[unknowns.image][basis.nodal_dofs[0]]
+            return np.asarray(there.reshape(height.shape))
 
         return partial(replace, neighbours=unknowns.neighbours, to_grid=to_grid)
 
@@ -217,6 +210,46 @@ def _arrangement(
         )
     edges = element_edges(cell.layer)
     return lambda surface: surface.on_grid(there, edges)
+
+
+def uppermost_facets(cell: MeshCell) -> tuple[np.ndarray, sparse.csr_array]:
+    """Look down on the contact face of a cell that has points for its fields.
+
+    Returns the height of the uppermost facet above every point, shape (nx, ny), m, and the matrix,
+    shape (nx ny, nodes), from values at the vertices of the mesh to values there, linear on
+    triangles.
+    """
+    mesh, (nx, ny) = cell.mesh, cell.points or (0, 0)
+    face = surface_of(mesh, "top")
+    corner = face.nodes[face.facets].T
+    triangles = np.hstack([corner[[0, k, k + 1]] for k in range(1, len(corner) - 1)])
+    low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)
+    axes = [low[k] + (high - low)[k] * np.arange(n) / n for k, n in ((0, nx), (1, ny))]
+    height = np.full((nx, ny), -np.inf)
+    owner, share = np.zeros((nx, ny, 3), dtype=int), np.zeros((nx, ny, 3))
+    near = 1e-9
+    for triangle in triangles.T:
+        (x0, x1, x2), (y0, y1, y2), z = mesh.p[:, triangle]
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        if abs(area) < 1e-12 * float((high - low)[:2].prod()) / (nx * ny):  # upright
+            continue
+        margin = near * (high - low)
+        pieces = tuple(
+            slice(*np.searchsorted(axis, (min(ends) - room, max(ends) + room)))
+            for axis, ends, room in zip(axes, ((x0, x1, x2), (y0, y1, y2)), margin[:2], strict=True)
+        )
+        x, y = np.meshgrid(axes[0][pieces[0]], axes[1][pieces[1]], indexing="ij")
+        b = ((x - x0) * (y2 - y0) - (x2 - x0) * (y - y0)) / area
+        c = ((x1 - x0) * (y - y0) - (x - x0) * (y1 - y0)) / area
+        weights = np.stack([1.0 - b - c, b, c], axis=-1)
+        over = np.all(weights > -near, axis=-1) & (weights @ z > height[*pieces])
+        height[*pieces][over] = (weights @ z)[over]
+        owner[*pieces][over], share[*pieces][over] = triangle, weights[over]
+    rows = np.repeat(np.arange(nx * ny), 3)
+    interpolate = sparse.csr_array(
+        (share.ravel(), (rows, owner.ravel())), shape=(nx * ny, mesh.nvertices)
+    )
+    return height, interpolate
 
 
 def _obstacle(

@@ -13,13 +13,13 @@ from collections.abc import Callable
 import numpy as np
 
 from multiscale.executors import run_ranges
-from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.hexahedron import (
+from multiscale.micro.elastic.hexahedron import (
     BATCH,
     element_geometry,
     lateral_heights,
     shape_functions,
 )
+from multiscale.micro.layer import GraphMesh
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["stiffness_operator"]

@@ -23,7 +23,7 @@ from multiscale.numerics.krylov import minimal_residual
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
-    from multiscale.micro.lateral_fft import SurfaceFilter
+    from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
 __all__ = ["RelaxingSolid", "SlidingContact", "solve_sliding"]
 
@@ -215,7 +215,7 @@ def _filters(
 
     The wave with two points along x, which an odd number of points does not have, has no direction.
     """
-    from multiscale.micro.lateral_fft import SurfaceFilter
+    from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 
     (nx, ny), (lx, ly) = surface.heights.shape, surface.size
     across = 2.0 * np.pi / ly * np.arange(ny // 2 + 1)

@@ -6,9 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
-from multiscale.micro.cell import PeriodicLayer
-from multiscale.micro.graph_mesh import GraphMesh
-from multiscale.micro.lateral_fft import LateralInverse, SurfaceFilter, factorise_flat_cell
+from multiscale.micro.elastic.lateral_fft import LateralInverse, SurfaceFilter, factorise_flat_cell
+from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["Field", "Reference", "flat_inverse", "flat_reference", "surface_slopes"]

@@ -1,0 +1,1 @@
+"""Elastic cells on meshes that follow a periodic height map."""

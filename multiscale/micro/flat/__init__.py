@@ -1,0 +1,1 @@
+"""Cells of flat layers: roughness as gap, compliance by wavelength."""

@@ -1,0 +1,236 @@
+"""The flat cell: small slopes, one unknown per contact node, no unknowns in the depth."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.micro.cell_needs import CellPart, cell_choices
+from multiscale.micro.elastic_cell import ContactState, ElasticCell, at_first_touch, untouched
+from multiscale.micro.layer import PeriodicLayer, SecondBody, statistics_of
+from multiscale.micro.path import Path
+from multiscale.needs import Needs
+from multiscale.surfaces.preparation import composite
+from multiscale.surfaces.statistics import rms_slope
+from multiscale.surfaces.surface import Surface
+
+__all__ = ["FlatCell", "assemble_flat_cell", "flat_gap"]
+
+STEEPEST = 0.5
+"""Root mean square slope up to which a compliance is expanded in the slopes."""
+
+TOLERANCE = 1e-6  # relative to the range of the gap; see solve_flat
+FLAT, EXPANDED = 1.1e-6, 1.8e-6  # s of one core for a load step and a point, measured
+
+
+@dataclass(frozen=True, eq=False)
+class FlatCell(PeriodicLayer):
+    """A flat elastic layer, above which the surface only makes the gap.
+
+    Fast, and right for small slopes: against the conforming cell it errs by the first order in the
+    slope, or by the second where its compliance is expanded. In addition to the parameters of
+    :class:`PeriodicLayer`:
+
+    Parameters
+    ----------
+    obstacle : Surface, optional
+        Underside of the rigid obstacle on the same grid; a flat if not given.
+    hardness : float, optional
+        Largest local pressure, Pa: the cheap plastic limit.
+    slope_order : int
+        Order of the error in the slopes of both surfaces: 1, or 2 with
+        :func:`~.compliance.expanded_compliance`.
+    second : SecondBody, optional
+        Makes the obstacle deformable: the compliances of both bodies add up.
+
+    A law that is not linear and moduli that vary within a layer are refused.
+    """
+
+    obstacle: Surface | None = None
+    hardness: float | None = None
+    slope_order: int = 1
+    second: SecondBody | None = None
+    small_slopes: ClassVar[bool] = True
+    recovers_stress: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(body.law.finite_strain for body in self.bodies):
+            raise CaseError(
+                "a flat cell has neither friction nor a law at large strain; use the conforming "
+                "geometry"
+            )
+        if any(body.heterogeneous for body in self.bodies):
+            raise CaseError(
+                "a flat cell has one modulus in each layer, not in each element; use the "
+                "conforming geometry"
+            )
+        if self.hardness is not None and not 0.0 < self.hardness < np.inf:
+            raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
+        self._check_obstacle(self.obstacle)
+        if self.slope_order not in (1, 2):
+            raise CaseError(f"slope_order of a flat cell must be 1 or 2, got {self.slope_order}")
+        if self.slope_order == 2:
+            self._check_expansion()
+
+    def _check_expansion(self) -> None:
+        """Refuse what the expansion in the slopes is not derived for."""
+        for body in self.bodies:
+            if body.coating or np.any([np.ptp(value) for value in body.layer_moduli]):
+                raise CaseError(
+                    "slope_order = 2 is derived for bodies of one material, since faces between "
+                    "materials are rough too; leave out coatings and moduli of layers, or set "
+                    "slope_order to 1"
+                )
+            if body.depth < 0.5 * (period := max(self.surface.size)):
+                raise CaseError(
+                    f"slope_order = 2 is derived for half-spaces, and the depth of "
+                    f"{body.depth:.3g} m is less than half of the period of {period:.3g} m; raise "
+                    f"the depth"
+                )
+        slope = max(rms_slope(surface) for surface in self.surfaces)
+        if slope > STEEPEST:
+            raise CaseError(
+                f"slope_order = 2 expands in slopes, and a surface has a root mean square slope "
+                f"of {slope:.3g}, beyond {STEEPEST:g}; use the conforming geometry"
+            )
+
+    @property
+    def surfaces(self) -> tuple[Surface, Surface]:
+        """The surface and the underside of the obstacle, heights out of their own bodies."""
+        under = 0.0 * self.surface.heights if self.obstacle is None else -self.obstacle.heights
+        return self.surface, Surface(under, self.surface.size)
+
+    @property
+    def bodies(self) -> tuple[PeriodicLayer, ...]:
+        """The deformable bodies; the second is as flat as the first."""
+        return (self,) if self.second is None else (self, self.second.layer(self.surface))
+
+    def surface_record(self, *, heights: bool) -> dict[str, np.ndarray]:
+        """Return the statistics of both surfaces together, which make the gap, and heights, m."""
+        return statistics_of(composite(*self.surfaces), heights=heights)
+
+    def element_cautions(self) -> list[str]:
+        """Return none: there are no elements."""
+        return []
+
+    def needs(self) -> Needs:
+        """Parts, memory and time that a step takes."""
+        nx, ny = self.surface.heights.shape
+        expanded = self.slope_order == 2
+        return Needs(
+            kinematics="small strain, roughness as gap of a flat layer",
+            choices=cell_choices(
+                {
+                    CellPart.HARDNESS_CAP: self.hardness is not None,
+                    CellPart.SECOND_BODY: self.second is not None,
+                    CellPart.COATING: any(body.coating for body in self.bodies),
+                    CellPart.SLOPE_EXPANSION: expanded,
+                },
+                why_not={
+                    CellPart.STIFFNESS: "a flat cell solves on its surface alone",
+                    CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
+                    CellPart.SLOPE_EXPANSION: "slopes are taken as small: errors are of their "
+                    "first order (slope_order)",
+                },
+            ),
+            libraries=("numba",),
+            memory=8 * nx * ny * (32 if expanded else 20),
+            seconds=nx * ny * (EXPANDED if expanded else FLAT),
+        )
+
+    def model(self, path: Path, *, recover_stress: bool = False) -> ElasticCell:
+        """Set up the contact of the cell for a path."""
+        path.check_still()
+        return assemble_flat_cell(self)
+
+
+def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
+    """Heights of the obstacle at first touch, m, area of a node, m², symbol of the compliance, m/N.
+
+    The symbol takes nodal forces, not pressures.
+    """
+    heights, spacing = cell.surface.heights, cell.surface.spacing
+    area = spacing[0] * spacing[1]
+    symbol = np.sum([_compliance(body) for body in cell.bodies], axis=0) / area
+    obstacle, _ = at_first_touch(heights, 0.0 if cell.obstacle is None else cell.obstacle.heights)
+    return obstacle, area, symbol
+
+
+def _compliance(body: PeriodicLayer) -> np.ndarray:
+    """Symbol of the compliance of one body, m/Pa; coatings have their exact thickness."""
+    from multiscale.micro.flat.compliance import layered_compliance
+
+    planes, moduli = body.planes, body.layer_moduli
+    if body.coating:
+        planes = np.concatenate([[0.0], body.faces[::-1], [body.depth]])
+        moduli = body.moduli_between(planes)
+    return layered_compliance(body.surface.heights.shape, body.surface.size, planes, *moduli)
+
+
+def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
+    """Set up the contact of a cell with roughness as gap, on a flat elastic layer."""
+    from multiscale.micro.elastic.lateral_fft import SurfaceFilter
+    from multiscale.micro.flat.compliance import expanded_compliance
+    from multiscale.micro.flat.contact import coarse_start, solve_flat
+
+    heights = cell.surface.heights
+    nx, ny = heights.shape
+    obstacle, area, symbol = flat_gap(cell)
+    normal = np.zeros((nx, 3, ny))
+    normal[:, 2] = 1.0
+
+    gap, closing = obstacle - heights, np.ones((nx, ny))
+    flat = SurfaceFilter(symbol)
+    respond: Callable[[np.ndarray], np.ndarray] = flat
+    lift = respond  # along z; forces of expanded bodies act along their normal
+    if cell.slope_order == 2:
+        moduli = [np.array(body.layer_moduli)[:, 0] for body in cell.bodies]
+        lame, shear = np.array([*moduli, (0.0, np.inf)][:2]).T
+        respond = expanded_compliance(cell.surfaces, symbol, shear, 0.5 * lame / (lame + shear))
+        lift = partial(respond, vertical=True)
+    cap = np.inf if cell.hardness is None else cell.hardness * area
+
+    def solve(
+        *,
+        load: float | None = None,
+        approach: float | None = None,
+        start: ContactState | None = None,
+        tolerance: float = TOLERANCE,
+    ) -> ContactState:
+        if load == 0.0 or (approach is not None and approach <= 0.0):
+            return untouched((nx, 3, ny), gap, closing, approach)
+        guess = None
+        if load is not None:
+            guess = coarse_start(flat, gap, closing, load=load, cap=cap)
+        if guess is None and start is not None:
+            guess = start.force
+        found = solve_flat(
+            respond,
+            gap,
+            closing,
+            load=load,
+            approach=approach,
+            cap=cap,
+            start=guess,
+            max_iterations=5000,
+            tolerance=max(tolerance, TOLERANCE),
+        )
+        displacement = np.zeros((nx, 3, ny))
+        displacement[:, 2] = -lift(found.value)
+        return ContactState(
+            displacement,
+            found.value,
+            found.approach,
+            found.value > 0.0,
+            found.value,
+            found.status,
+            found.residuals[-1:],
+            len(found.residuals),
+        )
+
+    node_area = np.full((nx, ny), area)
+    return ElasticCell(solve, normal, heights, obstacle, node_area, lambda u: u, cap=cap)
