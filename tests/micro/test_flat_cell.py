@@ -144,7 +144,7 @@ def _start_at_random(_compliance, gap, _closing, *, load, cap):
 def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(
     monkeypatch, hardness, start
 ):
-    monkeypatch.setattr(flat, "_FINE", 16)
+    monkeypatch.setattr(contact, "_FINE", 16)
     cell = Cell(rough(64, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=hardness)
     problem, scale = assemble_flat_cell(cell), float(np.ptp(cell.surface.heights))
     pressed = {"load": 0.01, "approach": None, "start": None, "tolerance": 1e-6}

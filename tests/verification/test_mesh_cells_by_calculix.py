@@ -8,7 +8,7 @@ import pytest
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import CellSides, Path, solve_cell
-from multiscale.micro.mesh.elastic_mesh import assemble_elastic_mesh, cell_basis
+from multiscale.micro.mesh.elastic_mesh import assemble_elastic_mesh
 from multiscale.micro.mesh.meshing import ElementKind, cell_from_file
 from tests.voxels import write_voxels
 
@@ -97,13 +97,13 @@ def read_tables(file):
 @pytest.mark.parametrize("kind", ["overhang", "inclusion", "pore"])
 def test_calculix_finds_the_same_contact_forces(kind, tmp_path):
     cell = scene(kind, tmp_path / "rve.msh")
-    problem = assemble_elastic_mesh(cell).problem
-    state = problem.solve(load=None, approach=APPROACH, start=None, tolerance=1e-10)
+    mesh = assemble_elastic_mesh(cell)
+    state = mesh.problem.solve(load=None, approach=APPROACH, start=None, tolerance=1e-10)
     force = -float(
         solve_cell(cell, Path(approach=(APPROACH,)), tolerance=1e-10)["traction"][0, 0, 0]
     )
     assert force == pytest.approx(state.force.sum(), rel=1e-8)
-    points = cell_basis(cell).doflocs
+    points = mesh.basis.doflocs
     top = np.unique(cell.mesh.facets[:, cell.mesh.boundaries["top"]])
     gap = points[2, top].max() - points[2, top]
     held = {top[k]: gap[k] - APPROACH for k in np.flatnonzero(state.active)}
