@@ -9,7 +9,7 @@ from multiscale.laws.bulk import J2, Elastic, GradedElastic
 from multiscale.micro import Cell, MeshCell, Path, Surface, run_ensemble, solve_cell
 from multiscale.micro.damage import Cavities, spheres
 from multiscale.micro.layer import GraphMesh, graded_planes
-from multiscale.micro.mesh import mesh_size
+from multiscale.micro.mesh import mesh_cell
 from multiscale.micro.mesh.mesh_cell import CellSides
 from multiscale.micro.mesh.meshing import ElementKind, graph_mesh_cell
 from tests.support import egg_box, keep_ignoring_broken_pipes, rough_square
@@ -159,7 +159,7 @@ def test_multigrid_and_factors_have_one_answer(kind, sides, monkeypatch):
     surface = rough_square(8, 1.0, 0.5, 0.1, seed=2)
     cell = graph_mesh_cell(surface, 1.0, 4, Elastic(1.0, 0.3), kind, sides=sides)
     factors = solve_cell(cell, PATH, keep_fields=True)
-    monkeypatch.setattr(mesh_size, "MOST_FACTORED", 0)
+    monkeypatch.setattr(mesh_cell, "MOST_FACTORED", 0)
     assert "multigrid" in cell.needs().built
     multigrid = solve_cell(cell, PATH, keep_fields=True)
     assert multigrid["converged"].values.all()

@@ -13,7 +13,8 @@ or the approach is prescribed.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from multiscale.micro.flat.contact import solve_flat
 from multiscale.numerics.krylov import conjugate_gradients
 from multiscale.numerics.vectors import advance, dot, turn
 
-__all__ = ["ElasticBody", "solve_elastic_contact"]
+__all__ = ["Constrained", "ElasticBody", "Inverse", "ReferenceInverse", "solve_elastic_contact"]
 
 _LOOSE = 1e-2  # reduction of the residual before the active set is questioned for the first time
 _INNER = 1e-4  # tolerance of the surface problems inside the preconditioner: costs no iteration
@@ -36,6 +37,32 @@ _SMALLER = 0.9  # times the least residual so far
 _ROUNDING = 64.0
 
 
+Constrained = Callable[..., tuple[np.ndarray, float]]
+"""``(out_of_balance, missing, out, distance)`` to displacement, m, and change of the approach, m.
+
+An approximate inverse among displacements that satisfy the constraints, up to ``distance`` at the
+active nodes, m, for forces out of balance, N, and a load not yet carried, N; ``out`` may hold the
+displacement."""
+
+
+class Inverse(Protocol):
+    """Approximate inverse of a stiffness under constraints, from which contact is solved."""
+
+    def guess(
+        self,
+        gap: np.ndarray,
+        closing: np.ndarray,
+        *,
+        load: float | None,
+        approach: float | None,
+        start: ContactState,
+    ) -> tuple[np.ndarray, float]:
+        """Contact forces, N, and approach, m, of a similar problem that is solved at once."""
+
+    def constrain(self, closing: np.ndarray, active: np.ndarray, *, loaded: bool) -> Constrained:
+        """Return the inverse on an active set, under a load or at a fixed approach."""
+
+
 @dataclass(frozen=True)
 class ElasticBody:
     r"""The operators of (1), for any discretisation.
@@ -46,32 +73,107 @@ class ElasticBody:
     ----------
     apply : callable
         ``apply(u, out)`` returns :math:`K u`, which ``out`` may hold.
-    solve : callable
-        ``solve(force, correct, out)`` applies :math:`K_0^{-1}`, with :math:`K_0` equal or
-        spectrally close to :math:`K`. ``correct`` gets :math:`N K_0^{-1} f` and returns contact
-        forces :math:`l`; the result is :math:`K_0^{-1} (f - N^t l)`, which ``out`` may hold.
-        ``None`` stands for :math:`f = 0`.
     trace : callable
         :math:`u \mapsto N u`, the displacement along the obstacle's normals.
     add : callable
         ``add(vector, values)`` does ``vector += N^t values`` in place.
-    compliance : callable
-        :math:`\lambda \mapsto C_0 \lambda = N K_0^{-1} N^t \lambda`.
-    surface_stiffness : callable, an approximate inverse of ``compliance``, symmetric and positive
+    inverse : Inverse
     shape : tuple of int
     dtype : type
         Precision of the iterations, which end in double precision in any case: ``np.float32``
-        where :math:`K_0^{-1}` has no more, and ``apply`` takes it.
+        where the inverse has no more, and ``apply`` takes it.
     """
 
     apply: Callable[..., np.ndarray]
-    solve: Callable[..., np.ndarray]
     trace: Callable[[np.ndarray], np.ndarray]
     add: Callable[[np.ndarray, np.ndarray], None]
-    compliance: Callable[[np.ndarray], np.ndarray]
-    surface_stiffness: Callable[[np.ndarray], np.ndarray]
+    inverse: Inverse
     shape: tuple[int, ...]
     dtype: type[np.floating] = np.float64
+
+
+@dataclass(frozen=True)
+class ReferenceInverse:
+    r"""Exactly constrained inverse of a stiffness :math:`K_0` equal or spectrally close to K.
+
+    The constraints are met by contact forces l, which solve a problem on the surface:
+    :math:`z = K_0^{-1} (r - N_A^t l)` with :math:`N_A z + b\,d\delta = 0`, and :math:`b^t l`
+    balances the load.
+
+    Attributes
+    ----------
+    solve : callable
+        ``solve(force, correct, out)`` applies :math:`K_0^{-1}`. ``correct`` gets
+        :math:`N K_0^{-1} f` and returns contact forces :math:`l`; the result is
+        :math:`K_0^{-1} (f - N^t l)`, which ``out`` may hold. ``None`` stands for :math:`f = 0`.
+    compliance : callable
+        :math:`\lambda \mapsto C_0 \lambda = N K_0^{-1} N^t \lambda`.
+    surface_stiffness : callable, an approximate inverse of ``compliance``, symmetric and positive
+    """
+
+    solve: Callable[..., np.ndarray]
+    compliance: Callable[[np.ndarray], np.ndarray]
+    surface_stiffness: Callable[[np.ndarray], np.ndarray]
+
+    def guess(
+        self,
+        gap: np.ndarray,
+        closing: np.ndarray,
+        *,
+        load: float | None,
+        approach: float | None,
+        start: ContactState,
+    ) -> tuple[np.ndarray, float]:
+        """Solve the problem with the reference on the surface alone."""
+        forces = start.reference_force
+        flat = solve_flat(self.compliance, gap, closing, load=load, approach=approach, start=forces)
+        return flat.value, flat.approach
+
+    def constrain(self, closing: np.ndarray, active: np.ndarray, *, loaded: bool) -> Constrained:
+        """Return the inverse on an active set, under a load or at a fixed approach."""
+
+        @cache
+        def unit() -> np.ndarray:  # contact forces under a unit approach, N/m
+            return self._surface_solve(closing, active)
+
+        def invert(
+            out_of_balance: np.ndarray,
+            missing: float,
+            out: np.ndarray,
+            distance: np.ndarray | float = 0.0,
+        ) -> tuple[np.ndarray, float]:
+            shift = 0.0
+
+            def correct(trace: np.ndarray) -> np.ndarray:
+                nonlocal shift
+                contact = self._surface_solve(trace - distance, active)
+                if loaded:
+                    shift = missing - float(np.vdot(closing, contact))
+                    shift /= float(np.vdot(closing, unit()))
+                    contact += shift * unit()
+                return contact
+
+            z = self.solve(out_of_balance, correct, out)
+            return z, shift
+
+        return invert
+
+    def _surface_solve(self, right_hand_side: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """Solve C_AA l = d on the active nodes by conjugate gradients, in single precision."""
+        size = float(np.max(np.abs(right_hand_side))) or 1.0  # so that no square can underflow
+        r = np.where(active, right_hand_side / size, 0.0).astype(np.float32)
+
+        def among_active(operator: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
+            return lambda force: np.where(active, operator(force), 0.0)
+
+        contact, _ = conjugate_gradients(
+            among_active(self.compliance),
+            r,
+            among_active(self.surface_stiffness),
+            goal=_INNER * float(np.linalg.norm(r)),
+            limit=1000,
+        )
+        return size * contact.astype(float)
 
 
 def solve_elastic_contact(
@@ -89,13 +191,10 @@ def solve_elastic_contact(
 
     Notes
     -----
-    The active set starts from the problem with :math:`K_0`, solved on the surface alone; what the
-    previous step told about the difference of the two problems is kept. On a given active set
-    conjugate gradients run on the displacements that satisfy the constraints. Their preconditioner
-    is exactly constrained: :math:`z = K_0^{-1} (r - N_A^t l)` with :math:`l` such that
-    :math:`N_A z + b\,d\delta = 0` and :math:`b^t l` balances the load. If the number of changes
-    does not fall, single nodes are exchanged by least index, which ends for every positive
-    definite problem [2]_.
+    The active set starts from the guess of the inverse, corrected by its error in the previous
+    step. On a given active set conjugate gradients run on the displacements that satisfy the
+    constraints, preconditioned by the constrained inverse. If the number of changes does not fall,
+    single nodes are exchanged by least index, which ends for every positive definite problem [2]_.
 
     References
     ----------
@@ -114,13 +213,11 @@ def solve_elastic_contact(
     if load == 0.0 or (approach is not None and np.all(gap >= closing * approach)):
         return untouched(body.shape, gap, closing, approach)
 
-    flat = solve_flat(
-        body.compliance, gap, closing, load=load, approach=approach, start=start.reference_force
-    )
-    unit = float(np.linalg.norm(flat.value))  # of forces: from here on nothing can underflow
-    delta, gap = flat.approach / unit, gap / unit
+    guess, delta = body.inverse.guess(gap, closing, load=load, approach=approach, start=start)
+    unit = float(np.linalg.norm(guess))  # of forces: from here on nothing can underflow
+    delta, gap = delta / unit, gap / unit
     load = None if load is None else load / unit
-    force, reference = start.force / unit, flat.value / unit
+    force, reference = start.force / unit, guess / unit
     active = reference + force - start.reference_force / unit > 0.0
     active = active if active.any() else reference > 0.0
     u, room = start.displacement / unit, np.empty((2, *body.shape), body.dtype)
@@ -135,7 +232,8 @@ def solve_elastic_contact(
         force, square = stage.split(out_of_balance, force)
         if changed:  # move onto the constraints of the new active set
             distance = np.where(active, gap - closing * delta - body.trace(u), 0.0)
-            z, shift = stage.precondition(out_of_balance, force, room[0], distance)
+            missing = stage.missing_load(force)
+            z, shift = stage.invert(out_of_balance, missing, room[0], distance)
             delta += shift
             distance -= np.where(active, closing * shift + body.trace(z), 0.0)
             body.add(z, distance)
@@ -197,14 +295,14 @@ def solve_elastic_contact(
         unit * np.maximum(force, 0.0),
         unit * delta,
         active,
-        flat.value,
+        guess,
         status,
         tuple(residuals),
         n_linear,
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _LinearStage:
     """The linear problem on one active set, in the displacements that satisfy the constraints."""
 
@@ -246,49 +344,10 @@ class _LinearStage:
         missing = self.missing_load(force) / self.load if self.load else 0.0
         return max(float(np.sqrt(square)) / scale, abs(missing))
 
-    def surface_solve(self, right_hand_side: np.ndarray) -> np.ndarray:
-        """Solve C_AA l = d on the active nodes by conjugate gradients, in single precision."""
-        size = float(np.max(np.abs(right_hand_side))) or 1.0  # so that no square can underflow
-        r = np.where(self.active, right_hand_side / size, 0.0).astype(np.float32)
-
-        def among_active(operator: Callable[[np.ndarray], np.ndarray]) -> Callable[..., np.ndarray]:
-            return lambda force: np.where(self.active, operator(force), 0.0)
-
-        found, _ = conjugate_gradients(
-            among_active(self.body.compliance),
-            r,
-            among_active(self.body.surface_stiffness),
-            goal=_INNER * float(np.linalg.norm(r)),
-            limit=1000,
-        )
-        return size * found.astype(float)
-
     @cached_property
-    def unit(self) -> np.ndarray:
-        """Contact forces of the flat problem under a unit approach, N/m."""
-        return self.surface_solve(self.closing)
-
-    def precondition(
-        self,
-        out_of_balance: np.ndarray,
-        force: np.ndarray,
-        room: np.ndarray,
-        distance: np.ndarray | float = 0.0,
-    ) -> tuple[np.ndarray, float]:
-        """Apply the exactly constrained inverse; return displacement, in ``room``, and approach."""
-        shift = 0.0
-
-        def correct(trace: np.ndarray) -> np.ndarray:
-            nonlocal shift
-            contact = self.surface_solve(trace - distance)
-            if self.load is not None:
-                missing = self.missing_load(force) - float(np.vdot(self.closing, contact))
-                shift = missing / float(np.vdot(self.closing, self.unit))
-                contact += shift * self.unit
-            return contact
-
-        z = self.body.solve(out_of_balance, correct, room)
-        return z, shift
+    def invert(self) -> Constrained:
+        """Approximate inverse on this active set."""
+        return self.body.inverse.constrain(self.closing, self.active, loaded=self.load is not None)
 
     def conjugate_gradients(
         self,
@@ -322,10 +381,11 @@ class _LinearStage:
                 best, patience = residual, _PATIENCE
             if iteration == most or not residual > target or patience == 0:
                 return delta, residual, iteration
-            z, shift = self.precondition(out_of_balance, force, room[0])
+            missing = self.missing_load(force)
+            z, shift = self.invert(out_of_balance, missing, room[0])
             # the rounding and the inner tolerance must not move the constrained nodes
             self.body.add(z, np.where(self.active, -self.closing * shift - self.body.trace(z), 0.0))
-            rz = dot(_flat(out_of_balance), _flat(z)) + self.missing_load(force) * shift
+            rz = dot(_flat(out_of_balance), _flat(z)) + missing * shift
             turn(rz / rz_old, _flat(p), _flat(z))
             p_delta = shift + (rz / rz_old) * p_delta
             q = self.body.apply(p, room[0])

@@ -85,7 +85,11 @@ class GraphCell(PeriodicLayer):
 
 def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> ElasticCell:
     """Set up the operators that a graph cell needs, and its contact geometry."""
-    from multiscale.micro.elastic.active_set import ElasticBody, solve_elastic_contact
+    from multiscale.micro.elastic.active_set import (
+        ElasticBody,
+        ReferenceInverse,
+        solve_elastic_contact,
+    )
     from multiscale.micro.elastic.flat_reference import flat_reference, surface_slopes
     from multiscale.micro.elastic.stiffness import stiffness_operator
 
@@ -117,11 +121,9 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
 
     body = ElasticBody(
         apply=stiffness_operator(mesh, lame, shear, mean_dilatation=cell.mean_dilatation),
-        solve=solve,
         trace=lambda u: along(u[:, -1]),
         add=add,
-        compliance=compliance,
-        surface_stiffness=stiffness,
+        inverse=ReferenceInverse(solve, compliance, stiffness),
         shape=(nx, cell.layers, 3, ny),
         dtype=dtype,
     )

@@ -14,7 +14,12 @@ from multiscale.fe.mesh_file import check_orientation
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.averages import ContactSurface, recovered_force
-from multiscale.micro.elastic.active_set import ElasticBody, solve_elastic_contact
+from multiscale.micro.elastic.active_set import (
+    ElasticBody,
+    Inverse,
+    ReferenceInverse,
+    solve_elastic_contact,
+)
 from multiscale.micro.elastic.graph_cell import element_edges
 from multiscale.micro.elastic_cell import (
     ContactState,
@@ -117,41 +122,44 @@ def _solver(
 ) -> Callable[..., ContactState]:
     """Choose what solves contact: factors of the stiffness, or multigrid where it is large."""
     number = unknowns.number
-    if cell.multigrid:
-        from multiscale.micro.mesh.multigrid_contact import LargeBody, solve_large_contact
-
-        place, size = unknowns.place, float(np.ptp(basis.doflocs))
-        modes = rigid_motions(basis.doflocs.T[place // 3] / size, place % 3)
-        large = LargeBody(stiffness, modes, place, number[:, 2])
-        return lambda gap, closing, **question: solve_large_contact(large, gap, **question)
     rows, component = np.nonzero(np.broadcast_to(number[:, 2:] >= 0, normal.shape) & (number >= 0))
     shape = (len(number), stiffness.shape[0])
     trace = sparse.csr_array(
         (normal[rows, component], (rows, number[rows, component])), shape=shape
     )
     push = sparse.csr_array(trace.T)
-    solve_free = factorise(stiffness, name="the stiffness of the cell")
     apply: Operator = stiffness.__matmul__
-    if cell.sides is CellSides.TRACTION:
-        constraint = mean_strain(basis) @ unknowns.expand
-        apply, solve_free = _constrained(stiffness, solve_free, constraint)
+    inverse: Inverse
+    if cell.multigrid:
+        from multiscale.micro.mesh.multigrid import MultigridInverse
 
-    def solve(
-        force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
-    ) -> np.ndarray:
-        u = np.zeros(stiffness.shape[0]) if force is None else solve_free(force)
-        return u - solve_free(push @ correct(trace @ u))
+        place, size = unknowns.place, float(np.ptp(basis.doflocs))
+        modes = rigid_motions(basis.doflocs.T[place // 3] / size, place % 3)
+        inverse = MultigridInverse(stiffness, modes, place, number[:, 2])
+    else:
+        solve_free = factorise(stiffness, name="the stiffness of the cell")
+        if cell.sides is CellSides.TRACTION:
+            constraint = mean_strain(basis) @ unknowns.expand
+            apply, solve_free = _constrained(stiffness, solve_free, constraint)
+
+        def solve(
+            force: np.ndarray | None, correct: Operator, out: np.ndarray | None = None
+        ) -> np.ndarray:
+            u = np.zeros(stiffness.shape[0]) if force is None else solve_free(force)
+            return u - solve_free(push @ correct(trace @ u))
+
+        inverse = ReferenceInverse(
+            solve, lambda force: trace @ solve_free(push @ force), lambda values: values
+        )
 
     def add(vector: np.ndarray, values: np.ndarray) -> None:
         vector += push @ values
 
     body = ElasticBody(
         apply=lambda u, out=None: apply(u),
-        solve=solve,
         trace=lambda u: trace @ u,
         add=add,
-        compliance=lambda force: trace @ solve_free(push @ force),
-        surface_stiffness=lambda values: values,
+        inverse=inverse,
         shape=(stiffness.shape[0],),
     )
     return partial(solve_elastic_contact, body)
