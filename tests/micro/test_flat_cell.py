@@ -7,7 +7,8 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
-from multiscale.micro.flat.contact import coarse_start, contact
+from multiscale.micro.flat import contact
+from multiscale.micro.flat.contact import coarse_start
 from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_gap
 from tests.closed_forms import westergaard
 from tests.support import rough_square, wave

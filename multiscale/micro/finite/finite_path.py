@@ -15,6 +15,7 @@ from multiscale.micro.elastic.graph_cell import element_edges
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.newton import walk_step
 from multiscale.micro.finite.scene import CellScene, CellState, rest_state
+from multiscale.micro.layer import PeriodicLayer
 from multiscale.micro.path import Path, Target
 from multiscale.micro.step_loop import Step
 
