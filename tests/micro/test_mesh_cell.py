@@ -163,7 +163,7 @@ def test_multigrid_and_factors_have_one_answer(kind, sides, monkeypatch):
     assert "multigrid" in cell.needs().built
     multigrid = solve_cell(cell, PATH, keep_fields=True)
     assert multigrid["converged"].values.all()
-    assert np.all(multigrid["linear_iterations"] > 3)
+    assert np.all(multigrid["linear_iterations"] > 1)
     for name in ("pressure", "mean_gap", "traction"):
         scale = np.max(np.abs(factors[name].values))
         np.testing.assert_allclose(multigrid[name], factors[name], atol=1e-6 * scale)
