@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, GradedElastic, NeoHookean, Prony
 from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
-from multiscale.surfaces.statistics import nayak_parameter, rms_height, rms_slope
+from multiscale.surfaces.fourier import nayak_parameter, rms_height, rms_slope
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:

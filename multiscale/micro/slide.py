@@ -13,7 +13,7 @@ from multiscale.micro.cell import FiniteCell, GridCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.path import Path
 from multiscale.schema import SLIDING_RESPONSE, Dataset
-from multiscale.surfaces.statistics import rms_height
+from multiscale.surfaces.fourier import rms_height
 
 __all__ = ["shear_path", "slide_cell"]
 

@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 
 from multiscale.errors import CaseError
-from multiscale.surfaces.statistics import wavenumbers
+from multiscale.surfaces.fourier import wavenumbers
 from multiscale.surfaces.surface import Surface, remove_trend
 
 __all__ = [
@@ -25,7 +25,7 @@ AROUND = 5
 SPIKE, GAUSSIAN = 10.0, 1.4826
 """Distance of a spike over a standard deviation, and this over the median of a Gaussian."""
 
-_ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
+_ROUND_OFF = 1e-9  # relative: a mode exactly on a cut-off belongs to the band
 
 
 def detrend(surface: Surface) -> Surface:
@@ -40,17 +40,9 @@ def detrend(surface: Surface) -> Surface:
 def find_spikes(heights: np.ndarray) -> np.ndarray:
     r"""Find points that stand out of their surroundings.
 
-    Parameters
-    ----------
-    heights : ndarray, shape (nx, ny), m, NaN where undefined; a line scan has ``ny = 1``
-
-    Returns
-    -------
-    ndarray of bool, shape (nx, ny), whether a point is a spike; undefined points are none
-
-    Notes
-    -----
-    With the median :math:`m` of the 5 x 5 points about it, a point is a spike if
+    ``heights`` has the shape (nx, ny), m, NaN where undefined; a line scan has ``ny = 1``. The
+    result, bool of the same shape, is false at undefined points. With the median
+    :math:`m` of the 5 x 5 points about it, a point is a spike if
 
     .. math:: |h - m| > 10 \cdot 1.4826\, \mathrm{median}(|h - m| \ne 0),
 
@@ -104,11 +96,6 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
     -------
     Surface, heights :math:`\bar h + w(x)\, w(y)\, (h - \bar h)` with Tukey's window :math:`w`, m
 
-    Raises
-    ------
-    CaseError
-        If the taper is outside its range.
-
     Notes
     -----
     The middle stays as measured. The window has a bias: for statistically homogeneous roughness
@@ -138,12 +125,7 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
     ----------
     surface : Surface
     origin, points : tuple of int
-        First node (i, j), and points (nx, ny) of the piece, at least 2 each.
-
-    Raises
-    ------
-    CaseError
-        If the piece reaches beyond the map or has too few points.
+        First node (i, j), and points (nx, ny) of the piece, at least 2 each, within the map.
     """
     shape = surface.heights.shape
     if any(
@@ -169,8 +151,8 @@ def rotate(surface: Surface, angle: float) -> Surface:
     surface : Surface, the map; it need not be periodic
     angle : float
         Angle, rad. Multiples of a right angle are exact. Otherwise heights are interpolated by
-        cubic splines, which damps the shortest waves, and the result is the largest rectangle,
-        with sides in the ratio of the map or its inverse, that lies in the turned map.
+        cubic splines, which damps the shortest wavelengths, and the result is the largest
+        rectangle, with sides in the ratio of the map or its inverse, in the turned map.
 
     Returns
     -------
@@ -206,14 +188,11 @@ def rotate(surface: Surface, angle: float) -> Surface:
 def resample(surface: Surface, points: tuple[int, int]) -> Surface:
     """Put a periodic surface on another grid of the same cell, by its Fourier series.
 
-    A finer grid samples the same surface (1). For a coarser grid the waves that it cannot
-    represent are removed first, in each direction, so that no wave is aliased. A map that is not
+    A finer grid samples the same surface (1). For a coarser grid the modes that it cannot
+    represent are removed first, in each direction, so that no mode is aliased. A map that is not
     periodic oscillates at its edges: :func:`mirror` or :func:`window` it first.
 
-    Parameters
-    ----------
-    surface : Surface
-    points : tuple of int, grid points (nx, ny) of the result; fewer than 2 each are refused
+    ``points`` are the grid points (nx, ny) of the result, at least 2 each.
     """
     from scipy.signal import resample as resample_axis
 
@@ -227,9 +206,9 @@ def resample(surface: Surface, points: tuple[int, int]) -> Surface:
 
 
 def low_pass(surface: Surface, short_cutoff: float) -> Surface:
-    """Remove the waves of a periodic surface that are shorter than a wavelength.
+    """Remove the modes of a periodic surface that are shorter than a wavelength.
 
-    This limits a measured surface to the waves that a grid resolves. ``short_cutoff`` is the
+    This limits a measured surface to the wavelengths that a grid resolves. ``short_cutoff`` is the
     shortest wavelength that stays, m, positive.
     """
     if not 0.0 < short_cutoff < np.inf:
@@ -242,21 +221,10 @@ def low_pass(surface: Surface, short_cutoff: float) -> Surface:
 def composite(surface_1: Surface, surface_2: Surface) -> Surface:
     r"""Sum of two rough surfaces that face each other.
 
-    Parameters
-    ----------
-    surface_1, surface_2 : Surface
-        Both surfaces, with heights positive out of their own bodies, at the same points of the
-        joint, so that the gap at the mean-plane distance :math:`d` is :math:`d - h_1 - h_2`. A
-        side 2 measured from outside must first be mirrored in one direction.
-
-    Returns
-    -------
-    Surface, heights :math:`h_1 + h_2`, m: pressed against a plane, it has the same gaps
-
-    Raises
-    ------
-    CaseError
-        If the grids or sizes differ.
+    Both have one grid and size, and heights positive out of their bodies, at the same points of the
+    joint, so that the gap at the mean-plane distance :math:`d` is :math:`d - h_1 - h_2`: the sum
+    :math:`h_1 + h_2`, m, pressed against a plane, has the same gaps. A side 2 measured from outside
+    must first be mirrored in one direction.
     """
     if surface_1.heights.shape != surface_2.heights.shape:
         raise CaseError(

@@ -1,129 +1,268 @@
-"""Statistics of a rough surface: heights, slopes, spectrum."""
+"""Statistics of a measured map or line scan: density, self-affine fit, lay, bearing curve."""
+
+from dataclasses import astuple, dataclass
 
 import numpy as np
 import scipy
 
 from multiscale.errors import CaseError
+from multiscale.schema import SURFACE_STATISTICS, Dataset
+from multiscale.surfaces.fourier import Spectrum, breadth, ring_density, spectrum, wave_power
+from multiscale.surfaces.preparation import window
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["nayak_parameter", "rms_height", "rms_slope", "wavenumbers"]
+__all__ = [
+    "Lay",
+    "SelfAffineFit",
+    "describe_surface",
+    "find_lay",
+    "fit_of_statistics",
+    "fit_self_affine",
+]
+
+PIXELS_PER_WAVE = 4  # of the shortest reliable wavelength
+BINS_PER_DECADE = 12  # of the density that is fitted
+FEWEST_BINS = 6
+DRAWN_POINTS = 512  # along an edge of the picture
+SHARES = np.linspace(0.0, 1.0, 101)
+FITTED = ("hurst_exponent", "roll_off", "fit_level", "fit_deviation")  # the fields of a fit
 
 
-def rms_height(surface: Surface) -> float:
-    r"""Root mean square height about the mean, :math:`\langle (h - \bar h)^2 \rangle^{1/2}`, m."""
-    return float(surface.heights.std())
+@dataclass(frozen=True)
+class SelfAffineFit:
+    r"""A self-affine spectrum, :math:`C \propto \max(q, 2\pi/\lambda_r)^{-d-2H}`, and its range.
 
-
-def rms_slope(surface: Surface) -> float:
-    r"""Root mean square slope of a periodic surface, dimensionless.
-
-    Returns
-    -------
-    float
-        :math:`\langle |\nabla h|^2 \rangle^{1/2} = (\sum_q q^2 |\hat h_q|^2)^{1/2}`, by the Fourier
-        series. The slope of a measured map, which is not periodic, is told by
-        :func:`~.map_statistics.describe_surface`.
+    Attributes
+    ----------
+    hurst_exponent : float
+        :math:`H`, between 0 and 1.
+    roll_off : float, wavelength :math:`\lambda_r` above which the density is flat, m
+    level : float
+        Density of the flat part, m^4 of a map (``dimensions`` d = 2), m^3 of a profile (1).
+    deviation : float, root mean square deviation of the density from the fit, in decades
+    dimensions : int, 2 for a map and 1 for a profile
     """
-    q, power = wave_power(surface)
-    return float(np.sqrt(np.sum(q**2 * power)))
+
+    hurst_exponent: float
+    roll_off: float
+    level: float
+    deviation: float
+    dimensions: int = 2
+
+    def density(self, wavenumber: np.ndarray) -> np.ndarray:
+        """Evaluate the fit, m^4 or m^3, at wavenumbers, rad/m."""
+        q = np.maximum(wavenumber * self.roll_off / (2.0 * np.pi), 1.0)
+        return np.asarray(self.level * q ** (-self.dimensions - 2.0 * self.hurst_exponent))
+
+    def rms_height(self, long_cutoff: float, short_cutoff: float) -> float:
+        """Root mean square height of an isotropic surface with wavelengths of a band only, m.
+
+        The spectrum of the surface that belongs to a profile falls faster by one power.
+        """
+        q = 2.0 * np.pi * np.geomspace(1.0 / long_cutoff, 1.0 / short_cutoff, 2001)
+        weight = self.density(q) * (q / (2.0 * np.pi) if self.dimensions == 2 else 1.0 / np.pi)
+        return float(np.sqrt(np.trapezoid(weight, q)))
 
 
-def nayak_parameter(surface: Surface) -> float:
-    r"""Nayak's breadth of the spectrum of a periodic, isotropic surface, dimensionless.
+def fit_self_affine(
+    wavenumber: np.ndarray, density: np.ndarray, *, dimensions: int
+) -> SelfAffineFit | None:
+    """Fit a self-affine spectrum with a roll-off to a density, by least squares of logarithms.
+
+    Parameters
+    ----------
+    wavenumber, density : ndarray, shape (bins,)
+        Wavenumbers, rad/m, rising, and the positive density of a map, m^4, or of a profile, m^3.
+    dimensions : {2, 1}, whether the density belongs to a map or to a profile
 
     Returns
     -------
-    float
-        :math:`\alpha` of (3), at least 1.5 for a Gaussian surface.
+    SelfAffineFit or None, none if fewer than six intervals of a twelfth of a decade have modes
+    """
+    q, C = _logarithmic_bins(wavenumber, density)
+    if q.size < FEWEST_BINS:
+        return None
+    x, y, found = np.log(q), np.log(C), []
+    for first in range(q.size - FEWEST_BINS + 1):  # the bin at which the flat part ends
+        bent = np.maximum(x, x[first])
+        slope, level = np.polyfit(bent, y, 1)
+        hurst = float(np.clip(0.5 * (-slope - dimensions), 0.0, 1.0))
+        shape = -(dimensions + 2.0 * hurst) * (bent - x[first])
+        level = float(np.mean(y - shape))
+        error = float(np.sqrt(np.mean((y - shape - level) ** 2)))
+        roll_off = float(2.0 * np.pi / q[first])
+        decades = error / np.log(10.0)
+        found.append(SelfAffineFit(hurst, roll_off, float(np.exp(level)), decades, dimensions))
+    return min(found, key=lambda fit: fit.deviation)
 
-    Raises
-    ------
-    CaseError
-        If the surface is flat.
+
+def describe_surface(
+    surface: Surface, *, resolution: float | None = None, waves: Spectrum | None = None
+) -> Dataset:
+    r"""Describe a measured map, or a line scan: heights, slopes, spectrum, lay and bearing curve.
+
+    Parameters
+    ----------
+    surface : Surface
+        Map, or line scan of one point across, without trend. Statistics of heights and slopes
+        leave out filled points; the density counts them.
+    resolution : float, optional, shortest wavelength that the instrument resolves, m
+    waves : Spectrum, optional, known spectrum of the surface, not periodic
+
+    Returns
+    -------
+    Dataset
+        Follows ``SURFACE_STATISTICS``; unknown values are NaN. A flat surface is refused.
 
     Notes
     -----
-    .. math::
-        \alpha = \frac{m_0 m_4}{m_2^2}, \qquad
-        m_0 = \langle h^2 \rangle, \quad
-        m_2 = \tfrac12 \langle |\nabla h|^2 \rangle, \quad
-        m_4 = \tfrac38 \langle (\nabla^2 h)^2 \rangle,    \tag{3}
-
-    where the factors turn the means over the plane into the moments of a profile, if the surface
-    is isotropic. The means are sums over the waves (1). The shortest waves dominate the fourth
-    moment: use :func:`low_pass` on a measured surface first.
-
-    References
-    ----------
-    .. [1] P. R. Nayak, J. Lubr. Technol. 93 (1971) 398-407, doi:10.1115/1.3451608.
+    The density is that of the map under Hann's window, whose loss 9/64 (3/8 of a line scan) of
+    the mean square is given back. Wavelengths are reliable from half of the shorter edge down
+    to four pixels, the resolution of the instrument, or the wavelength beyond which the density no
+    longer falls as fast as a Hurst exponent of zero would, as of noise, whichever is longest.
     """
-    return breadth(*wave_power(surface))
+    waves = waves or spectrum([surface], periodic=False)
+    roughness = waves.roughness()
+    if not roughness.rms_height > 0.0:
+        raise CaseError("all heights are equal; give a rough surface")
+    known = surface.heights if surface.filled is None else surface.heights[~surface.filled]
+    level = (known - known.mean()) / roughness.rms_height
+    square, profile = level**2, surface.heights.shape[1] == 1
+    faded = window(surface, taper=0.5)
+    wavenumber, power = wave_power(faded)
+    q, C = _density(faded, wavenumber, power)
+    longest = 0.5 * (surface.size[0] if profile else min(surface.size))
+    pixel = surface.spacing[0] if profile else max(surface.spacing)
+    shortest = max(PIXELS_PER_WAVE * pixel, resolution or 0.0)
+    shortest = max(shortest, _noise_from(q, C, shortest, 1 if profile else 2))
+    fitted_to = max(shortest, 1.25 * roughness.shortest_wave)
+    fitted_from = min(longest, roughness.longest_wave)
+    band = (q >= 2.0 * np.pi / fitted_from) & (q <= 2.0 * np.pi / fitted_to) & (C > 0.0)
+    fit = fit_self_affine(q[band], C[band], dimensions=1 if profile else 2)
+    fitted = [np.nan] * 4 if fit is None else list(astuple(fit))[:4]
+    last = 2.0 * np.pi / shortest * (1.0 + 1e-9)  # a mode exactly on the limit is reliable
+    reliable = np.where(wavenumber <= last, power, 0.0)
+    broad = breadth(wavenumber, reliable) if reliable.any() else np.nan
+    lay = None if profile else _lay_of(surface, wavenumber, power, shortest)
+    step = max(1, -(-max(surface.heights.shape) // DRAWN_POINTS))
+    values = {
+        "height": surface.heights[::step, ::step].T,
+        "wavenumber": q,
+        ("profile_density" if profile else "power_spectral_density"): C,
+        "bearing_share": SHARES,
+        "bearing_height": np.quantile(known, 1.0 - SHARES) - known.mean(),
+        "dimensions": 1 if profile else 2,
+        "size": [*surface.size],
+        "rms_height": roughness.rms_height,
+        "rms_slope": roughness.rms_slope,
+        "longest_wave": roughness.longest_wave,
+        "shortest_wave": roughness.shortest_wave,
+        "longest_reliable": longest,
+        "shortest_reliable": shortest,
+        "skewness": np.mean(level * square),
+        "kurtosis": np.mean(square**2),
+        "peak_to_valley": np.ptp(known),
+        "nayak_parameter": broad / 1.5 if profile else broad,  # (3) without the factors 1/2, 3/8
+        "filled_share": surface.filled_share,
+        "fitted_to": fitted_to,
+        **dict(zip(FITTED, fitted, strict=True)),
+        "lay_angle": np.nan if lay is None else lay.angle,
+        "lay_ratio": np.nan if lay is None else lay.ratio,
+    }
+    return SURFACE_STATISTICS.build(values)
 
 
-def breadth(q: np.ndarray, power: np.ndarray) -> float:
-    """Nayak's parameter (3) of waves: wavenumbers, rad/m, and shares of the mean square, m^2."""
-    height_square, slope_square, curvature_square = (
-        float(np.sum(weight)) for weight in (power, q**2 * power, (q**2) ** 2 * power)
+def fit_of_statistics(statistics: Dataset) -> SelfAffineFit | None:
+    """Return the self-affine fit that a dataset of :func:`describe_surface` holds, if any."""
+    hurst, roll_off, level, deviation = (float(statistics[name]) for name in FITTED)
+    if not np.isfinite(level):
+        return None
+    return SelfAffineFit(hurst, roll_off, level, deviation, int(statistics["dimensions"]))
+
+
+def _density(
+    faded: Surface, wavenumber: np.ndarray, power: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wavenumbers, rad/m, and density under Hann's window, m^4 of a map and m^3 of a profile."""
+    if faded.heights.shape[1] > 1:
+        q, C, _ = ring_density(faded, wavenumber, power)
+        return q, C / (3.0 / 8.0) ** 2
+    length = faded.size[0]
+    square = Surface(faded.heights, (length, length))  # rings of one mode
+    q, C, _ = ring_density(square, wavenumber, power)
+    return q, C / length / (3.0 / 8.0)
+
+
+def _logarithmic_bins(q: np.ndarray, C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average wavenumber and density over equal parts of a decade that have modes."""
+    place = np.floor(BINS_PER_DECADE * np.log10(q)).astype(int)
+    parts = [place == bin_ for bin_ in np.unique(place)]
+    return np.array([q[part].mean() for part in parts]), np.array(
+        [C[part].mean() for part in parts]
     )
-    if slope_square == 0.0:
-        raise CaseError("a flat surface has no Nayak parameter; give a rough one")
-    m0, m2, m4 = height_square, slope_square / 2.0, 3.0 / 8.0 * curvature_square
-    return float(m0 * m4 / m2**2)  # (3)
 
 
-def ring_density(
-    surface: Surface, q: np.ndarray, power: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r"""Wavenumber, rad/m, density (4), m^4, and number of waves of each ring of :func:`wave_power`.
+def _noise_from(q: np.ndarray, C: np.ndarray, shortest: float, dimensions: int) -> float:
+    """Longest wavelength beyond which the density is as flat as noise, m; 0 if it falls on."""
+    seen = (q <= 2.0 * np.pi / shortest) & (C > 0.0) & (q > 0.0)
+    if np.count_nonzero(seen) < FEWEST_BINS:
+        return 0.0
+    x, y = map(np.log, _logarithmic_bins(q[seen], C[seen]))
+    width, start = BINS_PER_DECADE // 3, 0
+    for first in range(x.size - width - 1, -1, -1):
+        part = slice(first, first + width + 1)
+        if np.polyfit(x[part], y[part], 1)[0] < -dimensions:
+            start = first + width
+            break
+    return 0.0 if start >= x.size - 1 or start == 0 else float(2.0 * np.pi / np.exp(x[start]))
+
+
+@dataclass(frozen=True)
+class Lay:
+    r"""Direction of ridges and grooves.
+
+    Attributes
+    ----------
+    angle : float, angle of the lay to the x axis, rad, from 0 to pi
+    ratio : float, root mean square slope across the lay over the slope along it, at least 1
+    oblique : float
+        Share of the lay that a mirror image loses: 0 for an isotropic map and for a lay along an
+        axis, :math:`|\sin 2\theta|` for parallel ridges.
+    """
+
+    angle: float
+    ratio: float
+    oblique: float
+
+
+def find_lay(surface: Surface, short_cutoff: float) -> Lay:
+    r"""Find the direction of the lay of a map, and how much of it a mirror image loses.
+
+    Parameters
+    ----------
+    surface : Surface
+        The map, detrended. Hann's window makes it periodic.
+    short_cutoff : float, shortest wavelength that counts, m
 
     Notes
     -----
-    Convention of [1]_ for the two-dimensional density, averaged over rings of width
-    :math:`2\pi / \min(L_x, L_y)`:
-
-    .. math::
-        C_q = L_x L_y\, |\hat h_q|^2, \qquad
-        \langle (h - \bar h)^2 \rangle = \frac{1}{L_x L_y} \sum_\text{rings} N\, C
-        \approx \frac{1}{2\pi} \int_0^\infty q\, C(q)\, dq.    \tag{4}
-
-    The sum is exact: waves in the corners are kept, in incomplete rings.
-
-    References
-    ----------
-    .. [1] T. D. B. Jacobs, T. Junge and L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017)
-       013001, doi:10.1088/2051-672X/aa51f8.
+    Of :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla h^T \rangle` the
+    eigenvalues are the mean square slopes across and along the lay, and
+    :math:`2 |T_{xy}| / (T_{xx} + T_{yy})` is lost in a mirror image, which has four modes
+    :math:`(\pm q_x, \pm q_y)` for a mode :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes:
+    ridges become a herringbone.
     """
-    rings = np.rint(q / (2.0 * np.pi / min(surface.size))).astype(int).ravel()
-    weights = _weights(surface).ravel()
-    number = np.bincount(rings, weights)
-    used = number > 0.0
-    number = number[used]
-    wavenumber = np.bincount(rings, weights * q.ravel())[used] / number
-    area = surface.size[0] * surface.size[1]
-    return wavenumber, area * np.bincount(rings, power.ravel())[used] / number, number  # (4)
+    return _lay_of(surface, *wave_power(window(surface, taper=0.5)), short_cutoff)
 
 
-def wavenumbers(surface: Surface) -> np.ndarray:
-    """Wavenumber of each entry of the real transform, rad/m, shape (nx, ny // 2 + 1)."""
+def _lay_of(surface: Surface, q: np.ndarray, power: np.ndarray, short_cutoff: float) -> Lay:
+    """Lay of a map with known modes under a window; see :func:`find_lay`."""
+    power = np.where(q <= 2.0 * np.pi / short_cutoff, power, 0.0)
     (nx, ny), (dx, dy) = surface.heights.shape, surface.spacing
-    wavenumber: np.ndarray = (
-        2.0 * np.pi * np.hypot(scipy.fft.fftfreq(nx, dx)[:, None], scipy.fft.rfftfreq(ny, dy))
-    )
-    return wavenumber
-
-
-def _weights(surface: Surface) -> np.ndarray:
-    """Count the waves q and -q of each entry of the real transform; 0 for the mean."""
-    nx, ny = surface.heights.shape
-    weights = np.full((nx, ny // 2 + 1), 2.0)
-    weights[:, 0] = 1.0
-    if ny % 2 == 0:
-        weights[:, -1] = 1.0
-    weights[0, 0] = 0.0
-    return weights
-
-
-def wave_power(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Return wavenumbers, rad/m, and shares of the mean square height, m^2: (nx, ny // 2 + 1)."""
-    modulus = np.abs(scipy.fft.rfft2(surface.heights, norm="forward"))
-    return wavenumbers(surface), _weights(surface) * modulus**2
+    qx = 2.0 * np.pi * scipy.fft.fftfreq(nx, dx)[:, None]
+    qy = 2.0 * np.pi * scipy.fft.rfftfreq(ny, dy)
+    xx, yy, xy = (float(np.sum(product * power)) for product in (qx**2, qy**2, qx * qy))
+    along, across = np.linalg.eigvalsh([[xx, xy], [xy, yy]])
+    angle = float((0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi) % np.pi)
+    ratio = float(np.sqrt(across / max(along, 1e-12 * across))) if across > 0.0 else 1.0
+    return Lay(angle, ratio, 2.0 * abs(xy) / max(xx + yy, 1e-300))

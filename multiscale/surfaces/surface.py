@@ -31,12 +31,6 @@ class Surface:
         Whether a point of a map was filled instead of measured; no point if not given. Detrended
         and cropped maps keep it.
 
-    Raises
-    ------
-    CaseError
-        If the heights are not a map of finite numbers with at least 2 points along one direction,
-        a length is not positive, or ``filled`` has another shape.
-
     Examples
     --------
     >>> surface = Surface(np.zeros((4, 2)), size=(8.0e-6, 2.0e-6))

@@ -10,24 +10,19 @@ from multiscale.surfaces.surface import Surface
 
 __all__ = ["Anisotropy", "self_affine"]
 
-_ROUND_OFF = 1e-9  # relative: a wave exactly on a cut-off belongs to the band
+_ROUND_OFF = 1e-9  # relative: a mode exactly on a cut-off belongs to the band
 
 
 @dataclass(frozen=True)
 class Anisotropy:
-    """Lay of a rough surface whose waves are longer along one direction.
+    """Lay of a rough surface with longer wavelengths along one direction.
 
     Attributes
     ----------
     ratio : float
-        Length of the waves along the lay over their length across it, at least 1; also the root
-        mean square slope across the lay over the slope along it.
+        Wavelength along the lay over the wavelength across it, at least 1; also the root mean
+        square slope across the lay over the slope along it.
     direction : float, angle of the lay, the direction of ridges and grooves, to the x axis, rad
-
-    Raises
-    ------
-    CaseError
-        If the ratio is below 1.
     """
 
     ratio: float
@@ -70,12 +65,6 @@ def self_affine(
     anisotropy : Anisotropy, optional
         Lay of the surface, whose cut-offs and roll-off then hold across it; isotropic if not given.
 
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range, the grid cannot represent the shortest wave, or no
-        wave of the cell lies in the band.
-
     Notes
     -----
     With independent phases :math:`\varphi_q`, uniform in :math:`[0, 2\pi)`,
@@ -90,14 +79,14 @@ def self_affine(
 
     Only the phases are random, not the moduli. Hence every realisation has exactly the given root
     mean square height or slope, and the same spectrum. The scatter of an ensemble with Gaussian
-    moduli is missing: with few waves in the band, statistics over realisations are too narrow.
+    moduli is missing: with few modes in the band, statistics over realisations are too narrow.
 
     The surface depends on the seed, the cell and the band, not on the grid: a finer grid samples
     the same surface at more points. Phases are drawn in the order of rising :math:`q`, so a lower
-    ``short_cutoff`` adds waves and keeps the phases of the longer waves.
+    ``short_cutoff`` adds modes and leaves the phases of the longer ones.
 
-    The grid must have more than two points per wave in each direction to represent the surface; to
-    resolve contact on it, use at least 8 points per shortest wave.
+    The grid must have more than two points per wavelength in each direction to represent the
+    surface; to resolve contact on it, use at least 8 points per shortest wavelength.
 
     Examples
     --------
@@ -136,7 +125,7 @@ def self_affine(
     q_roll_off = 2.0 * np.pi / roll_off
     modulus = (np.maximum(across, q_roll_off) / q_roll_off) ** (-1.0 - hurst_exponent)  # (2)
     if rms_height is not None:
-        modulus *= rms_height / np.sqrt(2.0 * np.sum(modulus**2))  # 2: the waves -q
+        modulus *= rms_height / np.sqrt(2.0 * np.sum(modulus**2))  # 2: the modes -q
     else:
         modulus *= rms_slope / np.sqrt(2.0 * np.sum((q * modulus) ** 2))
 
@@ -151,7 +140,7 @@ def self_affine(
 def _waves(
     size: tuple[float, float], short_cutoff: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """List one wave of each pair q, -q, in rising order: i, j and wavenumber, rad/m."""
+    """List one mode of each pair q, -q, in rising order: i, j and wavenumber, rad/m."""
     length, width = size
     i_max, j_max = (int(edge / short_cutoff * (1.0 + _ROUND_OFF)) for edge in size)
     i, j = np.meshgrid(np.arange(-i_max, i_max + 1), np.arange(j_max + 1), indexing="ij")

@@ -9,7 +9,7 @@ import pytest
 
 from multiscale.micro import Cell, Path, solve_cell
 from multiscale.surfaces import nayak_parameter
-from multiscale.surfaces.statistics import wavenumbers
+from multiscale.surfaces.fourier import wavenumbers
 from tests.closed_forms import full_contact
 from tests.support import rough_square
 

@@ -13,8 +13,8 @@ from multiscale.micro.elastic_cell import ContactState, ElasticCell, at_first_to
 from multiscale.micro.layer import PeriodicLayer, SecondBody, statistics_of
 from multiscale.micro.path import Path
 from multiscale.needs import Needs
+from multiscale.surfaces.fourier import rms_slope
 from multiscale.surfaces.preparation import composite
-from multiscale.surfaces.statistics import rms_slope
 from multiscale.surfaces.surface import Surface
 
 __all__ = ["FlatCell", "assemble_flat_cell", "flat_gap"]

@@ -22,7 +22,7 @@ from multiscale.surfaces import (
     rotate,
     window,
 )
-from multiscale.surfaces.statistics import ring_density, wave_power
+from multiscale.surfaces.fourier import ring_density, wave_power
 from tests.support import rough_square
 
 BAND = {"hurst_exponent": 0.8, "long_cutoff": 1.0e-4, "short_cutoff": 1.0e-5}
