@@ -18,7 +18,6 @@ from .model import ContactLaw as ContactLaw
 from .model import Model as Model
 from .model import Solver as Solver
 from .observables import coordination as coordination
-from .observables import love_weber as love_weber
 from .observables import network as network
 from .observables import with_plate_stress as with_plate_stress
 from .observables import with_run_out as with_run_out

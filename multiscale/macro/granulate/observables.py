@@ -1,4 +1,4 @@
-"""Averages of a granulate: mean stress, coordination number, and what its walls bear."""
+"""Averages of a granulate: coordination number, and what its walls bear."""
 
 import numpy as np
 
@@ -7,7 +7,6 @@ from multiscale.schema import GRANULATE, Dataset
 
 __all__ = [
     "coordination",
-    "love_weber",
     "network",
     "with_plate_stress",
     "with_run_out",
@@ -34,34 +33,6 @@ def network(result: Dataset, frame: int = -1) -> tuple[np.ndarray, np.ndarray, n
         result[name].values[here] for name in ("contact_ends", "contact_force", "branch")
     )
     return ends, force, branch
-
-
-def love_weber(force: np.ndarray, branch: np.ndarray, volume: float) -> np.ndarray:
-    r"""Return the mean stress, shape (3, 3), Pa; tension positive.
-
-    Parameters
-    ----------
-    force, branch : ndarray, shape (contacts, 3)
-        Force :math:`f` on one grain, N, and its centre minus the other centre or the contact with
-        a wall, :math:`l`, m.
-    volume : float, volume :math:`V` that contains the contacts, m3
-
-    Notes
-    -----
-    .. math:: \sigma = -\frac{1}{V} \sum_c f_c \otimes l_c    \tag{1}
-
-    Examples
-    --------
-    A chain along z with one contact per 0.5 m3, a force of 3 N and a branch of 0.2 m:
-
-    >>> love_weber(np.array([[0.0, 0.0, 3.0]]), np.array([[0.0, 0.0, 0.2]]), 0.5)[2, 2].round(12)
-    np.float64(-1.2)
-
-    References
-    ----------
-    .. [1] J. Weber, Bull. Liaison Ponts Chaussées 20 (1966) 1-20.
-    """
-    return np.asarray(-(force.T @ branch) / volume)
 
 
 def coordination(ends: np.ndarray, n_grains: int, *, rattlers_below: int = 4) -> tuple[float, int]:

@@ -65,7 +65,7 @@ def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limit
             break
         weight = problem.weight(point)
         try:
-            solve = model.tangent.factorise(model.tangent.entries(weight))
+            solve = model.factorise(weight)
         except MultiscaleError:
             run.stop(Status.STALLED)
             break
@@ -110,7 +110,7 @@ class _Problem:
     def begin(self) -> _Point:
         """Return the first iterate: the structure without slack, moved into the interior."""
         model, mask = self.model, self.one_sided
-        solve = model.tangent.factorise(model.tangent.entries(self.measure))
+        solve = model.factorise(self.measure)
         u = solve(self.load - model.gather(model.prestress))
         elastic = model.prestress + self.measure * model.elongate(u)
         inwards = START_DISTANCE * float(np.abs(elastic).mean())

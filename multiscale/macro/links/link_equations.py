@@ -117,11 +117,7 @@ class LinkEquations:
     @cached_property
     def operator(self) -> csr_array:
         """Sparse B, shape (rows, n)."""
-        row = np.repeat(np.arange(len(self.unknown)), self.unknown.shape[1])
-        column, value = self.unknown.ravel(), self.coefficient.ravel()
-        acts = (column >= 0) & (value != 0.0)
-        shape = (len(self.unknown), self.n)
-        return csr_array((value[acts], (row[acts], column[acts])), shape=shape)
+        return self._rows((self.unknown >= 0) & (self.coefficient != 0.0), self.coefficient)
 
     @property
     def finite_stiffness(self) -> np.ndarray:
@@ -133,15 +129,22 @@ class LinkEquations:
     @cached_property
     def tangent(self) -> Tangent:
         """Tangent with the pattern of the unknowns that rows couple."""
-        free = self.unknown >= 0
-        first = np.append(0, np.cumsum(free.sum(axis=1)))
-        shape = (len(self.unknown), self.n)
-        coupled = csr_array((np.ones(first[-1], np.int8), self.unknown[free], first), shape)
+        coupled = self._rows(self.unknown >= 0, np.ones_like(self.unknown))
         upper = triu(coupled.T @ coupled, format="csr")
         upper.sort_indices()
         place = _places(self.unknown, upper.indptr, upper.indices)
         cholesky = prepare_cholesky(upper.indptr, upper.indices)
         return Tangent(upper.indptr, upper.indices, place, self.coefficient, cholesky)
+
+    def _rows(self, entry: np.ndarray, value: np.ndarray) -> csr_array:
+        """Return some entries of the rows as a sparse matrix, shape (rows, n)."""
+        first = np.append(0, np.cumsum(entry.sum(axis=1)))
+        shape = (len(self.unknown), self.n)
+        return csr_array((value[entry], self.unknown[entry], first), shape)
+
+    def factorise(self, stiffness: np.ndarray) -> Solve:
+        """Return the function that solves with B^T k B, for stiffnesses k of the rows, N/m."""
+        return self.tangent.factorise(self.tangent.entries(stiffness))
 
     def at_nodes(self, u: np.ndarray) -> np.ndarray:
         """Return unknowns at the nodes, shape (nodes, c), m and rad; zero for fixed components."""
@@ -150,11 +153,11 @@ class LinkEquations:
 
     def elongate(self, u: np.ndarray) -> np.ndarray:
         """Return B u, shape (rows,), m."""
-        return np.asarray(_elongations(self.unknown, self.coefficient, u))
+        return np.asarray(self.operator @ u)
 
     def gather(self, tension: np.ndarray) -> np.ndarray:
         """Return B^T tau, shape (n,), N."""
-        return np.asarray(_nodal_forces(self.unknown, self.coefficient, tension, self.n))
+        return np.asarray(self.operator.T @ tension)
 
 
 def equations(system: LinkSystem) -> LinkEquations:
@@ -197,7 +200,7 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         if not isinstance(law, Beam):
             continue
         links = np.flatnonzero(system.kind == index)
-        x, y, z = beam_axes(system.direction[links], np.array(law.up, dtype=float))
+        x, y, z = _beam_axes(system.direction[links], np.array(law.up, dtype=float))
         chord = 2.0 / system.length[links, None]
         modes = np.zeros((5, links.size, 2, 6))
         modes[0, :, 0, 3:], modes[0, :, 1, 3:] = -x, x
@@ -211,7 +214,7 @@ def _beam_modes(system: LinkSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return np.concatenate(rows), np.concatenate(coefficients), np.concatenate(stiffness)
 
 
-def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the local axes x, y, z of beams, each of shape (beams, 3)."""
     up = up / np.sqrt(up @ up)
     along = np.abs(direction @ up) > 1.0 - 1e-9
@@ -222,7 +225,7 @@ def beam_axes(direction: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def compatibility(system: LinkSystem) -> csr_array:
-    r"""Return the sparse compatibility operator of the free unknowns."""
+    """Return the sparse compatibility operator of the free unknowns, shape (rows, n)."""
     return equations(system).operator
 
 
@@ -261,32 +264,6 @@ def force_scale(model: LinkEquations, load: np.ndarray) -> float:
 def round_off(tension: np.ndarray) -> float:
     """Return the force out of balance due to the rounding of the tensions, N."""
     return float(8.0 * np.finfo(float).eps * np.abs(tension).max())
-
-
-@compiled
-def _elongations(unknown: np.ndarray, coefficient: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return B u, shape (rows,)."""
-    e = np.empty(unknown.shape[0])
-    for row in range(unknown.shape[0]):
-        total = 0.0
-        for p in range(unknown.shape[1]):
-            if unknown[row, p] >= 0:
-                total += coefficient[row, p] * u[unknown[row, p]]
-        e[row] = total
-    return e
-
-
-@compiled
-def _nodal_forces(
-    unknown: np.ndarray, coefficient: np.ndarray, tension: np.ndarray, n: int
-) -> np.ndarray:
-    """Return B^T tau, shape (n,)."""
-    force = np.zeros(n)
-    for row in range(unknown.shape[0]):
-        for p in range(unknown.shape[1]):
-            if unknown[row, p] >= 0:
-                force[unknown[row, p]] += coefficient[row, p] * tension[row]
-    return force
 
 
 @compiled

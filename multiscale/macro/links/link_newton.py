@@ -181,7 +181,7 @@ def solve_newton(
             if solve is None or not same or stale:
                 share = np.where(carries, 1.0, slack_stiffness.share)
                 try:
-                    solve = model.tangent.factorise(model.tangent.entries(share * model.stiffness))
+                    solve = model.factorise(share * model.stiffness)
                 except MultiscaleError:
                     run.stop(Status.STALLED)
                     break

@@ -218,7 +218,7 @@ def _solve_complementarity(model: LinkEquations, load_factor: float, tolerance: 
     k = model.stiffness[one_sided]
     sign = np.where(np.isfinite(model.lower[one_sided]), 1.0, -1.0)
     pull = (model.operator[one_sided].T * (sign * k)).toarray()  # B_c^T k_c
-    solve = model.tangent.factorise(model.tangent.entries(model.stiffness))
+    solve = model.factorise(model.stiffness)
     motion = solve(pull)
     matrix = np.diag(k) - pull.T @ motion
     free = solve(load_factor * model.load - model.gather(model.prestress))
