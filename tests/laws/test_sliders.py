@@ -38,7 +38,7 @@ def bed(normal=NORMAL, slabs=32, friction=MU, pressures=(LOW, HIGH)):
 
 def random_jumps(law, paths, steps, rng, *, plane=True):
     """Pressures over two decades, slip distances below and beyond the limit, (steps, 3, paths)."""
-    first = law.normal.loading if isinstance(law.normal, HystereticLaw) else law.normal
+    first = law.normal.first_loading
     pressure = 10.0 ** rng.uniform(np.log10(LOW), np.log10(HIGH), (steps, paths))
     reach = MU / KAPPA * 0.2e-6 * 10.0 ** rng.uniform(-1.5, 1.0, (1, paths))
     shear = reach * rng.normal(size=(2, steps, paths))
