@@ -43,10 +43,10 @@ import numpy as np
 
 from multiscale.micro.elastic.flat_reference import Field, Reference, flat_inverse
 from multiscale.micro.elastic.lateral_fft import LateralInverse
-from multiscale.micro.finite.batch import kernel
 from multiscale.micro.finite.equations import Iterate
 from multiscale.micro.finite.large_strain import pressure_scale
 from multiscale.micro.finite.scene import join
+from multiscale.micro.finite.strain import kernel
 from multiscale.micro.finite.surfaces import MIRROR, Meeting
 from multiscale.micro.flat.contact import solve_flat
 from multiscale.micro.layer import GraphMesh, PeriodicLayer

@@ -37,7 +37,7 @@ from scipy.sparse import csr_array
 
 from multiscale.executors import run_ranges
 from multiscale.micro.elastic_cell import at_first_touch
-from multiscale.micro.finite.batch import kernel
+from multiscale.micro.finite.strain import kernel
 from multiscale.numerics.compiled import compiled
 from multiscale.surfaces.surface import Surface
 

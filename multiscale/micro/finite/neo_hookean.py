@@ -1,21 +1,22 @@
 r"""Neo-Hookean stress and tangent of a batch, with the frozen stress of viscous branches."""
 
 from multiscale.micro.elastic.hexahedron import BATCH
-from multiscale.micro.finite.batch import (
+from multiscale.micro.finite.matrix import FIRST, SECOND, STEP
+from multiscale.micro.finite.strain import (
     FLUX,
     GEOMETRY,
     GRADIENT,
+    LAW,
     LOG,
-    METRIC,
     PULLED,
     WEIGHT,
     kernel,
     point_rows,
 )
-from multiscale.micro.finite.element_stiffness import FIRST, SECOND, STEP
 
 __all__ = ["neo_hookean"]
 
+METRIC = LAW  # 6: R
 LATER = METRIC + 6 * BATCH  # 9: columns of X
 CURVED = LATER + 9 * BATCH  # 6: M
 

@@ -21,7 +21,7 @@ translations, the rounding of single precision does not affect them.
 import numpy as np
 
 from multiscale.micro.elastic.hexahedron import BATCH
-from multiscale.micro.finite.batch import kernel, part
+from multiscale.micro.finite.strain import kernel, part
 from multiscale.numerics.compiled import compiled
 
 __all__ = [
