@@ -1,4 +1,4 @@
-"""What a case may say of a representative volume: its pores and cracks, its size, its solid."""
+"""Tables of a representative volume in a case: its pores and cracks, its size, its solid."""
 
 from collections.abc import Iterator
 from itertools import product

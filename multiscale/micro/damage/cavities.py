@@ -36,14 +36,14 @@ EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a &
 
 @dataclass(frozen=True)
 class SectionPlane:
-    """A plane with its own coordinates y: x = origin + y @ frame.
+    """A plane with coordinates y: x = origin + y @ frame.
 
     Attributes
     ----------
     origin : ndarray, shape (3,), a point of the plane, m
     normal : ndarray, shape (3,), unit normal
     frame : ndarray, shape (2, 3), orthonormal directions in the plane, right-handed with the normal
-    slab : float, thickness of the slab about the plane whose flat cracks count, m
+    slab : float, thickness of the slab about the plane in which flat cracks count, m
     """
 
     origin: np.ndarray
@@ -180,7 +180,7 @@ class Cracks(Bodies):
         return np.asarray(np.abs(self.normal) @ spacing)
 
     def section(self, plane: SectionPlane) -> tuple[np.ndarray, np.ndarray]:
-        """Project the cracks that meet the slab of the plane on it, with area A abs(n . m)."""
+        """Projections of the cracks that meet the slab of the plane, with area A abs(n . m)."""
         distance = np.abs((self.centre - plane.origin) @ plane.normal)
         height = np.linalg.norm(np.einsum("nij,i->nj", self.root, plane.normal), axis=1)
         size = self.reach.max(axis=1)
@@ -263,11 +263,6 @@ class Cavities:
     periodic : bool
         Whether the parts of bodies outside the box enter again on the opposite side.
 
-    Raises
-    ------
-    CaseError
-        If a length is not positive.
-
     Examples
     --------
     >>> from multiscale.micro.damage import spheres
@@ -283,11 +278,6 @@ class Cavities:
         object.__setattr__(self, "size", tuple(float(length) for length in self.size))
         single = isinstance(self.bodies, Bodies)
         object.__setattr__(self, "bodies", (self.bodies,) if single else tuple(self.bodies))
-
-    @property
-    def volume(self) -> float:
-        """Volume of the box, m³."""
-        return float(np.prod(self.size))
 
     @cached_property
     def images(self) -> list[Bodies]:
@@ -378,11 +368,6 @@ def voxelise(rve: Cavities, shape: int | tuple[int, int, int]) -> VoxelImage:
     -------
     VoxelImage
         The image; the error of its sections and stiffness falls with the size of the voxels.
-
-    Raises
-    ------
-    CaseError
-        If the volume is no ``Cavities``, or an axis has no voxel.
     """
     if not isinstance(rve, Cavities):
         raise CaseError(f"voxelise takes Cavities, got {type(rve).__name__}")

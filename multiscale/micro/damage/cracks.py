@@ -9,7 +9,7 @@ section that it covers by eq (1), cracks add up to the compliance
     S = S_0 + \sum_i \frac{16 (1-\nu^2)}{3 E L^3}\, \frac{a_i^3}{1 - d_i}\,
     N_i^T \Big[ n n^T + \frac{2}{2-\nu} (1 - n n^T) \Big] N_i, \qquad t = N \sigma,    \tag{1}
 
-which is Kachanov's sum for small :math:`d` and lets a crack cut the cube at :math:`d = 1`. The
+which is Kachanov's sum for small :math:`d` and a crack cuts the cube at :math:`d = 1`. The
 energy that its growth releases in mode I gives
 
 .. math:: K_I = 2 (n \cdot t)\, \sqrt{a/\pi}\, \frac{\sqrt{1 - d/3}}{1 - d}.    \tag{2}
@@ -47,7 +47,7 @@ CUT = 0.999
 """Share of a section at which a crack has cut the volume."""
 
 RECORDS = 25
-"""Events of a volume that are kept, evenly spread over all."""
+"""Events of a volume that are recorded, evenly spread over all."""
 
 PLANES = 8
 """Planes of a volume among which the worst one is searched, across the pull."""
@@ -56,6 +56,11 @@ LEVELS = np.linspace(1.0, 0.0, 41)
 """Stresses over the strength at which openings are averaged over volumes."""
 
 TAIL = 0.025
+
+UNKNOWN_LAW = (
+    "the softening law of the volume is unknown, as its crack reaches another one before it cuts "
+    "the volume; give fewer cracks, or through = true, as if it grew alone"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +77,6 @@ class Microcracks:
     rise, bridging : float
         The toughness rises by the share ``rise`` while a crack grows by some times the length
         ``bridging``, m: :math:`K_{Ic} [1 + r (1 - e^{-(a - a_0)/l})]`, as grains hold its faces.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is out of range, or a crack wider than the cube.
     """
 
     edge: float
@@ -111,13 +111,8 @@ class Microcracks:
 
         Parameters
         ----------
-        rve : Cavities, a periodic cube with circular cracks alone, of a :class:`~.Recipe`
+        rve : Cavities, a periodic cube with circular cracks only, of a :class:`~.Recipe`
         **solid : float, the other parameters of the class
-
-        Raises
-        ------
-        CaseError
-            If the volume is no periodic cube, or holds anything but circular cracks.
         """
         flat = [kind for kind in rve.bodies if kind.flat]
         semi_axes = [np.linalg.norm(kind.root, axis=1) for kind in flat]
@@ -126,11 +121,11 @@ class Microcracks:
                 f"cracks grow in a periodic cube, got a volume of {rve.size} m; give one size"
             )
         if len(flat) < len(rve.bodies) or any(
-            np.any(np.ptp(one, axis=1) > NEGLIGIBLE * one.max()) for one in semi_axes
+            np.any(np.ptp(axes, axis=1) > NEGLIGIBLE * axes.max()) for axes in semi_axes
         ):
             raise CaseError(
                 "the volume holds pores or elliptic cracks, and growth is known of circular "
-                "cracks alone; leave the others out"
+                "cracks only; leave the others out"
             )
         if not flat:
             raise CaseError("the volume holds no crack that could grow; give cracks")
@@ -165,7 +160,7 @@ class Microcracks:
     def compliance(self, radius: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """Compliance (1) of the volume with cracks of such radii, shape (6, 6), 1/Pa.
 
-        ``stress``, shape (6,), xx, yy, zz, yz, xz, xy, says which cracks are open.
+        Cracks that a ``stress``, shape (6,), xx, yy, zz, yz, xz, xy, opens count.
         """
         d, nu = np.pi * radius**2 / self.edge**2, self.poissons_ratio
         unit = 16.0 * (1.0 - nu**2) / (3.0 * self.youngs_modulus * self.edge**3)
@@ -202,11 +197,6 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
     Dataset
         Follows ``CRACK_GROWTH``. Factor and strain may both fall from one event to the next.
         ``converged`` is 0 if no crack has cut the volume.
-
-    Raises
-    ------
-    CaseError
-        If the stress opens no crack.
     """
     T = np.asarray(stress, dtype=float)
     first, radius, size = cracks.radius, np.array(cracks.radius, dtype=float), np.linalg.norm(T)
@@ -289,11 +279,6 @@ def grow_volumes(
         through the cracks with the largest projections. The mean softening law has the mean
         strength, and the openings :math:`w(s)`, averaged at equal shares s of the strengths, are
         scaled to the mean fracture energy. A volume that no crack has cut has NaN for its law.
-
-    Raises
-    ------
-    CaseError
-        If no representative volume is cut, or the pull opens no crack of a volume.
     """
     pull, n = np.eye(6)[axis], len(volumes)
     curves = np.full((4, n, RECORDS), np.nan)
@@ -307,7 +292,7 @@ def grow_volumes(
         curves[:, k] = (
             stress[at],
             grown["mean_strain"].to_numpy()[at, axis],
-            [_section(cracks, one, axis) for one in radius[at]],
+            [_section(cracks, event, axis) for event in radius[at]],
             grown["modulus_ratio"].to_numpy()[at],
         )
         touching += "cautions" in grown.attrs
@@ -319,10 +304,7 @@ def grow_volumes(
     energy = np.trapezoid(laws[0], laws[1], axis=1)
     whole = (share == 1.0) & np.isfinite(energy)
     if not whole.any():
-        raise CaseError(
-            "the softening law of the volume is unknown, as its crack reaches another one before "
-            "it cuts the volume; give fewer cracks, or through = true, as if it grew alone"
-        )
+        raise CaseError(UNKNOWN_LAW)
     strength = laws[0, :, 0]
     mean_stress, opening = laws[:, whole].mean(axis=1)
     opening *= energy[whole].mean() / np.trapezoid(mean_stress, opening)
@@ -342,7 +324,7 @@ def grow_volumes(
         values[name] = found.mean()
         for kind, half in zip(("mean_law", "one_part"), half_widths(found), strict=True):
             values[f"{name}_{kind}"] = found.mean() * np.exp([-half, half])
-    dataset = VOLUME_GROWTH.build(values, edge=max(one.edge for one in volumes), axis=axis)
+    dataset = VOLUME_GROWTH.build(values, edge=max(cracks.edge for cracks in volumes), axis=axis)
     if not touching:
         return dataset
     ends = (
@@ -370,25 +352,17 @@ def softening_of(growth: Dataset, strength: float = 1.0) -> Softening:
     -----
     The law begins at the largest stress; what opens before is spread over the volume and is no
     part of the crack.
-
-    Raises
-    ------
-    CaseError
-        If no crack has cut the volume.
     """
     if not int(growth["converged"]):
-        raise CaseError(
-            "the softening law of the volume is unknown, as its crack reaches another one before "
-            "it cuts the volume; give fewer cracks, or through=True, as if it grew alone"
-        )
+        raise CaseError(UNKNOWN_LAW)
     factor, opening = growth["factor"].to_numpy(), growth["opening"].to_numpy()
     peak = int(np.argmax(factor))
     w, s = opening[peak:] - opening[peak], strength * factor[peak:]
-    kept = [0]
+    falling = [0]  # events after which the stress is lower and the opening larger
     for k in range(1, w.size):
-        if w[k] > w[kept[-1]] and s[k] < s[kept[-1]]:
-            kept.append(k)
-    w, s = w[kept], s[kept]
+        if w[k] > w[falling[-1]] and s[k] < s[falling[-1]]:
+            falling.append(k)
+    w, s = w[falling], s[falling]
     last = w[-1] + (w[-1] - w[-2]) * s[-1] / max(s[-2] - s[-1], 1e-300)
     return Softening(np.append(w, last), np.append(s, 0.0))
 
@@ -398,7 +372,7 @@ def softening_samples(growth: Dataset) -> list[Softening]:
     whole = (growth["share"].to_numpy() == 1.0) & (growth["converged"].to_numpy() == 1)
     w, s = (growth[f"softening_{name}"].to_numpy()[whole] for name in ("opening", "stress"))
     mean = Softening(growth["mean_opening"].to_numpy(), growth["mean_stress"].to_numpy())
-    return [mean, *(Softening(*one) for one in zip(w, s, strict=True))]
+    return [mean, *map(Softening, w, s)]
 
 
 def half_widths(values: np.ndarray) -> tuple[float, float]:

@@ -50,18 +50,18 @@ def first_cracks(
     material: FatigueMaterial,
     *,
     scatter: float = 0.0,
-    jump_tolerance: float | None = 0.02,
     max_cycles: float = 1e9,
-    substeps: int = 16,
 ) -> np.ndarray:
     """Return the cycles at which the weakest inclusion of every element cracks, unless others do.
 
-    ``stress`` has the shape (corners, elements, 6), Pa; the other parameters stand with
-    :func:`local_fatigue`. Infinite where it stays elastic or does not crack by ``max_cycles``.
+    ``stress`` has the shape (corners, elements, 6), Pa. Infinite where the inclusion stays elastic
+    or does not crack by ``max_cycles``.
     """
-    weakest = limit_factors(scatter)[:1]
-    inclusions = Inclusions(material, weakest, jump_tolerance, substeps)
-    run = inclusions.follow(np.zeros((stress.shape[1], STATE_SIZE)), stress, int(max_cycles))
+    return _first_cracks(Inclusions(material, limit_factors(scatter)[:1]), stress, max_cycles)
+
+
+def _first_cracks(weakest: Inclusions, stress: np.ndarray, max_cycles: float) -> np.ndarray:
+    run = weakest.follow(np.zeros((stress.shape[1], STATE_SIZE)), stress, int(max_cycles))
     return np.where(run.broken, run.cycles, np.inf)
 
 
@@ -118,14 +118,8 @@ def local_fatigue(
 
     share, stress = np.zeros(elements), stress_of(np.zeros(elements))
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
-    first = first_cracks(
-        stress,
-        material,
-        scatter=scatter,
-        jump_tolerance=jump_tolerance,
-        max_cycles=max_cycles,
-        substeps=substeps,
-    )
+    weakest_class = Inclusions(material, factors[:1], jump_tolerance, substeps)
+    first = _first_cracks(weakest_class, stress, max_cycles)
     weakest, amplitude = float(first.min()), _amplitude(stress)
     record = [(0.0, 0.0, 0.0)]
     crack, life, elastic = -1, np.nan, False

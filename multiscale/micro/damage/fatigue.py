@@ -80,7 +80,7 @@ def pass_cycles(
 ) -> None:
     r"""Pass through a program ``count`` times, with jumps under an error control.
 
-    Every inclusion has jumps of its own length.
+    Every inclusion has jumps of a separate length.
 
     Notes
     -----
@@ -178,8 +178,8 @@ class Inclusions:
 
     material: FatigueMaterial
     factors: np.ndarray
-    tolerance: float | None
-    substeps: int
+    tolerance: float | None = 0.02
+    substeps: int = 16
 
     def follow(
         self,
@@ -228,19 +228,19 @@ def _bends(stress: np.ndarray) -> np.ndarray:
     """Leave out corners of closed paths where the path of no element bends."""
     if np.array_equal(stress[0], stress[-1]) and len(stress) > 1:
         stress = stress[1:]
-    kept, size = list(stress), float(np.abs(stress).max()) or 1.0
+    corners, size = list(stress), float(np.abs(stress).max()) or 1.0
     k = 0
-    while len(kept) > 2 and k < len(kept):
-        before, here, after = kept[k - 1], kept[k], kept[(k + 1) % len(kept)]
+    while len(corners) > 2 and k < len(corners):
+        before, here, after = corners[k - 1], corners[k], corners[(k + 1) % len(corners)]
         way = after - before
         long = np.sum(way**2, axis=-1)
         share = np.sum((here - before) * way, axis=-1) / np.where(long > 0.0, long, 1.0)
         off = here - before - np.clip(share, 0.0, 1.0)[:, None] * way
         if np.abs(off).max() <= STRAIGHT * size:
-            del kept[k]
+            del corners[k]
         else:
             k += 1
-    return np.array(kept)
+    return np.array(corners)
 
 
 def two_scale_fatigue(
@@ -275,11 +275,6 @@ def two_scale_fatigue(
         numbers of cycles to initiation of damage and to rupture. The numbers are infinite if the
         inclusion stays or becomes elastic (``run_out`` 1), and NaN if ``max_cycles`` was reached
         before (``converged`` 0).
-
-    Raises
-    ------
-    CaseError
-        If the path or an option is out of range.
 
     Examples
     --------
@@ -362,11 +357,6 @@ def woehler_curve(
     -------
     Dataset
         Follows ``WOEHLER``.
-
-    Raises
-    ------
-    CaseError
-        If an amplitude is not positive or the ratio not below 1.
     """
     amplitudes = np.asarray(amplitudes, dtype=float)
     if amplitudes.ndim != 1 or not np.all((amplitudes > 0.0) & np.isfinite(amplitudes)):

@@ -38,11 +38,6 @@ class FatigueMaterial:
     feedback : bool
         Whether damage changes the stress of the inclusion. Without it the model has a closed
         form for reversed tension.
-
-    Raises
-    ------
-    CaseError
-        If a parameter is outside its range.
     """
 
     youngs_modulus: float

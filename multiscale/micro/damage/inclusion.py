@@ -100,13 +100,13 @@ def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # ty
     """Follow the paths of many inclusions, as :func:`run_cycles`.
 
     ``state`` has the shape (points, 20), ``path`` (paths, corners, 6) and ``material`` (kinds, 10);
-    ``path_of`` and ``kind_of``, shape (points,), say which of them each point has. Returns the
-    cycles done and whether the last one was elastic, both of shape (points,).
+    ``path_of`` and ``kind_of``, shape (points,), are the numbers of path and kind of each point.
+    Returns the cycles done and whether the last one was elastic, both of shape (points,).
     """
     done, elastic = np.empty(len(state)), np.empty(len(state), dtype=np.bool_)
     for k in range(len(state)):
-        own, kind = path[path_of[k]], material[kind_of[k]]
-        done[k], elastic[k] = run_cycles(state[k], own, cycles, kind, substeps)
+        corners, kind = path[path_of[k]], material[kind_of[k]]
+        done[k], elastic[k] = run_cycles(state[k], corners, cycles, kind, substeps)
     return done, elastic
 
 
@@ -220,10 +220,10 @@ def _plastic_step(xi, change, limit, K, flow):  # type: ignore[no-untyped-def]
     fade = np.exp(-A / limit)
     half = fade * fade * (1.0 - start) / (1.0 + start)  # square of the tangent
     end = (1.0 - half) / (1.0 + half)
-    kept = fade * (1.0 + end) / (1.0 + start)
+    left = fade * (1.0 + end) / (1.0 + start)
     for i in range(6):
         ahead = limit * change[i] / A
-        moved = end * ahead + kept * (xi[i] - start * ahead) - xi[i]
+        moved = end * ahead + left * (xi[i] - start * ahead) - xi[i]
         flow[i] = 1.5 / K * (change[i] - moved)
     return (A + limit * np.log((1.0 + start) / (1.0 + end))) / K
 

@@ -1,7 +1,6 @@
 """Random arrangements of cavities: packings of spheres, Boolean models, recipes with cracks.
 
-The box is periodic; its lengths ``size`` and the ``radius`` of the spheres are in m. A parameter
-outside its range is refused.
+The box is periodic, and a parameter outside its range is refused.
 """
 
 from dataclasses import dataclass
@@ -28,24 +27,29 @@ def random_spheres(
 
     Parameters
     ----------
-    size
-        As of the module.
-    radius : float, median radius
+    size : tuple of float, lengths of the box along x, y and z, m
+    radius : float, median radius, m
     porosity : float
         Volume fraction wanted; the number of spheres is rounded. Random addition ends near 0.38.
     seed : int
     spread : float
         Standard deviation of the logarithm of the radii, which are log-normal; 0 makes all equal.
     max_tries : int, largest number of places tried for one sphere
-
-    Raises
-    ------
-    CaseError
-        If the spheres do not fit.
     """
     check_box(size)
+    _check(radius, porosity, spread)
     rng, box = np.random.default_rng(seed), np.array(size)
-    radii = -np.sort(-_radii(size, radius, porosity, spread, rng))  # the largest first
+    # radii with volumes that add up to the porosity as closely as a number can
+    wanted = porosity * float(np.prod(size))
+    if spread == 0.0:
+        radii = np.full(round(wanted / _mean_volume(radius, 0.0)), radius)
+    else:
+        drawn = np.empty(0)
+        while (filled := np.cumsum(4.0 / 3.0 * pi * drawn**3)).max(initial=0.0) < wanted:
+            drawn = np.append(drawn, radius * np.exp(spread * rng.standard_normal(64)))
+        radii = drawn[: int(np.argmin(np.abs(np.append(0.0, filled) - wanted)))]
+    radii = -np.sort(-radii)
+    # places, for the largest first
     if len(radii) and 2.0 * radii[0] > box.min():
         raise CaseError(
             f"spheres of radius {radii[0]:g} m overlap their own images in a box of {size} m; "
@@ -96,26 +100,8 @@ def boolean_spheres(
     return Cavities(size, [spheres(places, radii)] if count else [])
 
 
-def _radii(
-    size: tuple[float, float, float],
-    radius: float,
-    porosity: float,
-    spread: float,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Draw radii of spheres whose volumes add up to the porosity as closely as a number can."""
-    _check(radius, porosity, spread)
-    wanted = porosity * float(np.prod(size))
-    if spread == 0.0:
-        return np.full(round(wanted / _mean_volume(radius, 0.0)), radius)
-    drawn = np.empty(0)
-    while (filled := np.cumsum(4.0 / 3.0 * pi * drawn**3)).max(initial=0.0) < wanted:
-        drawn = np.append(drawn, radius * np.exp(spread * rng.standard_normal(64)))
-    return drawn[: int(np.argmin(np.abs(np.append(0.0, filled) - wanted)))]
-
-
 def _mean_volume(radius: float, spread: float) -> float:
-    """Mean volume of spheres whose radii are log-normal, m³."""
+    """Mean volume of spheres with log-normal radii, m³."""
     return 4.0 / 3.0 * pi * radius**3 * exp(4.5 * spread**2)
 
 
@@ -143,11 +129,6 @@ class Recipe:
     crack_spread : float, standard deviation of the logarithm of their radii
     crack_normal : tuple of float, optional
         Normal of all cracks; directions are evenly distributed over the sphere if not given.
-
-    Raises
-    ------
-    CaseError
-        If the crack density is negative or a length is missing.
     """
 
     porosity: float = 0.0
@@ -173,13 +154,7 @@ class Recipe:
                 raise CaseError(f"{name} must be positive (m), got {radius:g}")
 
     def draw(self, size: tuple[float, float, float], seed: int) -> Cavities:
-        """Draw a periodic volume of a size, m.
-
-        Raises
-        ------
-        CaseError
-            If the pores do not fit.
-        """
+        """Draw a periodic volume of a size, m."""
         place = boolean_spheres if self.overlap else random_spheres
         bodies = []
         if self.porosity:

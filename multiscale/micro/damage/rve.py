@@ -10,7 +10,7 @@ For each of six mean strains :math:`\bar\varepsilon` the periodic displacement :
 with trilinear bricks, by conjugate gradients on the stiffness of all voxels. The preconditioner is
 the inverse stiffness of a uniform material, in Fourier space, so that the number of iterations
 depends on the contrast and hardly on the resolution. Voids may have no stiffness at all: the
-iterates then stay in the range of the stiffness, whose spectrum the voids do not widen.
+iterates then stay in the range of the stiffness, and the voids do not widen its spectrum.
 
 The energy is stationary at the solution. With the forces :math:`r_k` that the solve for the strain
 k leaves, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate,
@@ -21,7 +21,7 @@ k leaves, and the mean stress :math:`\langle\sigma\rangle_k` of its last iterate
 has an error of the order of the square of the tolerance.
 
 With displacement sides u vanishes on the boundary, which bounds the periodic stiffness from above.
-With traction sides :math:`\int u \otimes n` alone vanishes on the solid part of the sides, which
+With traction sides only :math:`\int u \otimes n` vanishes on the solid part of the sides, which
 bounds it from below: see :mod:`~.voxels`.
 
 References
@@ -80,7 +80,7 @@ ERRORS = ("sampling", "sides", "elements")
 """Causes of the error of the mean stiffness: few volumes, their size, and the elements."""
 
 TAIL = 0.025
-"""Share of sections below, and above, the range of damage that is kept."""
+"""Share of sections below, and above, the reported range of damage."""
 
 APART = 0.5
 """Edge of parts at the corners of a volume up to which they do not overlap, over its edge."""
@@ -126,12 +126,6 @@ def effective_stiffness(
         and ``seconds`` belong to the strain with the most iterations, ``trail`` lists the
         iterations of each strain, and ``detail`` names the strains against which the stiffness is
         zero, as normal to a crack through the whole section.
-
-    Raises
-    ------
-    CaseError
-        If a modulus is outside its range, the sides have no such condition or too few voxels, or
-        the image is no VoxelImage or holds no solid.
 
     Examples
     --------
@@ -189,7 +183,7 @@ def effective_stiffness(
             for j, u in enumerate(motions):  # (2)
                 stiffness[j, k] = stiffness[k, j] = stress[j] - dot(r, u) / volume
             loads.append(replace(load, value=stress))
-    # a stiffness below the error of (2) cannot be told from zero
+    # a stiffness below the error of (2) counts as zero
     lost = max(LOST_STIFFNESS, 10.0 * tolerance**2) if void_modulus == 0.0 else 0.0
     return _summarise_loads(youngs_modulus * stiffness, loads, lost * youngs_modulus)
 
@@ -357,6 +351,8 @@ def represent(
     total = np.sqrt((errors**2).sum(axis=0))
     largest = volumes["largest_damage"].to_numpy()
     damage = largest[whole].mean(axis=0)
+    damage_scatter, _, factor = _scatter(largest, share, whole)
+    half = factor * damage_scatter * damage
     values: dict[str, Any] = {name: volumes[name].to_numpy() for name in RVE_VOLUMES.variables}
     values |= {
         "normal": normals,
@@ -369,12 +365,8 @@ def represent(
         "modulus_error": errors,
         "scatter": scatter,
         "damage": damage,
-        "damage_mean_law": np.clip(
-            _interval(damage, _spread(largest, share, whole, 1.0 / count)), 0.0, 1.0
-        ),
-        "damage_one_part": np.clip(
-            _interval(damage, _spread(largest, share, whole, 1.0 + 1.0 / count)), 0.0, 1.0
-        ),
+        "damage_mean_law": np.clip(_interval(damage, half / np.sqrt(count)), 0.0, 1.0),
+        "damage_one_part": np.clip(_interval(damage, half * np.sqrt(1.0 + 1.0 / count)), 0.0, 1.0),
         "void": image.void.astype(np.int8),
         "sides": list(SIDES),
         "strain": list(STRAINS),
@@ -393,24 +385,18 @@ def _scatter(
     from scipy.special import stdtrit
 
     if whole.sum() > 1:
-        found, scale, told = values[whole], 1.0, "the volumes"
+        found, scale, source = values[whole], 1.0, "the volumes"
     else:
         parts = [k for k in np.unique(share[share <= APART]) if (share == k).sum() > 2]
         if not parts:
             return np.full(values.shape[1], np.nan), "", np.nan
         found, scale = values[share == parts[-1]], float(parts[-1]) ** 1.5
-        told = f"parts of {parts[-1]:g} of the edge, by the law of large numbers"
+        source = f"parts of {parts[-1]:g} of the edge, by the law of large numbers"
     found = found[np.isfinite(found).all(axis=1)]
     mean = found.mean(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         scatter = scale * found.std(axis=0, ddof=1) / mean
-    return scatter, told, float(stdtrit(max(1, len(found) - 1), 1.0 - TAIL))
-
-
-def _spread(values: np.ndarray, share: np.ndarray, whole: np.ndarray, count: float) -> np.ndarray:
-    """Half-width of the interval of damage, for a variance of some volumes."""
-    scatter, _, students = _scatter(values, share, whole)
-    return np.asarray(students * scatter * values[whole].mean(axis=0) * np.sqrt(count))
+    return scatter, source, float(stdtrit(max(1, len(found) - 1), 1.0 - TAIL))
 
 
 def _interval(value: np.ndarray, half: np.ndarray) -> np.ndarray:

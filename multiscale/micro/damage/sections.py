@@ -82,11 +82,6 @@ def plane_damage(
         for closed forms (overlaps are counted once) and for the voxels of an image. NaN where
         the plane misses the box.
 
-    Raises
-    ------
-    CaseError
-        If the normal is no direction, the slab is negative, or a plane does not close.
-
     Examples
     --------
     >>> from multiscale.micro.damage import Cavities, spheres
@@ -99,7 +94,15 @@ def plane_damage(
     if not (slab >= 0.0 and np.isfinite(slab)):
         raise CaseError(f"the slab must have a thickness of at least 0 (m), got {slab:g}")
     distances = np.atleast_1d(np.asarray(offset, dtype=float))
-    lost, area = _sections(rve, direction, distances.ravel(), slab, closed)
+    places = distances.ravel()
+    if closed:  # the plane consists of its copies in the box, one period apart
+        period = _period(direction, rve.size)
+        half = 0.5 * float(np.abs(direction) @ rve.size)
+        first = places - period * np.floor((places + half) / period)
+        copies = [first + k * period for k in range(int(np.ceil(2.0 * half / period)) + 1)]
+    else:
+        copies = [places]
+    lost, area = np.sum([rve.section_areas(direction, copy, slab) for copy in copies], axis=0)
     with np.errstate(invalid="ignore"):
         damage = np.where(area > 0.0, lost / area, np.nan)
     return np.asarray(np.clip(damage, 0.0, 1.0).reshape(np.shape(offset)))
@@ -139,11 +142,6 @@ def max_damage(
         Follows ``DAMAGE_SECTIONS``: every section, the worst plane, mean and quantiles, and the
         tensor of anisotropy. For an image ``resolution_error`` is the change of the damage of the
         worst plane at half the resolution.
-
-    Raises
-    ------
-    CaseError
-        If :func:`plane_damage` refuses its arguments, or an option is out of range.
     """
     _check_volume(rve)
     if sections < 1 or level < 0 or not 0.0 <= smallest_section < 1.0:
@@ -197,21 +195,9 @@ def section_normals(size: tuple[float, float, float], level: int) -> np.ndarray:
     return np.concatenate([lattice, sphere[apart]])
 
 
-def _sections(
-    rve: Volume, normal: np.ndarray, distances: np.ndarray, slab: float, closed: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Area of void and whole area of sections, m²."""
-    if closed:
-        period = 1.0 / np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size))
-        half = 0.5 * float(np.abs(normal) @ rve.size)
-        lost, area = np.zeros(len(distances)), np.zeros(len(distances))
-        # a closed plane consists of its copies in the box, one period apart
-        first = distances - period * np.floor((distances + half) / period)
-        for copy in range(int(np.ceil(2.0 * half / period)) + 1):
-            parts = _sections(rve, normal, first + copy * period, slab, closed=False)
-            lost, area = lost + parts[0], area + parts[1]
-        return lost, area
-    return rve.section_areas(normal, distances, slab)
+def _period(normal: np.ndarray, size: tuple[float, float, float]) -> float:
+    """Distance of a closed plane to its next periodic copy, m."""
+    return 1.0 / float(np.linalg.norm(miller_indices(normal, size) / np.array(size)))
 
 
 def _offsets(
@@ -225,7 +211,7 @@ def _offsets(
     from multiscale.numerics.box_sections import box_section
 
     if closed:
-        largest = 0.5 / float(np.linalg.norm(miller_indices(normal, rve.size) / np.array(rve.size)))
+        largest = 0.5 * _period(normal, rve.size)
     else:
         smaller, largest = 0.0, 0.5 * float(np.abs(normal) @ rve.size)
         least = smallest * box_section(rve.size, normal, np.zeros(1))
@@ -382,12 +368,12 @@ def fit_tensor(normals: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _one_of_each_pair(points: np.ndarray) -> np.ndarray:
-    """Keep one of x and -x, and one of equal points, in their order."""
-    kept: list[np.ndarray] = []
+    """Drop -x after x, and points equal to earlier ones."""
+    distinct: list[np.ndarray] = []
     for point in points:
         x, y, z = np.round(point, 9)
         if z < 0 or (z == 0 and (y < 0 or (y == 0 and x < 0))):
             point = -point
-        if not kept or np.abs(np.array(kept) @ point).max() < 1.0 - 1e-9:
-            kept.append(point)
-    return np.array(kept)
+        if not distinct or np.abs(np.array(distinct) @ point).max() < 1.0 - 1e-9:
+            distinct.append(point)
+    return np.array(distinct)

@@ -34,7 +34,7 @@ These forces have neither resultant nor moment. A periodic displacement meets th
 :math:`F^{-1} / V` is at most the periodic stiffness. Solid without pores at its sides has uniform
 tractions.
 
-With scalar Laplacians in place of the elasticity, whose ratio is bounded by Korn's inequality,
+With scalar Laplacians in place of the elasticity (Korn's inequality bounds their ratio),
 sine and cosine transforms invert the stiffness of a uniform box for both kinds of sides.
 
 References
@@ -221,8 +221,8 @@ def traction_stiffness(
             u = solved[j].value
             F[j, k] = F[k, j] = vectors.dot(loads[j], solution.value) + vectors.dot(u, r)
     stiffness = np.zeros((6, 6))
-    kept = np.ix_(carried, carried)
-    stiffness[kept] = np.linalg.inv(F[kept]) / (np.prod(edges) * modulus.size)  # (2)
+    loaded = np.ix_(carried, carried)
+    stiffness[loaded] = np.linalg.inv(F[loaded]) / (np.prod(edges) * modulus.size)  # (2)
     return stiffness, [replace(solution, value=F[k]) for k, solution in enumerate(solved)]
 
 
