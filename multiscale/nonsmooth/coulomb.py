@@ -151,7 +151,7 @@ def verify_friction(
     check_limits(tolerance)
     contacts = np.size(friction)
     mobility, speed = natural_units(delassus, np.reshape(velocity, (contacts, -1)))
-    with np.errstate(all="ignore"):  # what overflows is not finite and is not accepted
+    with np.errstate(all="ignore"):  # overflow is not finite, and not accepted
         W, q = delassus / mobility, np.asarray(velocity) / speed
         r = (np.asarray(reaction, dtype=float) / speed * mobility).reshape(contacts, -1).T
         u = np.asarray(W @ r.T.ravel() + q).reshape(r.T.shape).T
@@ -207,6 +207,6 @@ def closing_norm(velocity: np.ndarray) -> float:
 
 
 def contact_mass(diagonal: np.ndarray) -> np.ndarray:
-    """Mass that each contact feels, kg, from the diagonal of W, shape (contacts, d), 1/kg."""
+    """Effective mass of each contact, kg, from the diagonal of W, shape (contacts, d), 1/kg."""
     mean = np.mean(np.abs(diagonal), axis=1)
     return np.asarray(1.0 / np.where(mean > 0.0, mean, float(np.max(mean, initial=0.0)) or 1.0))

@@ -44,7 +44,7 @@ NEGATIVE = 1e-4
 def _interior_point(
     problem: ScaledFriction, reaction: np.ndarray, progress: Progress, max_iterations: int = 60
 ) -> np.ndarray:
-    """Finish the interior point, which needs no start, by Newton's method."""
+    """Interior point, which needs no start, finished by Newton's method."""
     friction_interior_point(problem, progress, max_iterations)
     if progress.best is None or progress.smallest <= progress.target:
         return reaction
@@ -166,7 +166,7 @@ def solve_friction(
         first[:, :dim] = np.reshape(start, (contacts, dim))
         first = first / impulse / problem.reaction_unit
     options = {} if max_iterations is None else {"max_iterations": max_iterations}
-    with np.errstate(all="ignore"):  # what overflows is never the best answer
+    with np.errstate(all="ignore"):  # overflow is never the best answer
         solved = progress.note(first)
         if not solved and method == "auto":
             _run_schedule(problem, first, progress, **options)

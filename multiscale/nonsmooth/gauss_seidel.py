@@ -97,7 +97,7 @@ def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     floor = 1e-14 * (mobility if mobility > 0.0 else w)
     alpha = 0.0
     if (s11 + s22) * floor >= s11 * s22 - s12 * s21:
-        alpha = min(floor, 0.5 * high)  # S is singular: b needs a spring to lean on
+        alpha = min(floor, 0.5 * high)  # S is singular: a soft spring
     r0, r1, r2 = 0.0, 0.0, 0.0
     for turn in range(60):
         r1, r2 = _solve_pair(s11 + alpha, s12, s21, s22 + alpha, -b1, -b2)

@@ -135,7 +135,7 @@ def solve_lcp(
 
     status, detail = Status.CONVERGED, ""
     if not smallest <= tolerance:
-        # what went wrong: no admissible point, an indefinite matrix, or none of both
+        # reason of the failure: no admissible point, an indefinite matrix, or neither
         status = Status.MAX_ITERATIONS if len(residuals) > max_iterations else Status.STALLED
         if detail := infeasibility_detail(problem.matrix, problem.vector, last.values()):
             status = Status.INFEASIBLE

@@ -266,7 +266,7 @@ def _point(values: np.ndarray, basis: np.ndarray, n: int) -> np.ndarray:
 
 @compiled
 def _follow(tableau, basis, entering, pivots):  # type: ignore[no-untyped-def]
-    """Change tableau and basis by some pivots; return what enters next, or -1 - it on a ray."""
+    """Pivot some times; return the entering variable, or -1 minus it on a ray."""
     artificial = 2 * basis.size
     for _ in range(pivots):
         row = _leaving_row(tableau, basis, entering)
