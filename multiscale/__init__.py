@@ -19,7 +19,7 @@ _NAMES = {
     "micro.damage": ("max_damage", "plane_damage", "two_scale_fatigue"),
     "upscaling": ("error_budget", "fit_law", "law_from_dataset"),
     "nonsmooth": ("solve_friction", "solve_lcp", "verify_friction", "verify_lcp"),
-    "macro": ("rough_joint", "simulate", "solve_latin", "solve_static", "tensegrity_grid"),
+    "macro": ("press_joint", "simulate", "solve_latin", "solve_static", "tensegrity_grid"),
     "pipeline": ("load_case", "run"),
 }
 __getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submod_attrs=_NAMES)

@@ -1,6 +1,6 @@
 """Bodies in contact that several tests solve."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from skfem import MeshHex, MeshQuad
@@ -13,9 +13,9 @@ from multiscale.macro import (
     FiniteAssembly,
     RigidGraph,
     RigidPlane,
-    RigidSphere,
     solve_contact,
 )
+from multiscale.macro.continuum.contact import RigidObstacle
 from tests.closed_forms import hertz, mindlin
 from tests.closed_forms.rings import NestedRings
 
@@ -27,6 +27,20 @@ APPROACH = hertz.sphere_approach(FORCE, RADIUS, MODULUS)
 PEAK = 1.5 * FORCE / (np.pi * CONTACT_RADIUS**2)
 LIMIT = FRICTION * FORCE
 TANGENTIAL_MODULUS = mindlin.tangential_modulus(STEEL, STEEL)
+
+
+@dataclass(frozen=True)
+class RigidBall(RigidObstacle):
+    """A ball of a centre and a radius, m; in two dimensions a disc."""
+
+    centre: tuple[float, ...]
+    radius: float
+    motion: tuple[float, ...] = ()
+
+    def distance(self, x):
+        arm = x - np.asarray(self.centre)
+        length = np.linalg.norm(arm, axis=1, keepdims=True)
+        return length[:, 0] - self.radius, arm / length
 
 
 def graded(first, uniform, length, ratio):
@@ -59,6 +73,18 @@ def block(kind, elements, low, high):
 def moved(mesh, position):
     """The same mesh elsewhere; boundaries stay."""
     return replace(mesh, doflocs=np.ascontiguousarray(position))
+
+
+def distorted(kind, seed=0):
+    """A unit block with nodes moved at random."""
+    d = kind().dim()
+    mesh = block(kind, (3,) * d, (0.0,) * d, (1.0,) * d)
+    noise = np.random.default_rng(seed).uniform(-0.07, 0.07, size=mesh.p.shape)
+    return moved(mesh, mesh.p + noise)
+
+
+def rotation_2d(angle):
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def fitted_ellipse(distance, pressure):
@@ -161,7 +187,7 @@ def ball_on_half_space(points):
         for i in range(3)
     ]
     supports = {"far": far, "x": (0.0, None, None), "y": (None, 0.0, None)}
-    ball = RigidSphere((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
+    ball = RigidBall((0.0, 0.0, RADIUS), RADIUS, motion=(0.0, 0.0, -APPROACH))
     problem = FiniteAssembly(
         {"base": Body(mesh, Elastic(*material), supports)},
         {"ball": Contact(("base", "contact"), ball)},

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from multiscale.fe.boxes import HEX_ORDER
-from multiscale.fe.facets import surface_of
+from multiscale.fe.faces import face_of
 from multiscale.io import open_law, save_law
 from multiscale.micro import Surface, self_affine
 from multiscale.pipeline import load_case
@@ -161,7 +161,7 @@ def write_body(path, mesh, *, scale=1e3, names=None, volume="solid"):
         corners[HEX_ORDER] = mesh.t
     blocks, tags, groups = [(kind, corners.T)], [[1] * corners.shape[1]], {volume: [1, 3]}
     for tag, name in enumerate(sorted(mesh.boundaries) if names is None else names, start=2):
-        face = surface_of(mesh, name)
+        face = face_of(mesh, name)
         blocks.append((facet, face.nodes[face.facets]))
         tags.append([tag] * len(face.facets))
         groups[name] = [tag, 2]

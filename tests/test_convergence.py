@@ -8,7 +8,6 @@ import pytest
 from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.continuum.contact_steps import solve_contact
-from multiscale.macro.joint.joint_solver import rough_joint
 from multiscale.macro.joint.tread import slide_tread
 from multiscale.macro.links.statics import solve_static
 from multiscale.macro.monolithic import solve_interface
@@ -45,7 +44,7 @@ def test_unwrapping_a_converged_solution_gives_its_value():
 
 SOLVERS = [
     *(solve_friction, solve_lcp, verify_friction, solve_cell, slide_cell, solve_sliding),
-    *(local_fatigue, effective_stiffness, solve_contact, solve_static, rough_joint, slide_tread),
+    *(local_fatigue, effective_stiffness, solve_contact, solve_static, slide_tread),
     *(solve_interface, simulate_latin),
     *(pressure_overclosure, AssembledNewton, NewtonSchur, LatinMethod, Limits),
 ]

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 __all__ = ["HEX_ORDER", "box_mesh", "plane_block"]
 
 GROWTH = 1.25
-"""Height of a layer of a plane block over the height of the next one towards its face."""
+"""Height of a layer of a plane block over the height of the layer below it, nearer its face."""
 
 HEX_ORDER = [0, 4, 3, 1, 7, 5, 2, 6]
-"""Places, in a hexahedron of VTK, of the corners of one of scikit-fem."""
+"""Places in a hexahedron of VTK of the corners of a hexahedron of scikit-fem."""
 
 
 def box_mesh(

@@ -1,6 +1,6 @@
 r"""Static condensation of sparse matrices, and compliance onto faces.
 
-Several bodies may stand side by side in one block-diagonal matrix. They are factorised at once, and
+Several bodies may stand side by side in a block-diagonal matrix. They are factorised at once, and
 their columns share right-hand sides, since the columns of different bodies do not meet.
 """
 
@@ -89,11 +89,11 @@ def condense(
     """Condense a block-diagonal matrix."""
     rows, edge_rows = matrix[parts.inside], matrix[parts.edge]
     back, out = csr_array(rows[:, parts.edge]), csr_array(edge_rows[:, parts.inside])
-    own = csr_array(edge_rows[:, parts.edge])
+    kept = csr_array(edge_rows[:, parts.edge])
     solve = factorise(csr_array(rows[:, parts.inside]))
     inner = _inverse_between(solve, out, back, parts.edge_start)
     bounds = pairwise(parts.edge_start)
-    blocks = [own[a:b, a:b].toarray() - block for (a, b), block in zip(bounds, inner, strict=True)]
+    blocks = [kept[a:b, a:b].toarray() - block for (a, b), block in zip(bounds, inner, strict=True)]
     return CondensedStiffness(parts, blocks, solve, out, back)
 
 

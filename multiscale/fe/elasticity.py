@@ -23,11 +23,11 @@ __all__ = [
 
 
 def displacement_basis(mesh: "Mesh", element: "Element | None" = None) -> "CellBasis":
-    """Finite-element space of one displacement component."""
+    """Finite-element space of a displacement component."""
     from skfem import Basis, ElementHex1, MeshHex
 
     element = element or ElementHex1()
-    # on a hexahedron the order counts per direction: (0, 0, 1) has the degree of one factor
+    # on a hexahedron the order counts per direction: (0, 0, 1) has the degree of a factor
     per_direction = element.maxdeg // mesh.dim() if isinstance(mesh, MeshHex) else element.maxdeg
     return Basis(mesh, element, intorder=2 * per_direction)
 
@@ -50,7 +50,9 @@ def assemble_elasticity(
     d = basis.mesh.dim()
     if np.ndim(lame) == 0 and np.ndim(shear) == 0:
         unit = _products(basis, np.ones(1))
-        by_lame, by_shear = ([[c * one for one in row] for row in unit] for c in (lame, shear))
+        by_lame, by_shear = (
+            [[c * product for product in row] for row in unit] for c in (lame, shear)
+        )
     else:
         by_lame, by_shear = (_products(basis, np.asarray(c)) for c in (lame, shear))
     laplace = sum(by_shear[k][k] for k in range(d))
@@ -132,8 +134,8 @@ def mode_stiffness(
         blocks = np.einsum("eq,eqaj,ijkl,eqbl->eaibk", w, left, C, right, optimize=True)
         return np.asarray(blocks.reshape(len(w), 3 * left.shape[2], 3 * right.shape[2]))
 
-    mixed, own = integrate(G, P), integrate(P, P)
-    blocks = mixed @ np.linalg.solve(own, mixed.transpose(0, 2, 1))
+    mixed, modes = integrate(G, P), integrate(P, P)
+    blocks = mixed @ np.linalg.solve(modes, mixed.transpose(0, 2, 1))
     return sum_blocks(blocks, elements.unknowns, elements.unknowns, (elements.size,) * 2)
 
 

@@ -40,7 +40,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Elements:
-    """What the elements of a mesh need at their quadrature points.
+    """Shape functions and weights of the elements of a mesh at their quadrature points.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ def prepare_elements(mesh: "Mesh") -> Elements:
 
 
 def elements_of_basis(basis: "CellBasis", *, mean_volume: bool) -> Elements:
-    """Gradients and weights at the quadrature points of a basis of one displacement component."""
+    """Gradients and weights at the quadrature points of a basis of a displacement component."""
     mesh = basis.mesh
     shape = np.asarray(basis.dx).shape
     d = mesh.dim()
@@ -101,9 +101,17 @@ def elements_of_basis(basis: "CellBasis", *, mean_volume: bool) -> Elements:
 
 
 def element_response(
-    elements: Elements, law: BulkLaw, displacement: np.ndarray, state: np.ndarray
+    elements: Elements,
+    law: BulkLaw,
+    displacement: np.ndarray,
+    state: np.ndarray,
+    *,
+    shape_only: bool = False,
 ) -> tuple[np.ndarray, csr_array, np.ndarray, float]:
-    """Compute internal force, tangent, new state and smallest volume ratio of a body."""
+    """Compute internal force, tangent, new state and smallest volume ratio of a body.
+
+    Maybe without the resistance of the law to a change of volume.
+    """
     from multiscale.fe.integration import integrate
 
     G, w = elements.gradient, elements.weight
@@ -120,13 +128,16 @@ def element_response(
 
     volume = w.sum(axis=1)
     response = law.respond_shape(F, state)
-    if elements.mean_volume:
+    if shape_only:
+        pressure, curvature = np.zeros((1, 1)), np.zeros_like(volume)
+        tangent = response.tangent
+    elif elements.mean_volume:
         first, curvature = law.respond_volume(np.sum(w * J, axis=1) / volume)  # (1)
         pressure, tangent = first[:, None], response.tangent
     else:
-        pressure, own = law.respond_volume(J)
+        pressure, bulk = law.respond_volume(J)
         curvature = np.zeros_like(volume)
-        tangent = response.tangent + own * slope[:, :, None, None] * slope
+        tangent = response.tangent + bulk * slope[:, :, None, None] * slope
     stress = response.stress + pressure * slope
     if law.finite_strain:
         tangent = tangent + pressure * cofactor_derivative(F)

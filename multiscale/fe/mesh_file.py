@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER
-from multiscale.fe.facets import facet_normals
+from multiscale.fe.faces import facet_normals
 from multiscale.io import read_mesh, read_text
 from multiscale.io.gmsh_model import mesh_geometry
 
@@ -116,11 +116,13 @@ def _bend(mesh: "Mesh", cells: np.ndarray, middles: np.ndarray) -> "Mesh":
     bent = (MeshHex2 if hexahedra else MeshTet2).from_mesh(mesh)
     dofs, points = Dofs(bent, bent.elem()), bent.doflocs.copy()
 
-    def place(corners: tuple[tuple[int, ...], ...], own: np.ndarray, first: int, at: Any) -> None:
-        number = {tuple(one): k for k, one in enumerate(np.sort(own, axis=0).T.tolist())}
+    def place(
+        corners: tuple[tuple[int, ...], ...], entities: np.ndarray, first: int, at: Any
+    ) -> None:
+        number = {tuple(ends): k for k, ends in enumerate(np.sort(entities, axis=0).T.tolist())}
         for k, ends in enumerate(corners):
-            found = [number[tuple(one)] for one in np.sort(cells[:, list(ends)], axis=1).tolist()]
-            points[:, at[0, found]] = middles[:, :, first + k]
+            named = np.sort(cells[:, list(ends)], axis=1).tolist()
+            points[:, at[0, [number[tuple(entity)] for entity in named]]] = middles[:, :, first + k]
 
     place(edges, mesh.edges, 0, dofs.edge_dofs)
     if hexahedra:
@@ -166,7 +168,7 @@ def _check_elements(mesh: "Mesh", path: Path) -> None:
         bad[mesh.f2t[0, inner[sides[0] * sides[1] >= 0.0]]] = True
     if bad.any():
         first = int(np.flatnonzero(bad)[0])
-        at = ", ".join(f"{one:.4g}" for one in mesh.p[:, mesh.t[:, first]].mean(axis=1))
+        at = ", ".join(f"{x:.4g}" for x in mesh.p[:, mesh.t[:, first]].mean(axis=1))
         raise CaseError(
             f"{path}: {np.count_nonzero(bad)} of {bad.size} elements have no volume or are turned "
             f"inside out, the first of them at ({at}) m; mesh the body again"

@@ -13,7 +13,7 @@ links or elastic bodies, cut           :func:`solve_latin`, :func:`solve_schur`:
 (:func:`cut_links`, ``cut_assembly``)  between the bodies, many substructures, several processes
 ``Assembly``: elastic bodies, any      :func:`solve_assembly`: assembled Newton, LATIN, Newton-Schur
 interface law, rigid plates, bolts
-``RoughJoint``: two elastic blocks     :func:`rough_joint`: a normal law, condensed onto the jump;
+``RoughJoint``: two elastic blocks     :func:`press_joint`: even pressure, in closed form;
                                        :func:`pressed_blocks` makes an ``Assembly`` of it
 matrices of elastic bodies and a jump  :func:`solve_interface`: any law, all unknowns together
 grains                                 :func:`granulate.simulate_grains`

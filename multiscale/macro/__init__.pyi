@@ -15,17 +15,14 @@ from .bodies import shank_stiffness as shank_stiffness
 from .continuum import Body as Body
 from .continuum import Contact as Contact
 from .continuum import FiniteAssembly as FiniteAssembly
-from .continuum import RigidCylinder as RigidCylinder
 from .continuum import RigidGraph as RigidGraph
 from .continuum import RigidPlane as RigidPlane
-from .continuum import RigidSphere as RigidSphere
 from .continuum import load_mesh as load_mesh
 from .continuum import solve_contact as solve_contact
 from .joint import Block as Block
 from .joint import RoughJoint as RoughJoint
 from .joint import press_joint as press_joint
 from .joint import pressed_blocks as pressed_blocks
-from .joint import rough_joint as rough_joint
 from .joint import soften as soften
 from .links import LinkSystem as LinkSystem
 from .links import cable_net as cable_net

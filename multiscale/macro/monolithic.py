@@ -18,7 +18,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.linalg import norm
@@ -95,7 +94,7 @@ def solve_interface(
     start: np.ndarray | None = None,
     jump: np.ndarray | None = None,
     state: np.ndarray | None = None,
-    flexible: "PreparedBodies | None" = None,
+    flexible: "FlexibleBodies | None" = None,
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     callback: Callable[[int, float], None] | None = None,
@@ -125,7 +124,7 @@ def solve_interface(
     state : ndarray, shape (law.n_state, points), optional
         Committed state of the law; zero if not given. It is not changed: commit by
         ``law.respond`` at the solution.
-    flexible : PreparedBodies, optional
+    flexible : FlexibleBodies, optional
         Of the same full matrices, for many laws and loads; see :func:`prepare_flexible`.
     max_iterations : int, iteration limit
     tolerance : float
@@ -381,7 +380,7 @@ class _Whole(Equilibrium):
         weight: np.ndarray,
         law: InterfaceLaw,
         state: np.ndarray,
-        prepared: "PreparedBodies | None",
+        prepared: "FlexibleBodies | None",
     ) -> None:
         super().__init__(stiffness, load, jump_operator, weight, law, state)
         self.prepared = prepared
@@ -404,13 +403,6 @@ class _Whole(Equilibrium):
         with suppress(MultiscaleError):
             return -factorise(matrix, name="the tangent stiffness")(here.gradient)
         return None
-
-
-class PreparedBodies(Protocol):
-    """Bodies that find Newton directions by a method of their own."""
-
-    def direction(self, B: csr_array, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Newton direction, m, from the tangent, shape (d, d, points), N/m, and forces, N."""
 
 
 @dataclass(frozen=True, eq=False)

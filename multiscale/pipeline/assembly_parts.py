@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
-from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.faces import face_of
 from multiscale.fe.mesh_file import load_geometry
 from multiscale.io import read_table
 from multiscale.laws import Exponential, Tabulated
@@ -460,8 +460,8 @@ class NamedLoad(Settings):
 
     def traction_on(self, mesh: "Mesh", boundary: str) -> tuple[np.ndarray, float]:
         """Return the traction at the factor one, Pa, and the area of the face, m²."""
-        face = surface_of(mesh, boundary)
-        normals = facet_normals(mesh.p.T[face.nodes][face.facets])
+        face = face_of(mesh, boundary)
+        normals = face.normals
         area = float(np.linalg.norm(normals, axis=1).sum())
         if self.force is not None:
             return np.array(self.force) / area, area

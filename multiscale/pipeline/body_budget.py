@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from multiscale.executors import run_jobs
-from multiscale.fe.facets import plane_axes
+from multiscale.fe.faces import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_settings import Bodies

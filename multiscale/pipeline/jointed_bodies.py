@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 
 from multiscale import macro
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.io import open_dataset
 from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
@@ -338,7 +337,7 @@ class LapJoint(RoughBodies):
     def coarser(self) -> Mapping[float, Self]:
         """Return the same joint on larger elements in plan, as far as its hole lets them grow."""
         larger = self.model_copy(update={"element": 2.0 * self.element})
-        own, coarse = (lap_meshes(one.shape)[0].nelements for one in (self, larger))
+        own, coarse = (macro.bodies.lap_meshes(one.shape)[0].nelements for one in (self, larger))
         ratio = sqrt(own / coarse)
         return {ratio: larger} if ratio >= COARSER else {}
 
@@ -367,7 +366,7 @@ class LapJoint(RoughBodies):
 
     def meshes(self) -> "Sequence[Mesh]":
         """Mesh both plates."""
-        return lap_meshes(self.shape)
+        return macro.bodies.lap_meshes(self.shape)
 
     def build(
         self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.faces import face_of
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.pipeline.assembly_parts import MeshedBody
 from multiscale.schema import Dataset
@@ -127,8 +127,8 @@ class PorousBody(MeshedBody):
 
     def surface_damage(self, mesh: "Mesh", boundary: str) -> SurfaceDamage:
         """Damage of sections along a face: the mean one, as a face is one section of many."""
-        face = surface_of(mesh, boundary)
-        normals = facet_normals(mesh.p.T[face.nodes][face.facets])
+        face = face_of(mesh, boundary)
+        normals = face.normals
         area = float(np.linalg.norm(normals, axis=1).sum())
         own = self.axes.T @ normals.sum(axis=0)
         rve = self.volume_data
@@ -145,6 +145,6 @@ class PorousBody(MeshedBody):
 def _volume(mesh: "Mesh") -> float:
     """Volume of a mesh of straight elements, m³, by the divergence theorem on its faces."""
     named = mesh.with_boundaries({"all of it": mesh.boundary_facets()})
-    face = surface_of(named, "all of it")
-    x = mesh.p.T[face.nodes][face.facets]
-    return float(np.sum(facet_normals(x) * x.mean(axis=1)) / 3.0)
+    face = face_of(named, "all of it")
+    x = face.position[face.facets]
+    return float(np.sum(face.normals * x.mean(axis=1)) / 3.0)

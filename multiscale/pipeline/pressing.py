@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.faces import face_of
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -31,9 +31,8 @@ class Face(NamedTuple):
     def at(cls, meshes: "Sequence[Mesh]", place: tuple[int, str]) -> "Face":
         """Measure a boundary of one of several meshes, which its number and name give."""
         mesh = meshes[place[0]]
-        surface = surface_of(mesh, place[1])
-        x = mesh.p.T[surface.nodes][surface.facets]
-        normals = facet_normals(x)
+        surface = face_of(mesh, place[1])
+        x, normals = surface.position[surface.facets], surface.normals
         areas = np.linalg.norm(normals, axis=1)
         mean = normals.sum(axis=0) / areas.sum()
         return cls(float(areas.sum()), areas @ x.mean(axis=1) / areas.sum(), mean)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.facets import plane_axes
+from multiscale.fe.faces import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.element_faces import list_faces
 from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, save_figures

@@ -8,13 +8,13 @@ from scipy.sparse import csr_array, hstack, kron, vstack
 
 from multiscale.fe.boxes import plane_block
 from multiscale.fe.elasticity import elastic_matrix
-from multiscale.fe.faces import face_operator
+from multiscale.fe.interface import face_operator
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.continuum.body import Body, fixed_motion
+from multiscale.macro.continuum.contact import Contact
 from multiscale.macro.continuum.contact_steps import solve_contact
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
-from multiscale.macro.continuum.interface import Contact
 from multiscale.macro.monolithic import solve_interface
 from multiscale.micro import FlatCell, Surface, contact_modulus
 from multiscale.numerics.factorisation import on_diagonal

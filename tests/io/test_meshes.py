@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.fe.facets import facet_normals, surface_of
+from multiscale.fe.faces import face_of, facet_normals
 from multiscale.fe.mesh_file import load_mesh
 from multiscale.io import open_mesh
 from tests.support import keep_ignoring_broken_pipes
@@ -73,8 +73,8 @@ def deck(nodes=CUBE, text=DECK):
 
 def area_vector(mesh, name):
     """Sum of the outward area vectors of a named boundary, m²."""
-    face = surface_of(mesh, name)
-    return facet_normals(mesh.p.T[face.nodes][face.facets]).sum(axis=0)
+    face = face_of(mesh, name)
+    return face.normals.sum(axis=0)
 
 
 def test_surfaces_and_node_sets_of_a_deck_name_faces(tmp_path):

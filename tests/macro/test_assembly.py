@@ -21,12 +21,12 @@ from multiscale.macro import (
     NewtonSchur,
     RoughJoint,
     pressed_blocks,
-    rough_joint,
     solve_assembly,
 )
 from multiscale.macro.bodies import Platen, stacked_blocks
 from multiscale.macro.joint import TreadBlock, sliding_block
 from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
+from tests.pressed_joint import press_blocks
 
 STEEL, EDGE = Elastic(210e9, 0.3), 0.02
 STEPS = np.array([[20e6, 0.0], [20e6, 1.4e6], [20e6, 2.8e6], [20e6, -1.4e6]])  # Pa
@@ -156,7 +156,7 @@ def tilting(law=JOINT_LAW, **options):
 def test_parts_share_a_platen_that_tilts(method, element):
     joint, assembly = tilting(element=element)
     pressures = np.array([5e6, 10e6])
-    expected = rough_joint(joint, JOINT_LAW, pressures)
+    expected = press_blocks(joint, JOINT_LAW, pressures)
     found = solve_assembly(assembly, pressures, method=method)
     assert found.converged.values.all()
     gap = found.jump.values[..., 0] @ found.point_area.values / joint.area

@@ -5,9 +5,9 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.lap_mesh import LapShape, lap_meshes
 from multiscale.io import open_dataset, write_dataset
 from multiscale.laws.bulk import AnisotropicElastic
+from multiscale.macro.bodies.builders import LapShape, lap_meshes
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.stage import Job
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES

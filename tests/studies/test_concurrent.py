@@ -9,13 +9,14 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import Sliders
 from multiscale.laws.bulk import Elastic
-from multiscale.macro import Block, LatinMethod, RoughJoint, pressed_blocks, rough_joint
+from multiscale.macro import Block, LatinMethod, RoughJoint, pressed_blocks
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import JointLoading, assemble, cut_assembly, load_joint
 from multiscale.micro import Cell, Path, self_affine, solve_cell
 from multiscale.studies import CellLaw
 from multiscale.upscaling import fit_law, law_from_dataset
+from tests.pressed_joint import press_blocks
 
 RMS = 1e-6
 
@@ -117,23 +118,16 @@ def fitted():
 
 def test_a_joint_of_cells_is_as_stiff_as_the_joint_of_their_law(fitted):
     preload = np.array([5e6, 2e7])
-    sequential = rough_joint(joint(), fitted, preload)
+    sequential = press_blocks(joint(), fitted, preload)
     law = CellLaw(rough_cell(), RANGE)
-    concurrent = rough_joint(joint(), law, preload, tolerance=1e-8)
-    assert concurrent["converged"].values.all()
+    concurrent = press_blocks(joint(), law, preload, tolerance=1e-8)
+    assert concurrent.converged.all()
     assert 0 < law.account["solved"] < 50
     assert law.account["reused"] > 0
     for name, tolerance in (("mean_gap", 2e-3), ("joint_stiffness", 3e-2)):
-        np.testing.assert_allclose(concurrent[name], sequential[name], rtol=tolerance)
-
-
-def test_the_monolithic_solver_takes_cells_and_agrees_with_the_condensed_one():
-    law, preload = CellLaw(rough_cell(), RANGE), 1e7
-    K, load, B, weight = matrices(law)
-    u = solve_interface(K, preload * load, B, weight, law).unwrap()
-    gap = float(weight @ (B @ u)[: weight.size]) / weight.sum()
-    condensed = rough_joint(joint(), law, np.array([preload]))
-    assert gap == pytest.approx(float(condensed["mean_gap"][0]), rel=1e-6)
+        np.testing.assert_allclose(
+            getattr(concurrent, name), getattr(sequential, name), rtol=tolerance
+        )
 
 
 def test_newton_on_cells_converges_quadratically():

@@ -327,7 +327,7 @@ def test_a_graph_presses_like_the_sphere_that_it_follows():
     )
     radius = 5.0
     down = (0.0, 0.0, -0.05)
-    ball = scenes.RigidSphere((0.0, 0.0, radius), radius, motion=down)
+    ball = scenes.RigidBall((0.0, 0.0, radius), radius, motion=down)
     cap = RigidGraph(
         lambda x: radius - np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),
         lambda x: x / np.sqrt(radius**2 - x[0] ** 2 - x[1] ** 2),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from multiscale.macro import Block, RoughJoint, rough_joint
+from multiscale.macro import Block, RoughJoint
 from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.surfaces import rms_height
 from multiscale.surfaces.surface import Surface
@@ -32,6 +32,7 @@ from multiscale.upscaling import (
 )
 from multiscale.upscaling.budget_terms import grid_term
 from multiscale.upscaling.cell_size import size_term
+from tests.pressed_joint import press_blocks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,7 +74,7 @@ def joint_stiffness(law, elements=8):
     joint = RoughJoint(
         (edge, edge), plate, plate, (elements, elements), eccentricity=(0.2 * edge, 0.0)
     )
-    return rough_joint(joint, law, PRELOAD)["joint_stiffness"].values
+    return press_blocks(joint, law, PRELOAD).joint_stiffness
 
 
 def wave_gaps(law, points=64):

@@ -1,11 +1,12 @@
 from .assembly import GROUND as GROUND
 from .assembly import Assembly as Assembly
+from .assembly import GapMap as GapMap
 from .assembly import Interface as Interface
-from .assembly_builders import LapShape as LapShape
-from .assembly_builders import lap_joint as lap_joint
-from .assembly_builders import stacked_blocks as stacked_blocks
 from .bolt import Bolt as Bolt
 from .bolt import BoltSection as BoltSection
+from .bolt import Platen as Platen
 from .bolt import shank_stiffness as shank_stiffness
-from .gap_map import GapMap as GapMap
-from .platen import Platen as Platen
+from .builders import LapShape as LapShape
+from .builders import lap_joint as lap_joint
+from .builders import lap_meshes as lap_meshes
+from .builders import stacked_blocks as stacked_blocks

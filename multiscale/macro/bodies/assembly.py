@@ -1,30 +1,111 @@
-"""What every solver for elastic bodies with interfaces takes."""
+"""Elastic bodies with interfaces, initial gaps, rigid plates and bolts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw
-from multiscale.macro.bodies.bolt import Bolt, BoltSection
-from multiscale.macro.bodies.gap_map import GapMap
-from multiscale.macro.bodies.platen import Platen
+from multiscale.macro.bodies.bolt import Bolt, BoltSection, Platen
 from multiscale.macro.continuum.body import Body
 
-__all__ = ["Assembly", "Interface"]
+__all__ = ["GROUND", "Assembly", "GapMap", "Interface"]
 
 GROUND = (None, None)
 """Body and boundary of the first side of an interface with the rigid ground."""
 
+NEAR, FINE = 3.0, 0.1
+"""Distance from a defined point of a map, in its spacings and relative to the size of an interface,
+up to which it covers a place."""
+
+PLAUSIBLE = 0.02
+"""Largest range of a gap relative to the size of the interface; more is another unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class GapMap:
+    """Initial gap at points of an interface, linear between them.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n, 2)
+        Points of the map, m, along the two axes of the structure in the plane of the interface: x
+        and y where its normal is z.
+    gap : ndarray, shape (n,), gap, m, NaN where it is undefined, such as in holes
+    name : str, in messages
+
+    Raises
+    ------
+    CaseError
+        If it has fewer than three defined points.
+    """
+
+    position: np.ndarray
+    gap: np.ndarray
+    name: str = "the map of the gap"
+
+    def __post_init__(self) -> None:
+        if not np.count_nonzero(np.isfinite(self.gap)) >= 3:
+            raise CaseError(
+                f"{self.name} has {np.count_nonzero(np.isfinite(self.gap))} defined points, and a "
+                f"gap over an interface needs three or more"
+            )
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        """Return the gap at points of the interface, m.
+
+        Parameters
+        ----------
+        place : ndarray, shape (points, 3), m, in a plane across x, y or z
+
+        Raises
+        ------
+        CaseError
+            If the map does not cover the interface, by its extents or by undefined points, or its
+            gap is too large for the interface, as in another unit.
+        """
+        from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+        from scipy.spatial import cKDTree
+
+        axes = np.sort(np.argsort(np.ptp(place, axis=0))[1:])
+        x, defined = place[:, axes], np.isfinite(self.gap)
+        points = self.position[defined]
+        spacing = np.median(cKDTree(self.position).query(self.position, 2)[0][:, 1])
+        size = float(np.ptp(x, axis=0).max())
+        covered = cKDTree(points).query(x)[0] <= min(NEAR * spacing, FINE * size)
+        if not covered.all():
+            raise CaseError(
+                f"{self.name} covers {covered.mean():.3g} of the interface: its defined points lie "
+                f"{_extents(points)}, and the interface {_extents(x)}; give a map of the whole "
+                f"interface in the coordinates of the structure, and its unit"
+            )
+        values = self.gap[defined]
+        gap = LinearNDInterpolator(points, values)(x)
+        gap = np.where(np.isnan(gap), NearestNDInterpolator(points, values)(x), gap)
+        if np.ptp(gap) > PLAUSIBLE * size:
+            raise CaseError(
+                f"{self.name} varies by {np.ptp(gap):.3g} m over an interface of {size:.3g} m, "
+                f"more than {PLAUSIBLE:g} of it; give the unit of the gaps"
+            )
+        return np.asarray(gap)
+
+
+def _extents(x: np.ndarray) -> str:
+    """Extents of points in a plane."""
+    low, high = x.min(axis=0), x.max(axis=0)
+    return " by ".join(f"from {a:.4g} to {b:.4g} m" for a, b in zip(low, high, strict=True))
+
 
 @dataclass(frozen=True)
 class Interface:
-    """A law between boundaries of two bodies, or of one and the ground.
+    """A law between boundaries of two bodies, or of a body and the ground.
 
     Where the nodes of the boundaries do not match, or elements are of second order, the law acts on
     averages of the jump about the corners of the facets of side 2 (of side 1 where the facets of
     side 2 are more than four times as large), so that a patch under even stress is exact. Of
     boundaries that do not match, at least half of the smaller one must lie on the other: of plates
-    that lap, the parts that meet are boundaries of their own.
+    that lap, the parts that meet are separate boundaries.
 
     Attributes
     ----------
@@ -36,7 +117,7 @@ class Interface:
     quadrature_order : int, optional
         The law acts at Gauss points that integrate this degree exactly, of boundaries that match;
         at nodes or averages if not given, where the tractions of stiff laws do not oscillate.
-    gap : GapMap, optional, initial gap beside the gap of the law
+    gap : GapMap, optional, initial gap in addition to the gap of the law
     """
 
     sides: tuple[int | None, int]
@@ -89,15 +170,16 @@ class Assembly:
         for i, interface in enumerate(self.interfaces):
             first, second = zip(interface.sides, interface.boundaries, strict=True)
             named += [(f"interface {i}", *side) for side in (first, second)[first == GROUND :]]
-        named += [(f"platen {i}", one.body, one.boundary) for i, one in enumerate(self.platens)]
-        ends = [(one.sides, one.boundaries) for one in self.bolts]
-        ends += [(one.sides, one.boundaries) for one in self.sections]
-        for i, (sides, boundaries) in enumerate(ends):
-            named += [(f"bolt {i}", *side) for side in zip(sides, boundaries, strict=True)]
-        for what, body, boundary in named:
+        named += [
+            (f"platen {i}", platen.body, platen.boundary) for i, platen in enumerate(self.platens)
+        ]
+        shanks: list[Bolt | BoltSection] = [*self.bolts, *self.sections]
+        for i, bolt in enumerate(shanks):
+            named += [(f"bolt {i}", *end) for end in zip(bolt.sides, bolt.boundaries, strict=True)]
+        for part, body, boundary in named:
             if body is None or boundary is None or not 0 <= body < len(self.bodies):
                 raise CaseError(
-                    f"{what} names body {body}; there are {len(self.bodies)}, counted from 0"
+                    f"{part} names body {body}; there are {len(self.bodies)}, counted from 0"
                 )
             self.bodies[body].check_boundary(boundary)
         for bolt in self.bolts:

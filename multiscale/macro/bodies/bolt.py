@@ -1,4 +1,4 @@
-"""Bolts: two rigid washers and an elastic shank between them, or a shank that is meshed and cut."""
+"""Rigid plates, and bolts: two rigid washers with an elastic shank, or a shank that is meshed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,15 +6,66 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.fe.facets import facet_normals, surface_of
-from multiscale.macro.bodies.platen import Platen
-from multiscale.macro.continuum.body import Body
+from multiscale.fe.faces import face_of
+from multiscale.macro.continuum.body import Body, Value
 
-__all__ = ["Bolt", "BoltSection", "shank_stiffness"]
+__all__ = ["Bolt", "BoltSection", "Platen", "shank_stiffness"]
 
 ASIDE = 0.01
 """Distance of the middles of both washers across the axis, relative to their size, and share of a
 normal across it, that are rounding of the mesh."""
+
+
+@dataclass(frozen=True)
+class Platen:
+    """A rigid plate on a boundary of a body, which moves along one axis and may tilt.
+
+    Along the other axes the nodes of the boundary are free, or held by the supports of the body. A
+    plate that is guided has one unknown, its displacement. One that tilts has three, which are its
+    displacements at its middle and at the ends of its half-lengths along the two other axes, so
+    that they move with a rigid body as the displacements of nodes do.
+
+    Attributes
+    ----------
+    body : int
+    boundary : str
+    force : float or callable, along the axis, N; in the form of the tractions of a body
+    point : tuple of float, optional
+        Where the force acts, m: the plate tilts freely. It is guided if not given.
+    axis : int, default 2, along which it moves
+    """
+
+    body: int
+    boundary: str
+    force: Value
+    point: tuple[float, float, float] | None = None
+    axis: int = 2
+
+    def positions(self, body: Body) -> np.ndarray:
+        """Points of the plate whose displacements along the axis are its unknowns, (3, k), m."""
+        nodes = body.basis.doflocs[:, body.nodes(self.boundary)]
+        low, high = nodes.min(axis=1), nodes.max(axis=1)
+        middle = 0.5 * (low + high)
+        if self.point is None:
+            return np.asarray(middle[:, None])
+        first, second = (axis for axis in range(3) if axis != self.axis)
+        ends = np.eye(3)[[first, second]] * (high - middle)
+        return np.column_stack([middle, middle + ends[0], middle + ends[1]])
+
+    def motion(self, body: Body, position: np.ndarray) -> np.ndarray:
+        """Displacement along the axis that its unknowns give to points (3, m), shape (m, k)."""
+        unknowns = self.positions(body)
+        if self.point is None:
+            return np.ones((position.shape[1], 1))
+        across = [axis for axis in range(3) if axis != self.axis]
+        half = np.diag(unknowns[across, 1:] - unknowns[across, :1])
+        tilts = ((position[across] - unknowns[across, :1]) / half[:, None]).T
+        return np.asarray(np.column_stack([1.0 - tilts.sum(axis=1), tilts]))
+
+    def arm(self, body: Body) -> np.ndarray:
+        """Displacement of the force that its unknowns give, shape (k,)."""
+        at = self.positions(body)[:, 0] if self.point is None else np.array(self.point)
+        return np.asarray(self.motion(body, at[:, None])[0])
 
 
 @dataclass(frozen=True)
@@ -66,7 +117,7 @@ class Bolt:
     def name(self, bodies: Sequence[Body]) -> str:
         """Name the bolt by the faces under its washers, in words."""
         ends = zip(self.sides, self.boundaries, strict=True)
-        return f"the bolt from {' to '.join(bodies[k].say_face(face, k) for k, face in ends)}"
+        return f"the bolt from {' to '.join(bodies[k].face_name(face, k) for k, face in ends)}"
 
     def washers(self, bodies: Sequence[Body]) -> tuple[Platen, Platen]:
         """Rigid plates under the bolt, along its axis the first one first.
@@ -76,18 +127,18 @@ class Bolt:
         CaseError
             If the washers are not opposite each other.
         """
-        found = []
+        washers = []
         for body, name in zip(self.sides, self.boundaries, strict=True):
-            face = surface_of(bodies[body].mesh, name)
-            x = bodies[body].mesh.p.T[face.nodes]
-            middle, normal = 0.5 * (x.min(axis=0) + x.max(axis=0)), facet_normals(x[face.facets])
-            found.append((middle, normal.sum(axis=0), float(np.ptp(x, axis=0).max()), body, name))
-        apart = found[1][0] - found[0][0]
+            face = face_of(bodies[body].mesh, name)
+            x = face.position
+            middle, normal = 0.5 * (x.min(axis=0) + x.max(axis=0)), face.normals.sum(axis=0)
+            washers.append((middle, normal, float(np.ptp(x, axis=0).max()), body, name))
+        apart = washers[1][0] - washers[0][0]
         axis = int(np.argmax(np.abs(apart)))
         if apart[axis] < 0.0:
-            found.reverse()
+            washers.reverse()
         aside = float(np.linalg.norm(np.delete(apart, axis)))
-        (_, down, size, *_), (_, up, other, *_) = found
+        (_, down, size, *_), (_, up, other, *_) = washers
         facing = [0.0 - down[axis] / np.linalg.norm(down), up[axis] / np.linalg.norm(up)]
         if aside > ASIDE * max(size, other) or min(facing) < 1.0 - ASIDE:
             raise CaseError(
@@ -95,11 +146,11 @@ class Bolt:
                 f"other along {'xyz'[axis]} (cosines {facing[0]:.2g} and {facing[1]:.2g}) and lie "
                 f"above each other (middles {aside:.2g} m aside)"
             )
-        one, two = (
+        first, second = (
             Platen(body, name, 0.0, tuple(middle.tolist()), axis)
-            for middle, _, _, body, name in found
+            for middle, _, _, body, name in washers
         )
-        return one, two
+        return first, second
 
 
 @dataclass(frozen=True)
@@ -150,22 +201,24 @@ class BoltSection:
         """
         from scipy.spatial import cKDTree
 
-        one, two = (bodies[side] for side in self.sides)
-        first, second = (b.nodes(n) for b, n in zip((one, two), self.boundaries, strict=True))
-        x = two.basis.doflocs[:, second]
-        apart, nearest = cKDTree(one.basis.doflocs[:, first].T).query(x.T)
+        lower, upper = (bodies[side] for side in self.sides)
+        first, second = (
+            body.nodes(face) for body, face in zip((lower, upper), self.boundaries, strict=True)
+        )
+        x = upper.basis.doflocs[:, second]
+        apart, nearest = cKDTree(lower.basis.doflocs[:, first].T).query(x.T)
         extent = np.ptp(x, axis=1)
         axis, size = int(np.argmin(extent)), float(extent.max())
         if first.size != second.size or max(apart.max(), extent[axis]) > 1e-6 * size:
             raise CaseError(
-                f"the cut through a bolt, {one.say_face(self.boundaries[0], self.sides[0])} and "
-                f"{two.say_face(self.boundaries[1], self.sides[1])}, has {first.size} and "
+                f"the cut through a bolt, {lower.face_name(self.boundaries[0], self.sides[0])} and "
+                f"{upper.face_name(self.boundaries[1], self.sides[1])}, has {first.size} and "
                 f"{second.size} nodes up to {max(apart.max(), extent[axis]):.2g} m apart; mesh "
                 f"both faces alike, in one plane across an axis"
             )
-        face = surface_of(two.mesh, self.boundaries[1])
-        normal = facet_normals(two.mesh.p.T[face.nodes][face.facets]).sum(axis=0)
-        return first[nearest], second, axis, float(np.sign(normal[axis]))
+        face = face_of(upper.mesh, self.boundaries[1])
+        direction = float(np.sign(face.normals.sum(axis=0)[axis]))
+        return first[nearest], second, axis, direction
 
 
 def shank_stiffness(diameter: float, length: float, youngs_modulus: float) -> float:

@@ -1,13 +1,11 @@
 from .body import Body as Body
 from .body import load_mesh as load_mesh
 from .body import load_vector as load_vector
+from .contact import Contact as Contact
+from .contact import RigidGraph as RigidGraph
+from .contact import RigidPlane as RigidPlane
 from .contact_steps import ContactStep as ContactStep
 from .contact_steps import solve_contact as solve_contact
 from .crack_band import SHAPES as SHAPES
 from .crack_band import follow_crack_band as follow_crack_band
 from .finite_assembly import FiniteAssembly as FiniteAssembly
-from .interface import Contact as Contact
-from .rigid_obstacle import RigidCylinder as RigidCylinder
-from .rigid_obstacle import RigidGraph as RigidGraph
-from .rigid_obstacle import RigidPlane as RigidPlane
-from .rigid_obstacle import RigidSphere as RigidSphere

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ Value = float | Callable[[np.ndarray, float], np.ndarray | float]
 """A number that grows in proportion to time, or a function ``value(position, time)``."""
 
 Supports = Mapping[str, Sequence[Value | None]]
-"""Displacement of the components on boundaries; None leaves one free."""
+"""Displacement of the components on boundaries; None leaves a component free."""
 
 Pins = Mapping[tuple[float, ...], Sequence[Value | None]]
 """Displacement of the components of single nodes, by their positions."""
@@ -91,31 +91,32 @@ class Body:
         dim = self.mesh.dim()
         for boundary in (*self.supports, *self.tractions):
             self.check_boundary(boundary)
-        for what, table in (
-            ("support", self.supports),
-            ("traction", self.tractions),
-            ("pin", self.pins),
-        ):
+        tables: dict[str, Mapping[Any, Sequence[Value | None]]] = {
+            "support": self.supports,
+            "traction": self.tractions,
+            "pin": self.pins,
+        }
+        for kind, table in tables.items():
             for name, values in table.items():
                 if len(values) != dim:
                     raise CaseError(
-                        f"the {what} on {name!r} needs {dim} components, got {len(values)}"
+                        f"the {kind} on {name!r} needs {dim} components, got {len(values)}"
                     )
                 for value in values:
                     if value is not None and not callable(value) and not np.isfinite(value):
-                        raise CaseError(f"the {what} on {name!r} must be finite, got {value}")
+                        raise CaseError(f"the {kind} on {name!r} must be finite, got {value}")
 
     def check_boundary(self, name: str) -> None:
         """Refuse a boundary that the mesh does not name."""
         check_boundary(self.mesh, name)
 
-    def say_face(self, boundary: str, number: int) -> str:
-        """Name a boundary, with the number of the body if it has no name."""
+    def face_name(self, boundary: str, number: int) -> str:
+        """Name of a boundary in messages, with the number of the body if it has no name."""
         return f"{self.name}.{boundary}" if self.name else f"{boundary!r} of body {number}"
 
     @cached_property
     def basis(self) -> "CellBasis":
-        """Finite-element space of one displacement component."""
+        """Finite-element space of a displacement component."""
         return displacement_basis(self.mesh, self.element or self.mesh.elem())
 
     def nodes(self, boundary: str) -> np.ndarray:
@@ -124,12 +125,12 @@ class Body:
         return np.unique(self.basis.get_dofs(boundary).all())
 
 
-def evaluate(value: Value, position: np.ndarray, time: float, what: str) -> np.ndarray:
+def evaluate(value: Value, position: np.ndarray, time: float, name: str) -> np.ndarray:
     """Value at points of shape (d, n) and a time; refuses values that are not finite."""
     result = value(position, time) if callable(value) else value * time
     result = np.broadcast_to(np.asarray(result, dtype=float), position.shape[1:])
     if not np.all(np.isfinite(result)):
-        raise CaseError(f"{what} is NaN or infinite at time {time:g}")
+        raise CaseError(f"{name} is NaN or infinite at time {time:g}")
     return result
 
 
@@ -138,14 +139,14 @@ def fixed_motion(body: Body, time: float) -> tuple[np.ndarray, np.ndarray]:
     position = body.basis.doflocs
     motion = np.full(position.shape, np.nan)
     held = [
-        (f"the support on {name!r}", body.nodes(name), body.supports[name])
-        for name in body.supports
+        (f"the support on {face!r}", body.nodes(face), body.supports[face])
+        for face in body.supports
     ]
     held += [(f"the pin at {point}", _node(body, point), body.pins[point]) for point in body.pins]
-    for what, nodes, values in held:
+    for name, nodes, values in held:
         for i, value in enumerate(values):
             if value is not None:
-                motion[i, nodes] = evaluate(value, position[:, nodes], time, what)
+                motion[i, nodes] = evaluate(value, position[:, nodes], time, name)
     flat = motion.T.ravel()
     fixed = np.flatnonzero(~np.isnan(flat))
     return fixed, flat[fixed]

@@ -6,25 +6,40 @@ One load step of the source's problem (4)-(5) with Coulomb friction,
 
 for any bulk law and either kind of sliding: material, geometry, contact set and friction are
 updated in one loop, and the displacement is kept as the main unknown.
+
+A linear problem is condensed onto its contact unknowns: with one factorisation of :math:`K` and the
+Delassus operator :math:`W = H^t K^{-1} H`,
+
+.. math:: u = K^{-1}(f + H r), \qquad H^t u = q + W r,    \tag{2}
+
+each load step is a small dense problem in the reactions :math:`r`.
+
+References
+----------
+.. [1] P. Alart and A. Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353-375,
+   doi:10.1016/0045-7825(91)90022-X.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import norm
+from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import block_array, csr_array, diags_array
 
-from multiscale.convergence import Solution
+from multiscale.convergence import Solution, Status
 from multiscale.errors import ConvergenceError, MultiscaleError
+from multiscale.fe.condensation import compliances
 from multiscale.fe.elements import sum_blocks
 from multiscale.fe.rigid_motion import count_free_motions
-from multiscale.macro.continuum.finite_assembly import FiniteAssembly, JoinedContacts
-from multiscale.macro.continuum.interface import Coupling
-from multiscale.macro.continuum.nodal_coulomb import LocalLaw, linearise
+from multiscale.macro.continuum.contact import Coupling
+from multiscale.macro.continuum.finite_assembly import FiniteAssembly
+from multiscale.nonsmooth.semismooth_newton import linearise
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
-__all__ = ["Equilibrium", "block_diagonal", "contact_stiffness", "newton_step", "rest"]
+__all__ = ["ContactEquilibrium", "condense_contact", "linearise_contact", "newton_step", "rest"]
 
 PATIENCE = 15
 """Iterations without a smaller residual after which a step gives up."""
@@ -40,17 +55,17 @@ SMALLEST_RATIO = 0.05
 """Volume ratio of an element below which a Newton step is shortened."""
 
 LANDINGS = 5
-"""How often in a step a loose body is put down on what lies nearest."""
+"""How often in a step a loose body is put down on the nearest surface."""
 
 HALVINGS = 8
 """How often a Newton step may be halved."""
 
 RELAXATION = 0.3
-"""Stiffness of the contact law relative to the bodies' own: 1 makes friction cycle."""
+"""Stiffness of the contact law relative to that of the bodies: 1 makes friction cycle."""
 
 
 @dataclass(frozen=True)
-class Equilibrium:
+class ContactEquilibrium:
     """A state of the whole problem.
 
     Attributes
@@ -59,28 +74,46 @@ class Equilibrium:
     displacement : ndarray, shape (unknowns,), m
     reaction : ndarray, shape (contact nodes, c), Pa
     state : tuple of ndarray, internal variables of the bodies
-    couplings : tuple of Coupling, of the interfaces
+    coupling : Coupling, of all interfaces
     jump : ndarray, shape (contact nodes, c), gap and slip of the step, m
     unbalance : ndarray, shape (unknowns,)
-        Internal less external and contact forces, N: what the supports carry.
+        Internal less external and contact forces, N: the forces of the supports.
     """
 
     time: float
     displacement: np.ndarray
     reaction: np.ndarray
     state: tuple[np.ndarray, ...]
-    couplings: tuple[Coupling, ...]
+    coupling: Coupling
     jump: np.ndarray
     unbalance: np.ndarray
 
 
 @dataclass(frozen=True)
-class _Trial:
-    """A state, its residual and what the next Newton step needs."""
+class LocalLaw:
+    """Residual of the contact law and its derivatives.
 
-    end: Equilibrium
+    Attributes
+    ----------
+    residual : ndarray, shape (nodes, c), Pa; zero where the law holds
+    by_reaction : ndarray, shape (nodes, c, c), derivative by the reaction, dimensionless
+    by_jump : ndarray, shape (nodes, c, c)
+        Derivative by the jump, Pa/m. Zero rows where the node is open.
+    """
+
+    residual: np.ndarray
+    by_reaction: np.ndarray
+    by_jump: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A state with its residual, and the tangents of the next Newton step."""
+
+    end: ContactEquilibrium
     tangent: csr_array
-    joined: JoinedContacts
+    operator: csr_array
+    jump_tangent: csr_array
     rho: np.ndarray
     law: LocalLaw
     residual: float
@@ -88,20 +121,51 @@ class _Trial:
     usable: bool
 
 
-def rest(assembly: FiniteAssembly) -> Equilibrium:
+def linearise_contact(
+    reaction: np.ndarray,
+    jump: np.ndarray,
+    friction: np.ndarray,
+    stiffness: np.ndarray,
+    kept: np.ndarray,
+) -> LocalLaw:
+    r"""Evaluate the contact law at nodes and a member of its generalised derivative.
+
+    With :math:`y = r - \rho\,(g, s)` and the ball of radius :math:`b = \mu \max(0, y_n)` [1]_,
+
+    .. math:: R_n = r_n - \max(0, y_n), \qquad R_t = r_t - P_b(y_t),    \tag{1}
+
+    which is (5) of the source with Coulomb's law: zero if and only if
+    :math:`0 \le g \perp r_n \ge 0`, :math:`|r_t| \le \mu r_n`, and friction opposes slip.
+    """
+    c = reaction.shape[1]
+    lost = ~kept
+    lost[:, 1:] |= lost[:, :1] | (friction == 0.0)[:, None]
+    space = np.zeros((2, len(reaction), 3))
+    space[:, :, :c] = np.where(lost, 0.0, [stiffness[:, None] * jump, reaction])
+    residual, by_jump, by_reaction = linearise(*space, friction)  # (1)
+    return LocalLaw(
+        np.where(lost, reaction, residual[:, :c]),
+        np.where(lost[:, :, None], np.eye(c), by_reaction[:, :c, :c]),
+        np.where(lost[:, :, None], 0.0, stiffness[:, None, None] * by_jump[:, :c, :c]),
+    )
+
+
+def rest(assembly: FiniteAssembly) -> ContactEquilibrium:
     """State before the first load step."""
     u = np.zeros(assembly.start.size)
-    couplings = assembly.couplings(u, 0.0, None)
-    jump = assembly.jump(couplings, couplings, (u, u), (0.0, 0.0))
-    return Equilibrium(0.0, u, np.zeros_like(jump), assembly.initial_state(), couplings, jump, u)
+    coupling = assembly.couple(u, 0.0)
+    jump = assembly.jump(coupling, coupling, (u, u), (0.0, 0.0))
+    return ContactEquilibrium(
+        0.0, u, np.zeros_like(jump), assembly.initial_state(), coupling, jump, u
+    )
 
 
 def newton_step(
-    assembly: FiniteAssembly, before: Equilibrium, time: float, limits: Limits
-) -> tuple[Solution, Equilibrium]:
-    """Solve one load step."""
+    assembly: FiniteAssembly, before: ContactEquilibrium, time: float, limits: Limits
+) -> tuple[Solution, ContactEquilibrium]:
+    """Solve a load step: semismooth Newton on displacement and reaction."""
     problem = _Step(assembly, before, time, assembly.load(time), assembly.supported(time))
-    trial = problem.evaluate(before.displacement, before.reaction, before.couplings)
+    trial = problem.evaluate(before.displacement, before.reaction, before.coupling)
     landings = LANDINGS
     run = NewtonRun(limits, PATIENCE)
 
@@ -118,35 +182,36 @@ class _Step:
     """One load step of a problem."""
 
     assembly: FiniteAssembly
-    before: Equilibrium
+    before: ContactEquilibrium
     time: float
     load: np.ndarray
     motion: np.ndarray
 
-    def evaluate(self, u: np.ndarray, reaction: np.ndarray, old: tuple[Coupling, ...]) -> _Trial:
+    def evaluate(self, u: np.ndarray, reaction: np.ndarray, old: Coupling) -> _Trial:
         """Residual and tangents at a displacement and a reaction."""
         assembly, before = self.assembly, self.before
-        couplings = assembly.couplings(u, self.time, old)
-        joined = assembly.join(before.couplings, couplings)
+        coupling = assembly.couple(u, self.time, old)
+        B, jump_tangent = assembly.operators(before.coupling, coupling)
         force, tangent, state, smallest = assembly.internal(u, before.state)
         motion, times = (before.displacement, u), (before.time, self.time)
-        jump = assembly.jump(before.couplings, couplings, motion, times)
-        rho = contact_stiffness(assembly, joined)
-        law = linearise(reaction, jump, assembly.friction, rho, joined.kept)
-        contact = joined.operator.T @ reaction.ravel()  # H r
+        jump = assembly.jump(before.coupling, coupling, motion, times)
+        rho = _contact_stiffness(assembly, B, coupling.area)
+        kept = coupling.kept[:, : assembly.components]
+        law = linearise_contact(reaction, jump, assembly.friction, rho, kept)
+        contact = B.T @ reaction.ravel()  # H r
         unbalance = force - contact - self.load  # (4)
 
         free = assembly.free
         scale = max(float(norm(f)) for f in (self.load, contact, (force - contact)[~free]))
-        wrong = law.residual * joined.area[:, None]
+        wrong = law.residual * coupling.area[:, None]
         late = tangent.diagonal()[~free] * (self.motion - u[~free])
         error = float(np.hypot(norm(unbalance[free]), np.hypot(norm(wrong), norm(late))))
         residual = error / scale if scale > 0.0 else float(error > 0.0)
         size = float(norm((abs(tangent) @ np.abs(u))[free]))
         floor = min(UNSURE, ROUND_OFF * size / scale) if scale > 0.0 else 0.0
-        end = Equilibrium(self.time, u, reaction, state, couplings, jump, unbalance)
+        end = ContactEquilibrium(self.time, u, reaction, state, coupling, jump, unbalance)
         usable = smallest > SMALLEST_RATIO and bool(np.isfinite(residual))
-        return _Trial(end, tangent, joined, rho, law, residual, floor, usable)
+        return _Trial(end, tangent, B, jump_tangent, rho, law, residual, floor, usable)
 
     def direction(self, trial: _Trial, *, may_land: bool) -> tuple[np.ndarray, np.ndarray, bool]:
         """Newton step (m, Pa), and whether a loose body was put down for it."""
@@ -167,7 +232,7 @@ class _Step:
             new = self.evaluate(
                 trial.end.displacement + length * du,
                 trial.end.reaction + length * dr,
-                trial.end.couplings,
+                trial.end.coupling,
             )
             if new.usable:
                 break
@@ -176,19 +241,18 @@ class _Step:
 
     def _direction(self, trial: _Trial, law: LocalLaw) -> tuple[np.ndarray, np.ndarray]:
         """Solve the linearised problem; open components leave it at once."""
-        assembly, joined = self.assembly, trial.joined
+        assembly, B = self.assembly, trial.operator
         free = assembly.free
         du = np.zeros(free.size)
         du[~free] = self.motion - trial.end.displacement[~free]
 
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         dr = np.where(live, 0.0, -law.residual.ravel())
-        B = joined.operator
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
         rho = np.repeat(trial.rho, assembly.components)
-        area = np.repeat(joined.area, assembly.components)
-        by_jump = block_diagonal(law.by_jump)[live] @ joined.tangent
-        by_reaction = diags_array(area[live]) @ block_diagonal(law.by_reaction)[live]
+        area = np.repeat(trial.end.coupling.area, assembly.components)
+        by_jump = _block_diagonal(law.by_jump)[live] @ trial.jump_tangent
+        by_reaction = diags_array(area[live]) @ _block_diagonal(law.by_reaction)[live]
         rhs = np.concatenate(
             [
                 (-trial.end.unbalance - trial.tangent @ du + B.T @ dr)[free],
@@ -215,11 +279,12 @@ class _Step:
         """Contact law with the nearest nodes of every open interface closed: a loose body lands."""
         law, jump = trial.law, trial.end.jump
         closed = np.zeros(len(jump), dtype=bool)
-        for part, coupling in zip(self.assembly.contact_nodes, trial.end.couplings, strict=True):
-            possible = trial.joined.kept[part, 0]
+        coupling = trial.end.coupling
+        for part in self.assembly.contact_nodes:
+            possible = coupling.kept[part, 0]
             if possible.any() and not np.any(law.by_jump[part, 0, 0]):
                 gap = np.where(possible, jump[part, 0], np.inf)
-                closed[part] = gap <= gap.min() + 1e-6 * np.sqrt(coupling.area.max())
+                closed[part] = gap <= gap.min() + 1e-6 * np.sqrt(coupling.area[part].max())
         if not closed.any():
             return None
         rho = trial.rho
@@ -233,7 +298,7 @@ class _Step:
         return LocalLaw(residual, by_reaction, by_jump)
 
     def _loose(self, error: MultiscaleError) -> ConvergenceError:
-        """Name the bodies that their supports alone do not hold."""
+        """Error that names the bodies that their supports do not hold."""
         names = list(self.assembly.bodies)
         assembly, first = self.assembly, self.assembly.first
         flat = assembly.start.shape[1] == 2  # in a plane, as nodes held across it
@@ -259,17 +324,16 @@ class _Step:
         )
 
     def _slides(self, name: str) -> str | None:
-        """Say what the friction before this step carries of the load on a body, if too little."""
+        """Sentence on the friction before this step, if it cannot carry the load on a body."""
         assembly, before = self.assembly, self.before
         d, body = assembly.start.shape[1], list(assembly.bodies).index(name)
         low, high = assembly.first[body : body + 2]
         carried, normal = 0.0, np.zeros(d)
-        parts = zip(assembly.interfaces, assembly.contact_nodes, before.couplings, strict=True)
-        for interface, part, coupling in parts:
+        for interface, part in zip(assembly.interfaces, assembly.contact_nodes, strict=True):
             if any(low <= nodes[0] < high for nodes in interface.nodes):
-                force = before.reaction[part, 0] * coupling.area
+                force = before.reaction[part, 0] * before.coupling.area[part]
                 carried += float(assembly.friction[part] @ force)
-                normal += force @ coupling.frame[:, 0]
+                normal += force @ before.coupling.frame[part, 0]
         load = self.load[assembly.unknowns(body)].reshape(-1, d).sum(axis=0)
         normal /= norm(normal) or 1.0
         along = float(norm(load - (load @ normal) * normal))
@@ -283,19 +347,137 @@ class _Step:
         )
 
 
-def contact_stiffness(assembly: FiniteAssembly, joined: JoinedContacts) -> np.ndarray:
+def _contact_stiffness(assembly: FiniteAssembly, B: csr_array, area: np.ndarray) -> np.ndarray:
     """Stiffness rho of the contact law, Pa/m: of the order of the stiffness that a node feels."""
     diagonal = assembly.diagonal
     compliance = np.where(diagonal > 0.0, 1.0 / np.where(diagonal > 0.0, diagonal, 1.0), 0.0)
-    normal = joined.operator[:: assembly.components]
+    normal = B[:: assembly.components]
     softness = normal.power(2) @ compliance  # of a unit reaction, times area: m / (Pa/m2)
-    typical = joined.area / np.where(softness > 0.0, softness, 1.0)
+    typical = area / np.where(softness > 0.0, softness, 1.0)
     usual = float(np.median(typical[softness > 0.0])) if np.any(softness > 0.0) else 1.0
     return np.asarray(RELAXATION * np.where(softness > 0.0, typical, usual))
 
 
-def block_diagonal(blocks: np.ndarray) -> csr_array:
+def _block_diagonal(blocks: np.ndarray) -> csr_array:
     """Sparse matrix of small square blocks, shape (n, c, c)."""
     n, c, _ = blocks.shape
     place = np.arange(n * c).reshape(n, c)
     return sum_blocks(blocks, place, place, (n * c, n * c))
+
+
+@dataclass(frozen=True)
+class CondensedContact:
+    """A linear contact problem in its reactions.
+
+    Attributes
+    ----------
+    assembly : FiniteAssembly, the problem
+    coupling : Coupling, its interfaces
+    operator : csr_array, shape (contact unknowns, unknowns), weighted jump, m²
+    stiffness : csr_array, shape (unknowns, unknowns), of all bodies, N/m
+    solve : callable, inverse of the stiffness of the free unknowns
+    delassus : ndarray, shape (contact unknowns, contact unknowns)
+        Mean jump of a node, m, for a unit reaction, Pa.
+    rho : ndarray, shape (contact nodes,), stiffness of the contact law, Pa/m
+    """
+
+    assembly: FiniteAssembly
+    coupling: Coupling
+    operator: csr_array
+    stiffness: csr_array
+    solve: Callable[[np.ndarray], np.ndarray]
+    delassus: np.ndarray
+    rho: np.ndarray
+
+    def step(
+        self, before: ContactEquilibrium, time: float, limits: Limits
+    ) -> tuple[Solution, ContactEquilibrium]:
+        """Solve a load step; arguments and result as of ``newton_step``."""
+        load = self.assembly.load(time)
+        motion = self.assembly.supported(time)
+        without = self._displacement(load, motion)
+        q = self._jump(before, without, time)
+        support = float(norm((self.stiffness @ without)[~self.assembly.free]))
+        scale = max(float(norm(load)), support)
+
+        r = np.array(before.reaction)
+        law, residual = self._linearise(r, q, scale)
+        run = NewtonRun(limits, PATIENCE)
+        while run.goes_on(residual):
+            r = r + (0.5 if run.since_best > CYCLE else 1.0) * self._direction(law)
+            law, residual = self._linearise(r, q, scale)
+
+        force = load + self.operator.T @ r.ravel()
+        u = self._displacement(force, motion)
+        unbalance = self.stiffness @ u - force
+        if run.converged and not self._balanced(u, force, unbalance, limits.tolerance):
+            run.stop(Status.STALLED)
+        jump = self._jump(before, u, time)
+        end = ContactEquilibrium(time, u, r, before.state, self.coupling, jump, unbalance)
+        return run.solution(u), end
+
+    def _linearise(self, r: np.ndarray, q: np.ndarray, scale: float) -> tuple[LocalLaw, float]:
+        """Contact law at a reaction, and its error relative to the forces."""
+        kept = self.coupling.kept[:, : self.assembly.components]
+        jump = q + (self.delassus @ r.ravel()).reshape(r.shape)  # (2)
+        law = linearise_contact(r, jump, self.assembly.friction, self.rho, kept)
+        size = max(scale, float(norm(self.operator.T @ r.ravel())))
+        error = float(norm(law.residual * self.coupling.area[:, None]))
+        return law, error / size if size > 0.0 else float(error > 0.0)
+
+    def _balanced(
+        self, u: np.ndarray, force: np.ndarray, unbalance: np.ndarray, tolerance: float
+    ) -> bool:
+        """Whether the displacement is in equilibrium, to the tolerance or to round-off."""
+        free = self.assembly.free
+        terms = float(norm((abs(self.stiffness) @ np.abs(u))[free]))
+        scale = max(float(norm(force)), float(norm(unbalance[~free])))
+        return float(norm(unbalance[free])) <= max(tolerance * scale, ROUND_OFF * terms)
+
+    def _displacement(self, force: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        """Displacement under given forces and supports, m."""
+        u, free = np.zeros(force.size), self.assembly.free
+        u[~free] = motion
+        u[free] = self.solve((force - self.stiffness @ u)[free])
+        return u
+
+    def _jump(self, before: ContactEquilibrium, u: np.ndarray, time: float) -> np.ndarray:
+        """Gap and slip of a displacement, m."""
+        motions = (before.displacement, u)
+        coupling, times = self.coupling, (before.time, time)
+        return self.assembly.jump(coupling, coupling, motions, times)
+
+    def _direction(self, law: LocalLaw) -> np.ndarray:
+        """Newton step of the reactions, Pa; open components leave at once."""
+        live = np.any(law.by_jump != 0.0, axis=2).ravel()
+        residual = law.residual.ravel()
+        dr = np.where(live, 0.0, -residual)
+        if live.any():
+            by_jump, by_reaction = (
+                _block_diagonal(blocks)[live] for blocks in (law.by_jump, law.by_reaction)
+            )
+            matrix = by_jump @ self.delassus[:, live] + by_reaction[:, live].toarray()
+            right = residual[live] + by_jump @ (self.delassus @ dr) + by_reaction @ dr
+            dr[live] = -lu_solve(lu_factor(matrix), right)
+        return dr.reshape(law.residual.shape)
+
+
+def condense_contact(
+    assembly: FiniteAssembly, start: ContactEquilibrium
+) -> CondensedContact | None:
+    """Factorise the bodies and compute W; None if only its contacts hold a body."""
+    coupling = start.coupling
+    operator = assembly.operators(coupling, coupling)[0]
+    stiffness = assembly.internal(start.displacement, start.state)[1]
+    free = assembly.free
+    try:
+        solve = factorise(csr_array(stiffness[free][:, free]), name="the stiffness of the bodies")
+    except MultiscaleError:
+        return None
+    B = csr_array(operator[:, free])
+    area = np.repeat(np.where(coupling.area > 0.0, coupling.area, 1.0), assembly.components)
+    W = compliances(solve, B)[0] / area[:, None]
+    soft = W.diagonal()[:: assembly.components]
+    usual = float(np.median(soft[soft > 0.0])) if np.any(soft > 0.0) else 1.0
+    rho = RELAXATION / np.where(soft > 0.0, soft, usual)
+    return CondensedContact(assembly, coupling, operator, stiffness, solve, W, rho)

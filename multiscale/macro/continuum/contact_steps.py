@@ -13,8 +13,12 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.macro.continuum.condensed_contact import condense_contact
-from multiscale.macro.continuum.contact_newton import Equilibrium, newton_step, rest
+from multiscale.macro.continuum.contact_newton import (
+    ContactEquilibrium,
+    condense_contact,
+    newton_step,
+    rest,
+)
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
 from multiscale.numerics.newton import Limits, join_solutions, march
 
@@ -29,7 +33,7 @@ MAX_CONDENSED = 1500
 
 @dataclass(frozen=True)
 class SurfaceState:
-    """What a contact looks like at the end of a load step, node by node of side 1.
+    """Traction, gap and slip of a contact at the end of a load step, by nodes of side 1.
 
     Attributes
     ----------
@@ -134,7 +138,7 @@ def solve_contact(
         If the times do not increase from zero, a load is not finite, two surfaces have no
         common area, or ``condensed`` is asked for a problem that is not linear.
     ConvergenceError
-        If a body can move without force in the first step. In a later one the step says so.
+        If a body can move without force in the first step; a later step is then INFEASIBLE.
 
     Examples
     --------
@@ -154,8 +158,8 @@ def solve_contact(
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")
     state = rest(assembly)
-    for interface, coupling in zip(assembly.interfaces, state.couplings, strict=True):
-        if not np.any(coupling.kept[:, 0]):
+    for interface, part in zip(assembly.interfaces, assembly.contact_nodes, strict=True):
+        if not np.any(state.coupling.kept[part, 0]):
             raise CaseError(
                 f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
                 f"{interface.contact.side2} have no common area; check positions, boundaries "
@@ -179,12 +183,12 @@ def solve_contact(
     return tuple(steps)
 
 
-Solve = Callable[[Equilibrium, float], tuple[Solution, Equilibrium]]
+Solve = Callable[[ContactEquilibrium, float], tuple[Solution, ContactEquilibrium]]
 
 
 def _choose(
     assembly: FiniteAssembly,
-    state: Equilibrium,
+    state: ContactEquilibrium,
     condensed: bool | None,
     limits: Limits,
     callback: Callable[[float, int, float], None] | None,
@@ -206,13 +210,15 @@ def _choose(
             return lambda before, time: model.step(before, time, at(time))
         if condensed:
             raise CaseError(
-                "a body is held by its contacts alone, so the problem cannot be condensed; "
+                "only its contacts hold a body, so the problem cannot be condensed; "
                 "leave out condensed=True or add supports"
             )
     return lambda before, time: newton_step(assembly, before, time, at(time))
 
 
-def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Equilibrium]:
+def _march(
+    solve: Solve, before: ContactEquilibrium, time: float
+) -> tuple[Solution, ContactEquilibrium]:
     """Reach a time, in one step or in halves of it."""
     parts = march(solve, before, (before.time, time), CUTS)
     # the parts of a step that was cut count together
@@ -224,33 +230,32 @@ def _march(solve: Solve, before: Equilibrium, time: float) -> tuple[Solution, Eq
     return whole, replace(end, jump=np.hstack([end.jump[:, :1], slip]))
 
 
-def _report(assembly: FiniteAssembly, solution: Solution, end: Equilibrium) -> ContactStep:
+def _report(assembly: FiniteAssembly, solution: Solution, end: ContactEquilibrium) -> ContactStep:
     """Split a state into bodies and contacts; NaN unless it converged."""
     d, c = assembly.start.shape[1], assembly.components
-    u, r = end.displacement, end.reaction
-    if not solution.converged:
-        u, r = np.full_like(u, np.nan), np.full_like(r, np.nan)
+    known = 1.0 if solution.converged else np.nan
     contact = {}
-    parts = zip(assembly.interfaces, assembly.contact_nodes, end.couplings, strict=True)
-    for interface, part, coupling in parts:
-        traction = np.zeros((d, len(coupling.area)))
-        traction[:c] = -r[part].T
-        jump = np.where(coupling.kept[:, :1], end.jump[part], np.nan)
-        if not solution.converged:
-            jump = np.full_like(jump, np.nan)
+    for interface, part in zip(assembly.interfaces, assembly.contact_nodes, strict=True):
+        coupling = end.coupling[part]
+        traction = np.full((d, len(coupling.area)), 0.0 * known)
+        traction[:c] = -known * end.reaction[part].T
+        jump = known * np.where(coupling.kept[:, :1], end.jump[part], np.nan)
         place = assembly.start[interface.nodes[0]].T
         contact[interface.name] = SurfaceState(
             place, coupling.frame, traction, jump[:, 0], coupling.area, jump[:, 1:].T
         )
-    names = list(assembly.bodies)
-    carried = end.unbalance if solution.converged else np.nan
-    support = np.where(assembly.free, 0.0, carried)
-    own = [assembly.unknowns(k) for k in range(len(names))]
+
+    def of_bodies(values: np.ndarray) -> dict[str, np.ndarray]:
+        return {
+            name: known * values[assembly.unknowns(k)].reshape(-1, d).T
+            for k, name in enumerate(assembly.bodies)
+        }
+
     return ContactStep(
         end.time,
         solution,
-        {name: u[part].reshape(-1, d).T for name, part in zip(names, own, strict=True)},
+        of_bodies(end.displacement),
         contact,
-        dict(zip(names, end.state, strict=True)),
-        {name: support[part].reshape(-1, d).T for name, part in zip(names, own, strict=True)},
+        dict(zip(assembly.bodies, end.state, strict=True)),
+        of_bodies(np.where(assembly.free, 0.0, end.unbalance)),
     )

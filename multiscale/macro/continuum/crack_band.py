@@ -6,7 +6,7 @@ its tooth; it goes on to its next tooth, and the structure is solved again [1]_.
 converge, and load and displacement may both fall.
 
 Cracked elements are few. With the factors of an earlier stiffness :math:`K_0 = K + M`, where M is
-the loss since then, which couples the unknowns A of cracked elements alone, and with the columns
+the loss since then, which couples only the unknowns A of cracked elements, and with the columns
 :math:`Z = K_0^{-1} I_A`,
 
 .. math:: (1 - Z_A M)\, u_A = (K_0^{-1} f)_A, \qquad u = K_0^{-1} f + Z M u_A.    \tag{1}
@@ -110,7 +110,7 @@ def follow_crack_band(
             modulus = _modulus(body.law, normal, plane=plane)
             band[worst] = law.teeth(modulus, float(width[worst]), teeth)
         tooth[worst] += 1
-        share[worst], strength[worst] = (one[tooth[worst]] for one in band[worst])
+        share[worst], strength[worst] = (teeth_of[tooth[worst]] for teeth_of in band[worst])
         weakened.weaken(worst, float(share[worst]))
     factors, moved = np.array(rows).T
     steps = 0.5 * (factors[:-1] * moved[1:] - factors[1:] * moved[:-1])
@@ -134,7 +134,7 @@ def _modulus(law: Elastic | AnisotropicElastic, normal: np.ndarray, *, plane: bo
 
 
 class _Weakened:
-    """The stiffness of a body whose elements weaken one after the other, by (1)."""
+    """Stiffness of a body with elements that weaken one after the other, by (1)."""
 
     def __init__(
         self, body: Body, law: Elastic | AnisotropicElastic, free: np.ndarray, force: np.ndarray
@@ -158,7 +158,7 @@ class _Weakened:
         K = elastic_matrix(self.body.basis, self.law, self.share)
         self._apply = factorise(csr_array(K[self.free][:, self.free]), name="the cracked body")
         self._first = self._apply(self.force[self.free])
-        self._own = np.zeros(0, dtype=int)
+        self._cracked = np.zeros(0, dtype=int)
         self._columns, self._loss = np.zeros((self.free.size, 0)), np.zeros((0, 0))
         self._matrices: dict[int, np.ndarray] = {}
 
@@ -169,29 +169,28 @@ class _Weakened:
         held = self._place[unknowns] < 0
         at = self._place[unknowns[~held]]
         if element not in self._matrices:
-            if self._own.size > MOST_UNKNOWNS:
+            if self._cracked.size > MOST_UNKNOWNS:
                 self._factorise()
                 return
-            new = np.setdiff1d(at, self._own)
+            new = np.setdiff1d(at, self._cracked)
             unit = np.zeros((self.free.size, new.size))
             unit[new, np.arange(new.size)] = 1.0
-            self._own = np.append(self._own, new)
+            self._cracked = np.append(self._cracked, new)
             self._columns = np.hstack([self._columns, self._apply(unit)])
             self._loss = np.pad(self._loss, (0, new.size))
-            alone = self.body.basis.with_elements(np.array([element]))
-            K = elastic_matrix(alone, self.law)
+            K = elastic_matrix(self.body.basis.with_elements(np.array([element])), self.law)
             rows = unknowns[~held]
             self._matrices[element] = K[rows][:, rows].toarray()
-        order = np.argsort(self._own)
-        mine = order[np.searchsorted(self._own, at, sorter=order)]
+        order = np.argsort(self._cracked)
+        mine = order[np.searchsorted(self._cracked, at, sorter=order)]
         self._loss[np.ix_(mine, mine)] += lost * self._matrices[element]
 
     def solve(self) -> np.ndarray:
         """Displacement of all unknowns under the load, m."""
         u = np.zeros(self.force.size)
-        coupled = np.eye(self._own.size) - self._columns[self._own] @ self._loss
-        own = np.linalg.solve(coupled, self._first[self._own])
-        u[self.free] = self._first + self._columns @ (self._loss @ own)  # (1)
+        coupled = np.eye(self._cracked.size) - self._columns[self._cracked] @ self._loss
+        cracked = np.linalg.solve(coupled, self._first[self._cracked])
+        u[self.free] = self._first + self._columns @ (self._loss @ cracked)  # (1)
         return u
 
     def find_worst(self, u: np.ndarray, weight: np.ndarray) -> tuple[int, float, np.ndarray]:

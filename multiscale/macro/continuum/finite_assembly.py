@@ -6,47 +6,18 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, kron, vstack
+from scipy.sparse import csr_array, diags_array, kron
 
 from multiscale.errors import CaseError
 from multiscale.fe.elements import Elements, element_response, prepare_elements, sum_blocks
-from multiscale.fe.faces import face_areas
-from multiscale.fe.facets import surface_of
-from multiscale.laws.bulk import BulkLaw, BulkResponse
+from multiscale.fe.faces import face_of
+from multiscale.fe.interface import face_points
+from multiscale.laws.bulk import BulkLaw
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
-from multiscale.macro.continuum.interface import (
-    Contact,
-    ContactInterface,
-    Coupling,
-    build_coupling,
-    fit,
-    local_jump,
-    slip_operator,
-)
-from multiscale.macro.continuum.rigid_obstacle import obstacle_motion
+from multiscale.macro.continuum.contact import Contact, ContactInterface, Coupling
 from multiscale.numerics.factorisation import on_diagonal
 
-__all__ = ["FiniteAssembly", "JoinedContacts"]
-
-
-@dataclass(frozen=True)
-class JoinedContacts:
-    """All interfaces in one configuration, one node after the other.
-
-    Attributes
-    ----------
-    operator : csr_array, shape (nodes * c, unknowns)
-        Weighted jump in the local frames, B, m²; its transpose times the reaction is H r.
-    tangent : csr_array, shape (nodes * c, unknowns)
-        Derivative of the weighted jump: slip takes the partners of the step before.
-    area, kept
-        As in :class:`Coupling`, of all interfaces.
-    """
-
-    operator: csr_array
-    tangent: csr_array
-    area: np.ndarray
-    kept: np.ndarray
+__all__ = ["FiniteAssembly"]
 
 
 @dataclass(frozen=True)
@@ -136,40 +107,55 @@ class FiniteAssembly:
     @cached_property
     def interfaces(self) -> tuple[ContactInterface, ...]:
         """Contacts with the numbers of their nodes."""
-        names, interfaces = list(self.bodies), []
+        number, interfaces = dict(zip(self.bodies, self.first, strict=False)), []
         for name, contact in self.contacts.items():
-            surfaces = tuple(
-                surface_of(self.bodies[b].mesh, boundary) for b, boundary in contact.surfaces
-            )
-            nodes = tuple(
-                surface.nodes + self.first[names.index(b)]
-                for surface, (b, _) in zip(surfaces, contact.surfaces, strict=True)
-            )
-            one = nodes[0]
-            corner, _, area = face_areas(self.bodies[contact.side1[0]].basis, contact.side1[1])
-            area = np.bincount(corner, area)[surfaces[0].nodes]
-            free = self.free.reshape(self.start.shape)[one]
-            offset = np.zeros(len(one))
-            interface = ContactInterface(name, contact, surfaces, nodes, area, free, offset)
-            interfaces.append(fit(interface, self.start))
-        return tuple(interfaces)
-
-    @cached_property
-    def friction(self) -> np.ndarray:
-        """Coefficient of friction of every contact node."""
-        return np.concatenate(
-            [np.zeros(0)]
-            + [
-                np.full(len(interface.nodes[0]), interface.contact.friction_coefficient)
-                for interface in self.interfaces
+            faces = [face_of(self.bodies[body].mesh, side) for body, side in contact.surfaces]
+            nodes = [
+                face.nodes + number[body]
+                for face, (body, _) in zip(faces, contact.surfaces, strict=True)
             ]
-        )
+            body, side = contact.side1
+            area = face_points(self.bodies[body].basis, side)[1].sum(axis=1)
+            free = self.free.reshape(self.start.shape)[nodes[0]]
+            interfaces.append(
+                ContactInterface(name, contact, tuple(faces), tuple(nodes), area, free)
+            )
+        return tuple(interfaces)
 
     @cached_property
     def contact_nodes(self) -> tuple[slice, ...]:
         """Contact nodes of each interface, which are the nodes of its side 1."""
         end = np.cumsum([0] + [len(interface.nodes[0]) for interface in self.interfaces])
         return tuple(slice(a, b) for a, b in pairwise(end))
+
+    @cached_property
+    def friction(self) -> np.ndarray:
+        """Coefficient of friction of every contact node."""
+        values = [interface.contact.friction_coefficient for interface in self.interfaces]
+        return self._at_nodes(np.array(values, dtype=float))
+
+    @cached_property
+    def follows(self) -> np.ndarray:
+        """Whether the partner of a contact node is a body and changes with the motion."""
+        contacts = [interface.contact for interface in self.interfaces]
+        values = [contact.finite_sliding and contact.obstacle is None for contact in contacts]
+        return self._at_nodes(np.array(values, dtype=bool))
+
+    def _at_nodes(self, values: np.ndarray) -> np.ndarray:
+        """Values of the interfaces at their contact nodes."""
+        return np.repeat(values, [len(interface.nodes[0]) for interface in self.interfaces])
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """Gap that is taken off at every contact node, m, as of faces that fit at the start."""
+        rest = np.zeros(self.start.size)
+        coupling = self.couple(rest, 0.0)
+        gap = self.jump(coupling, coupling, (rest, rest), (0.0, 0.0), fitted=False)[:, 0]
+        parts = [
+            interface.fitted_gap(gap[part], coupling.area[part], self.start)
+            for interface, part in zip(self.interfaces, self.contact_nodes, strict=True)
+        ]
+        return np.concatenate([np.zeros(0), *parts])
 
     @property
     def components(self) -> int:
@@ -185,7 +171,7 @@ class FiniteAssembly:
         """
         diagonal = np.concatenate(
             [
-                _stiffness(elements, _ShapeAlone(body.law)).diagonal()
+                _stiffness(elements, body.law, shape_only=True).diagonal()
                 for body, elements in zip(self.bodies.values(), self.elements, strict=True)
             ]
         )
@@ -238,94 +224,70 @@ class FiniteAssembly:
         tangent = on_diagonal(matrices)
         return np.concatenate(forces), tangent, tuple(states), smallest
 
-    def couplings(
-        self, u: np.ndarray, time: float, old: tuple[Coupling, ...] | None
-    ) -> tuple[Coupling, ...]:
-        """Couplings at a displacement; couplings of small sliding stay as they are."""
-        d = self.start.shape[1]
-        x = self.start + u.reshape(-1, d)
-        result = []
-        for k, interface in enumerate(self.interfaces):
+    def couple(self, u: np.ndarray, time: float, old: Coupling | None = None) -> Coupling:
+        """Couple all interfaces at a displacement; those of small sliding stay as they were."""
+        x, parts = self.start + u.reshape(self.start.shape), []
+        for interface, part in zip(self.interfaces, self.contact_nodes, strict=True):
             moving = interface.contact.finite_sliding
             if old is not None and not moving:
-                result.append(old[k])
-                continue
-            obstacle, shift = interface.contact.obstacle, np.zeros(d)
-            if moving and obstacle is not None:
-                shift = obstacle_motion(obstacle, d, time)
-            result.append(build_coupling(interface, x if moving else self.start, shift))
-        return tuple(result)
+                parts.append(old[part])
+            else:
+                parts.append(interface.couple(x if moving else self.start, time))
+        return Coupling.stack(parts, *self.start.shape)
 
-    def join(self, before: tuple[Coupling, ...], couplings: tuple[Coupling, ...]) -> JoinedContacts:
-        """Stack couplings of the step before and now; without friction only the normal rows."""
+    def operators(self, old: Coupling, now: Coupling) -> tuple[csr_array, csr_array]:
+        """Weighted jump B in the local frames and its derivative, (c contact nodes, unknowns), m².
+
+        The transpose of B times the reaction is H r. The derivative of the slip takes the partners
+        of the step before; without friction there are only normal rows.
+        """
         c, d = self.components, self.start.shape[1]
-        nothing = csr_array((0, self.start.size))
-        rows, tangents = [nothing], [nothing]
-        areas, kept = [np.zeros(0)], [np.zeros((0, c), bool)]
-        for interface, old, coupling in zip(self.interfaces, before, couplings, strict=True):
-            n = len(coupling.area)
-            frame = coupling.frame[:, :c]
-            i, j = np.arange(n * c).reshape(n, c), np.arange(n * d).reshape(n, d)
-            turn = sum_blocks(frame, i, j, (n * c, n * d))
-            now = turn @ kron(coupling.operator, np.eye(d), format="csr")
-            rows.append(now)
-            if c > 1 and interface.follows:
-                along = diags_array((np.arange(n * c) % c > 0).astype(float))
-                slip = turn @ kron(slip_operator(old, coupling), np.eye(d), format="csr")
-                now = now + along @ (slip - now)
-            tangents.append(now)
-            areas.append(coupling.area)
-            kept.append(coupling.kept[:, :c])
-        return JoinedContacts(
-            csr_array(vstack(rows)),
-            csr_array(vstack(tangents)),
-            np.concatenate(areas),
-            np.concatenate(kept),
-        )
+        n, unit = now.area.size, np.eye(d)
+        i, j = np.arange(n * c).reshape(n, c), np.arange(n * d).reshape(n, d)
+        turn = sum_blocks(now.frame[:, :c], i, j, (n * c, n * d))
+        B = csr_array(turn @ kron(now.operator, unit, format="csr"))
+        if c == 1 or not self.follows.any():
+            return B, B
+        slip = turn @ kron(now.slip_operator(old), unit, format="csr")
+        along = np.repeat(self.follows, c) & (np.arange(n * c) % c > 0)
+        return B, csr_array(B + diags_array(1.0 * along) @ (slip - B))
 
     def jump(
         self,
-        before: tuple[Coupling, ...],
-        couplings: tuple[Coupling, ...],
+        old: Coupling,
+        now: Coupling,
         motion: tuple[np.ndarray, np.ndarray],
         times: tuple[float, float],
+        *,
+        fitted: bool = True,
     ) -> np.ndarray:
-        """Gap and slip of a step at all contact nodes, shape (contact nodes, c), m."""
-        d = self.start.shape[1]
-        fields = (motion[0].reshape(-1, d), motion[1].reshape(-1, d))
-        parts = [
-            local_jump(interface, (old, now), self.start, fields, times)[:, : self.components]
-            for interface, old, now in zip(self.interfaces, before, couplings, strict=True)
-        ]
-        return np.concatenate([np.zeros((0, self.components)), *parts])
+        """Gap and slip of a step, means over the area of each contact node, (nodes, c), m.
+
+        Couplings, motions and times are those of its begin and its end.
+        """
+        start, d = self.start, self.start.shape[1]
+        before, u = (field.reshape(-1, d) for field in motion)
+        area = np.where(now.area > 0.0, now.area, 1.0)[:, None]
+        distance = now.operator @ (start + u) / area
+        slip = now.operator @ (u - before) / area
+        # partners of the step before, (2); a node that had none has only the slip above
+        partner = self.follows & (old.area > 0.0)
+        if partner.any():
+            turned = now.slip_operator(old) @ (start + u) / area - distance
+            slip[partner] = turned[partner]
+        gap = np.einsum("ai,ai->a", now.frame[:, 0], distance)
+        for interface, part in zip(self.interfaces, self.contact_nodes, strict=True):
+            if (obstacle := interface.contact.obstacle) is not None:
+                last, shift = (obstacle.moved(d, time) for time in times)
+                slip[part] += shift - last
+                nodes, normal = interface.nodes[0], now.frame[part, 0]
+                gap[part] = interface.obstacle_gap(start[nodes], u[nodes], normal, shift)
+        jump = np.einsum("aki,ai->ak", now.frame, slip)
+        jump[:, 0] = gap - self.offset if fitted else gap
+        return np.asarray(jump[:, : self.components])
 
 
-@dataclass(frozen=True)
-class _ShapeAlone(BulkLaw):
-    """A law without its resistance to a change of volume."""
-
-    law: BulkLaw
-
-    @property
-    def finite_strain(self) -> bool:  # type: ignore[override]
-        """As the law."""
-        return self.law.finite_strain
-
-    def initial_state(self, shape: tuple[int, ...]) -> np.ndarray:
-        """As the law."""
-        return self.law.initial_state(shape)
-
-    def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
-        """As the law."""
-        return self.law.respond_shape(gradient, state)
-
-    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """No resistance."""
-        nothing = np.zeros_like(dilatation)
-        return nothing, nothing
-
-
-def _stiffness(elements: Elements, law: BulkLaw) -> csr_array:
-    """Stiffness of an undeformed body, N/m."""
-    rest = law.initial_state(elements.weight.shape)
-    return element_response(elements, law, np.zeros(elements.size), rest)[1]
+def _stiffness(elements: Elements, law: BulkLaw, *, shape_only: bool = False) -> csr_array:
+    """Stiffness of an undeformed body, N/m; maybe without its resistance to a change of volume."""
+    rest, still = law.initial_state(elements.weight.shape), np.zeros(elements.size)
+    return element_response(elements, law, still, rest, shape_only=shape_only)[1]

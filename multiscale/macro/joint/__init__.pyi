@@ -1,9 +1,8 @@
-from .even import press_joint as press_joint
-from .geometry import Block as Block
-from .geometry import RoughJoint as RoughJoint
-from .geometry import soften as soften
-from .joint_assembly import pressed_blocks as pressed_blocks
-from .joint_solver import rough_joint as rough_joint
+from .rough_joint import Block as Block
+from .rough_joint import RoughJoint as RoughJoint
+from .rough_joint import press_joint as press_joint
+from .rough_joint import pressed_blocks as pressed_blocks
+from .rough_joint import soften as soften
 from .tread import CondensedTread as CondensedTread
 from .tread import Footprint as Footprint
 from .tread import TreadBlock as TreadBlock

@@ -12,7 +12,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.laws.friction_laws import SteadySliding
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface
-from multiscale.macro.bodies.platen import Platen
+from multiscale.macro.bodies.bolt import Platen
 from multiscale.macro.continuum.body import Body
 from multiscale.macro.substructures.condensed import condense_problem
 from multiscale.macro.substructures.cut_bodies import cut_assembly
@@ -84,7 +84,7 @@ class CondensedTread:
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """What a sliding block and the ground do to each other.
+    """Traction between a sliding block and the ground.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def sliding_block(block: TreadBlock, law: InterfaceLaw) -> Assembly:
 
 
 def condense_tread(block: TreadBlock) -> CondensedTread:
-    """Condense a block onto its face, for laws that :func:`slide_tread` is given one by one."""
+    """Condense a block onto its face, once for all laws of :func:`slide_tread`."""
     problem = cut_assembly(sliding_block(block, RigidContact()))  # no law enters the matrices
     small = condense_problem(problem, [problem.n - 1], largest=problem.n).small
     (part,), (joint,) = small.substructures, small.joints
@@ -159,8 +159,8 @@ def slide_tread(
     .. math:: K u + B^T (w\, t(B u)) = f.
 
     Friction bends the block about the edge that leads, so that pressure moves there. Where friction
-    shears the block by about a third of its height or more, there may be no steady state: the
-    ``detail`` of a solution that did not converge says so.
+    shears the block by about a third of its height or more, there may be no steady state: see the
+    ``detail`` of a solution that did not converge.
     """
     check_limits(tolerance)
     if not 0.0 < pressure < np.inf:
@@ -178,7 +178,7 @@ def slide_tread(
 
 
 def _describe(block: TreadBlock, law: SteadySliding, pressure: float) -> str:
-    """Say how far the friction of an even pressure, Pa, would shear a block."""
+    """Sentence on the shear of a block by the friction of an even pressure, Pa."""
     speed = np.array(np.linalg.norm(law.velocity))
     mu = float(law.friction.coefficient(np.array(pressure), speed))
     strain = 2.0 * (1.0 + block.poissons_ratio) * mu * pressure / block.youngs_modulus

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.fe.elasticity import displacement_basis, elastic_matrix, mode_stiffness
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro.bodies.assembly import Assembly
-from multiscale.macro.bodies.platen import Platen
+from multiscale.macro.bodies.bolt import Platen
 from multiscale.macro.continuum.body import Body, evaluate, fixed_motion, load_vector
 from multiscale.macro.substructures.cut_interfaces import cut_interface
 from multiscale.macro.substructures.problem import CutBolt, CutProblem, Substructure
@@ -148,7 +148,7 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
             free[first[index] + held] = False
     ties, places, forces = [], [], []
     for kind, platen in platens:
-        name = f"the {kind} on {bodies[platen.body].say_face(platen.boundary, platen.body)}"
+        name = f"the {kind} on {bodies[platen.body].face_name(platen.boundary, platen.body)}"
         body, nodes = bodies[platen.body], bodies[platen.body].nodes(platen.boundary)
         row = first[platen.body] + 3 * nodes + platen.axis
         if not free[row].all():
@@ -174,7 +174,7 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
         row = first[upper] + 3 * second_nodes[:, None] + np.arange(3)
         if not free[row].all():
             raise CaseError(
-                f"the cut through a bolt at {bodies[upper].say_face(section.boundaries[1], upper)} "
+                f"the cut through a bolt at {bodies[upper].face_name(section.boundaries[1], upper)} "
                 f"has nodes that a support, a platen or another cut holds; take one of them"
             )
         free[row] = False

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from multiscale.fe.elasticity import assemble_elasticity
-from multiscale.fe.facets import surface_of
+from multiscale.fe.faces import face_of
 from multiscale.fe.mesh_file import check_orientation
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.bulk.moduli import lame_parameters
@@ -228,7 +228,7 @@ def uppermost_facets(cell: MeshCell) -> tuple[np.ndarray, sparse.csr_array]:
     triangles.
     """
     mesh, (nx, ny) = cell.mesh, cell.points or (0, 0)
-    face = surface_of(mesh, "top")
+    face = face_of(mesh, "top")
     corner = face.nodes[face.facets].T
     triangles = np.hstack([corner[[0, k, k + 1]] for k in range(1, len(corner) - 1)])
     low, high = mesh.p.min(axis=1), mesh.p.max(axis=1)

@@ -7,11 +7,11 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.fe.lap_mesh import lap_meshes
 from multiscale.laws import ConvexDecreasing, Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface, LatinMethod
 from multiscale.macro.bodies import LapShape, lap_joint, stacked_blocks
+from multiscale.macro.bodies.builders import lap_meshes
 from multiscale.macro.substructures import JointLoading, cut_assembly, load_joint
 from tests.closed_forms.joint import joint_stiffness, series
 from tests.support import keep_ignoring_broken_pipes

@@ -7,9 +7,10 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.laws import Damaged, Exponential
-from multiscale.macro import Block, RoughJoint, press_joint, rough_joint, soften
+from multiscale.macro import Block, RoughJoint, press_joint, soften
 from tests.closed_forms import joint as closed_form
 from tests.closed_forms.elastic_solids import isotropic_stiffness
+from tests.pressed_joint import press_blocks
 
 E, HEIGHT, DECAY, PRELOAD = 70e9, 0.02, 2e-6, 10e6
 BLOCK = Block(HEIGHT, E, 0.3, layers=1)
@@ -54,14 +55,14 @@ def test_an_isotropic_tensor_is_the_solid():
     tensor = soften(BLOCK, isotropic_stiffness(E, 0.3))
     for eccentricity in (None, (0.01, 0.005)):
         one, other = (
-            rough_joint(
+            press_blocks(
                 dataclasses.replace(JOINT, lower=block, upper=block, eccentricity=eccentricity),
                 LAW,
                 np.array([PRELOAD]),
             )
             for block in (BLOCK, tensor)
         )
-        np.testing.assert_allclose(other["joint_stiffness"], one["joint_stiffness"], rtol=1e-9)
+        np.testing.assert_allclose(other.joint_stiffness, one.joint_stiffness, rtol=1e-9)
 
 
 def test_softening_keeps_everything_but_the_stiffness():

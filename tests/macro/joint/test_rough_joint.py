@@ -1,4 +1,4 @@
-"""The rough joint against closed forms, an independent integration and its monolithic twin."""
+"""Two pressed blocks against closed forms and an independent integration."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,18 +13,10 @@ from multiscale.errors import CaseError
 from multiscale.laws import ConvexDecreasing, Exponential, HystereticLaw
 from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro import (
-    Block,
-    RoughJoint,
-    press_joint,
-    pressed_blocks,
-    rough_joint,
-    soften,
-    solve_interface,
-)
-from multiscale.macro.substructures import assemble, cut_assembly
+from multiscale.macro import Block, RoughJoint, press_joint, soften
 from multiscale.schema import MACRO_RESULT
 from tests.closed_forms import joint as closed_form
+from tests.pressed_joint import press_blocks
 from tests.support import slow
 
 E, HEIGHT = 210e9, 0.02
@@ -66,7 +58,8 @@ class Linear(InterfaceLaw):
 )
 def test_joint_over_solid_stiffness_is_the_closed_form(rms_height, published, poissons_ratio):
     decay = 0.45 * rms_height
-    result = rough_joint(steel_joint(poissons_ratio), Exponential(PRESSURE_SCALE, decay), PRELOADS)
+    law = Exponential(PRESSURE_SCALE, decay)
+    result = press_joint(steel_joint(poissons_ratio), law, PRELOADS)
     MACRO_RESULT.check(result)
     assert result["converged"].values.all()
     ratio = (result["joint_stiffness"] / result["solid_stiffness"]).values
@@ -80,19 +73,19 @@ def test_joint_over_solid_stiffness_is_the_closed_form(rms_height, published, po
 def test_different_blocks_are_springs_in_series():
     lower, upper = Block(0.03, 70e9, 0.33, layers=3), Block(0.012, 210e9, 0.28, layers=2)
     decay = 0.5e-6
-    result = rough_joint(
+    result = press_blocks(
         RoughJoint(SECTION, lower, upper, elements=(3, 5)),
         Exponential(PRESSURE_SCALE, decay, gap=1e-6),
         PRELOADS,
     )
     compliances = (0.03 / 70e9, 0.012 / 210e9)
     expected = closed_form.joint_stiffness(PRELOADS, decay, *compliances)
-    np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-8)
+    np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-8)
     gap = decay * np.log(PRESSURE_SCALE / PRELOADS)
-    np.testing.assert_allclose(result["mean_gap"], gap, rtol=1e-8)
+    np.testing.assert_allclose(result.mean_gap, gap, rtol=1e-8)
     approach = PRELOADS * sum(compliances) - (gap - 1e-6)
-    np.testing.assert_allclose(result["approach"], approach, rtol=1e-8)
-    np.testing.assert_allclose(result["closed_fraction"], 1.0)
+    np.testing.assert_allclose(result.approach, approach, rtol=1e-8)
+    np.testing.assert_allclose(result.closed_fraction, 1.0)
 
 
 @pytest.mark.parametrize("eccentricity", [(0.0, 0.0), (0.006, 0.0), (0.02, -0.011)])
@@ -106,13 +99,10 @@ def test_a_glued_joint_under_an_eccentric_force_follows_beam_theory(eccentricity
         eccentricity=eccentricity,
         element=ElementHex2(),
     )
-    result = rough_joint(joint, Linear(stiffness), np.array([5e6]))
+    result = press_blocks(joint, Linear(stiffness), np.array([5e6]))
     centred = closed_form.series(stiffness, 70e9 / 0.03, 210e9 / 0.012)
     expected = closed_form.eccentric_stiffness(float(centred), eccentricity, SECTION)
-    np.testing.assert_allclose(result["joint_stiffness"], expected, rtol=1e-10)
-    centred = closed_form.series(70e9 / 0.03, 210e9 / 0.012)
-    expected = closed_form.eccentric_stiffness(float(centred), eccentricity, SECTION)
-    np.testing.assert_allclose(result["solid_stiffness"], expected, rtol=1e-10)
+    np.testing.assert_allclose(result.joint_stiffness, expected, rtol=1e-10)
 
 
 # --- eccentric force on rigid blocks: a one-dimensional problem ------------------------------
@@ -151,9 +141,10 @@ def rigid_blocks():
     return 1e-6 * found.x[0], 1e-4 * found.x[1]
 
 
-def eccentric_joint(elements, order):
-    block = Block(HEIGHT, 1e9 * 3e13 * HEIGHT, 0.3, layers=1)  # 1e9 times as stiff as the law
-    return RoughJoint(
+def press_eccentric(elements, order, ratio, **options):
+    """Press blocks that are so many times as stiff as the law."""
+    block = Block(HEIGHT, ratio * 3e13 * HEIGHT, 0.3, layers=1)
+    joint = RoughJoint(
         SECTION,
         block,
         block,
@@ -161,28 +152,28 @@ def eccentric_joint(elements, order):
         eccentricity=(ARM, 0.0),
         quadrature_order=order,
     )
+    return press_blocks(joint, CUBIC, np.array([PRESSURE]), **options)
 
 
 def rigid_blocks_error(elements, order):
+    """Largest error of approach and gap, extrapolated to rigid blocks."""
     gap, slope = rigid_blocks()
-    result = rough_joint(
-        eccentric_joint(elements, order), CUBIC, np.array([PRESSURE]), tolerance=1e-12
+    soft, stiff = (press_eccentric(elements, order, ratio) for ratio in (1e4, 2e4))
+    assert soft.converged.all()
+    assert stiff.converged.all()
+    approach, mean_gap = (
+        float(2.0 * getattr(stiff, name)[0] - getattr(soft, name)[0])
+        for name in ("approach", "mean_gap")
     )
-    assert result["converged"].values.all()
-    approach = -(gap + slope * ARM)
-    return max(
-        abs(float(result["approach"][0]) / approach - 1.0),
-        abs(float(result["mean_gap"][0]) / gap - 1.0),
-    )
+    return max(abs(approach / -(gap + slope * ARM) - 1.0), abs(mean_gap / gap - 1.0))
 
 
 def test_the_eccentric_joint_opens_in_part():
     gap, slope = rigid_blocks()
     opening = (KNOTS.max() - gap) / slope
     assert -0.5 * SECTION[0] < opening < -0.1 * SECTION[0]
-    result = rough_joint(eccentric_joint(64, 3), CUBIC, np.array([PRESSURE]))
     expected = 0.5 - opening / SECTION[0]
-    assert float(result["closed_fraction"][0]) == pytest.approx(expected, abs=1.0 / 128)
+    assert press_eccentric(64, 3, 1e3).closed_fraction[0] == pytest.approx(expected, abs=1.0 / 128)
     assert expected < 0.9
 
 
@@ -214,33 +205,12 @@ PLATENS = [
 def test_the_tangent_stiffness_is_the_derivative_of_the_approach(law, eccentricity):
     step = 1e-4
     preloads = 8e6 * np.array([1.0, 1.0 + step, 1.0 - step])
-    result = rough_joint(
+    result = press_blocks(
         steel_joint(elements=(4, 4), eccentricity=eccentricity), law, preloads, tolerance=1e-13
     )
-    approach = result["approach"].values
+    approach = result.approach
     difference = (preloads[1] - preloads[2]) / (approach[1] - approach[2])
-    assert float(result["joint_stiffness"][0]) == pytest.approx(difference, rel=1e-6)
-
-
-@pytest.mark.parametrize("eccentricity", PLATENS)
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("element", [None, ElementHex2()], ids=["hex8", "hex27"])
-def test_the_condensed_joint_equals_the_monolithic_one(law, eccentricity, element):
-    lower, upper = Block(0.01, 70e9, 0.33, layers=2), Block(0.02, 210e9, 0.45, layers=1)
-    joint = RoughJoint(
-        SECTION, lower, upper, elements=(3, 2), eccentricity=eccentricity, element=element
-    )
-    whole = assemble(cut_assembly(pressed_blocks(joint, law)))
-    load = whole.load[:, 0]
-    result = rough_joint(joint, law, PRELOADS, tolerance=1e-12)
-    for step, preload in enumerate(PRELOADS):
-        u = solve_interface(
-            whole.stiffness, preload * load, whole.jump, whole.weight, law, tolerance=1e-12
-        ).unwrap()
-        approach = u @ load / joint.area
-        assert float(result["approach"][step]) == pytest.approx(approach, rel=1e-10)
-        gap = whole.weight @ (whole.jump @ u)[: whole.weight.size] / joint.area
-        assert float(result["mean_gap"][step]) == pytest.approx(gap, rel=1e-10)
+    assert float(result.joint_stiffness[0]) == pytest.approx(difference, rel=1e-6)
 
 
 @pytest.mark.parametrize("eccentricity", PLATENS)
@@ -258,19 +228,21 @@ def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentrici
     else:
         law = ConvexDecreasing(np.array([3.0 * length]), np.array([pressure[0] / length**3]))
     joint = steel_joint(elements=(3, 3), eccentricity=eccentricity)
-    result = rough_joint(joint, law, pressure)
+    result = press_blocks(joint, law, pressure)
     # a joint that is all but rigid and open in part is lost in round-off from about 1e8
     if eccentricity in [None, (0.004, 0.003)] or contrast <= 1e6:
-        assert result["converged"].values.all()
-    if result["converged"].values.all():
-        assert float(result["residual"][0]) <= 1e-10
-        assert 0.0 < float(result["joint_stiffness"][0]) <= float(result["solid_stiffness"][0])
-    else:
-        assert np.isnan(result["joint_stiffness"].values).all()
+        assert result.converged.all()
+    # bodies that move far on a soft law round: solve_interface excuses 1e-8
+    excused = 1e-10 if contrast >= 1e-2 else 1e-8
+    if result.converged.all():
+        assert result.residual[0] <= excused
+        assert result.joint_stiffness[0] > 0.0
+    if eccentricity is None:
+        assert result.joint_stiffness[0] <= E / (2.0 * HEIGHT)
     if eccentricity is None and kind == "exponential":
         expected = closed_form.stiffness_ratio(pressure, length, E, HEIGHT)
-        ratio = result["joint_stiffness"] / result["solid_stiffness"]
-        np.testing.assert_allclose(ratio, expected, rtol=1e-8)
+        ratio = result.joint_stiffness / (E / (2.0 * HEIGHT))
+        np.testing.assert_allclose(ratio, expected, rtol=max(1e-8, 10.0 * excused))
 
 
 def test_a_preload_that_the_law_cannot_carry_is_reported_and_the_next_is_solved():
@@ -287,41 +259,21 @@ def test_a_preload_that_the_law_cannot_carry_is_reported_and_the_next_is_solved(
             traction[0] = -pressure
             return Response(traction, tangent, state)
 
-    result = rough_joint(steel_joint(elements=(2, 2)), Limited(), np.array([5e6, 5e7, 8e6]))
-    np.testing.assert_array_equal(result["converged"], [1, 0, 1])
-    np.testing.assert_array_equal(np.isnan(result["joint_stiffness"]), [False, True, False])
-    np.testing.assert_array_equal(np.isnan(result["approach"]), [False, True, False])
+    result = press_blocks(steel_joint(elements=(2, 2)), Limited(), np.array([5e6, 5e7, 8e6]))
+    np.testing.assert_array_equal(result.converged, [1, 0, 1])
 
 
 def test_a_preload_that_begins_to_fall_meets_the_stiffness_of_the_unloading_branch():
     law = HystereticLaw(EXPONENTIAL, stiffness_ratio=1.6, exponent=2.0)
     preload, step = np.array([8e6]), 1e-4
     joint = steel_joint(elements=(3, 3))
-    result = rough_joint(joint, law, preload, samples=[law], tolerance=1e-13)
+    result = press_joint(joint, law, preload, samples=[law])
     MACRO_RESULT.check(result)
-    first = rough_joint(joint, EXPONENTIAL, preload, tolerance=1e-13)
-    for name in ("joint_stiffness", "mean_gap"):
-        np.testing.assert_allclose(result[name], first[name], rtol=1e-9)
     down = law.branch(preload[0])  # everywhere the pressure is even
-    back = rough_joint(joint, down, (1.0 - step) * preload, tolerance=1e-13)
-    difference = step * preload / (result["approach"].values - back["approach"].values)
+    back = press_blocks(joint, down, (1.0 - step) * preload, tolerance=1e-13)
+    difference = step * preload / (result["approach"].values - back.approach)
     np.testing.assert_allclose(result["unloading_stiffness"], difference, rtol=1e-4)
     np.testing.assert_allclose(result["unloading_stiffness_sample"][0], difference, rtol=1e-4)
-
-
-def test_samples_of_the_law_give_the_stiffness_that_each_has_alone():
-    rng = np.random.default_rng(seed=6)
-    samples = [
-        Exponential(PRESSURE_SCALE * rng.uniform(0.8, 1.2), 0.72e-6 * rng.uniform(0.9, 1.1))
-        for _ in range(5)
-    ]
-    joint = steel_joint(elements=(3, 3), eccentricity=(0.01, 0.0))
-    together = rough_joint(joint, EXPONENTIAL, PRELOADS, samples=samples)
-    MACRO_RESULT.check(together)
-    assert together["joint_stiffness_sample"].dims == ("sample", "step")
-    for sample, row in zip(samples, together["joint_stiffness_sample"].values, strict=True):
-        alone = rough_joint(joint, sample, PRELOADS)
-        np.testing.assert_allclose(row, alone["joint_stiffness"], rtol=1e-7)
 
 
 def sheared_block():
@@ -350,29 +302,16 @@ def sheared_block():
 def test_springs_in_series_equal_the_blocks_of_elements(law, upper):
     joint = RoughJoint(SECTION, Block(0.03, E, 0.3, layers=2), upper, elements=(3, 2))
     pressed = press_joint(joint, law, PRELOADS, samples=[law, law])
-    resolved = rough_joint(joint, law, PRELOADS, samples=[law, law], tolerance=1e-13)
     MACRO_RESULT.check(pressed)
-    assert set(pressed) == set(resolved)
     assert pressed["converged"].values.all()
-    for name in set(pressed) - {"wall_time", "residual"}:
-        np.testing.assert_allclose(pressed[name], resolved[name], rtol=1e-10, err_msg=name)
-
-
-def test_an_eccentric_force_is_no_closed_form():
-    joint = steel_joint(elements=(3, 3), eccentricity=(0.01, 0.0))
-    pressed, resolved = (call(joint, EXPONENTIAL, PRELOADS) for call in (press_joint, rough_joint))
-    np.testing.assert_array_equal(pressed["joint_stiffness"], resolved["joint_stiffness"])
-
-
-def test_a_hundred_samples_have_a_stiffness_each():
-    knots = np.geomspace(0.05e-6, 3e-6, 20)
-    rng = np.random.default_rng(seed=7)
-    samples = [
-        ConvexDecreasing(knots, 5e5 / knots**3 * rng.uniform(0.8, 1.2, knots.size))
-        for _ in range(100)
-    ]
-    result = rough_joint(steel_joint(), samples[0], np.geomspace(1e6, 50e6, 10), samples=samples)
-    assert np.isfinite(result["joint_stiffness_sample"].values).all()
+    assert pressed["joint_stiffness_sample"].dims == ("sample", "step")
+    for row in pressed["joint_stiffness_sample"].values:
+        np.testing.assert_array_equal(row, pressed["joint_stiffness"])
+    loading = law.loading if isinstance(law, HystereticLaw) else law
+    resolved = press_blocks(joint, loading, PRELOADS, tolerance=1e-13)
+    for name in ("approach", "mean_gap", "closed_fraction", "joint_stiffness"):
+        expected = getattr(resolved, name)
+        np.testing.assert_allclose(pressed[name], expected, rtol=1e-10, err_msg=name)
 
 
 @pytest.mark.parametrize(
@@ -382,19 +321,39 @@ def test_a_hundred_samples_have_a_stiffness_each():
         pytest.param(lambda: Block(1.0, -E, 0.3), "youngs_modulus of a block", id="modulus"),
         pytest.param(lambda: Block(1.0, E, 0.5), "between -1 and 0.5, got 0.5", id="ratio"),
         pytest.param(
+            lambda: Block(1.0, E, 0.3, layers=0),
+            "a block needs at least one layer of elements, got 0",
+            id="layers",
+        ),
+        pytest.param(
+            lambda: RoughJoint((0.01, 0.0), Block(1.0, E, 0.3), Block(1.0, E, 0.3)),
+            "section must have positive lengths",
+            id="section",
+        ),
+        pytest.param(
+            lambda: steel_joint(elements=(0, 4)),
+            r"elements must be at least one along x and y, got \(0, 4\)",
+            id="elements",
+        ),
+        pytest.param(
+            lambda: steel_joint(quadrature_order=0),
+            "quadrature_order must be at least 1, got 0",
+            id="order",
+        ),
+        pytest.param(
             lambda: steel_joint(eccentricity=(0.025, 0.0)),
             r"must keep the force inside the section, where \|eccentricity\| < 0.025 m, got 0.025",
             id="eccentricity",
         ),
         pytest.param(
-            lambda: rough_joint(steel_joint(), EXPONENTIAL, np.array([0.0])),
+            lambda: press_joint(steel_joint(), EXPONENTIAL, np.array([1e6, -1.0])),
             "preloads must be positive",
             id="preload",
         ),
         pytest.param(
-            lambda: press_joint(steel_joint(), EXPONENTIAL, np.array([1e6, -1.0])),
-            "preloads must be positive",
-            id="preload in series",
+            lambda: press_joint(steel_joint(eccentricity=(0.01, 0.0)), EXPONENTIAL, PRELOADS),
+            "an eccentric force presses unevenly",
+            id="uneven",
         ),
     ],
 )

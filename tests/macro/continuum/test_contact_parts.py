@@ -1,4 +1,4 @@
-"""The parts of a contact problem: elements, mortar integrals, local law, mesh files."""
+"""The parts of a contact problem: slip, local law, mesh files."""
 
 import meshio
 import numpy as np
@@ -7,160 +7,15 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.errors import CaseError
-from multiscale.fe.elasticity import displacement_basis, elastic_matrix
-from multiscale.fe.elements import element_response, prepare_elements
-from multiscale.fe.faces import face_areas
-from multiscale.fe.facets import facet_normals, surface_of
-from multiscale.fe.mortar import couple
-from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.fe.elements import prepare_elements
+from multiscale.fe.faces import face_of
+from multiscale.laws.bulk import Elastic, NeoHookean
 from multiscale.macro import Body, Contact, FiniteAssembly, RigidPlane, load_mesh, solve_contact
-from multiscale.macro.continuum.nodal_coulomb import linearise
-from tests.contact_scenes import block, moved
+from multiscale.macro.continuum.contact_newton import linearise_contact
+from tests.contact_scenes import block, moved, rotation_2d
 from tests.support import alart_curnier, keep_ignoring_broken_pipes
 
 RUBBER = NeoHookean(2e7, 0.3)
-
-MESHES = [
-    pytest.param(MeshTri, id="tri"),
-    pytest.param(MeshQuad, id="quad"),
-    pytest.param(MeshTet, id="tet"),
-    pytest.param(MeshHex, id="hex"),
-]
-
-
-def distorted(kind, seed=0):
-    d = kind().dim()
-    mesh = block(kind, (3,) * d, (0.0,) * d, (1.0,) * d)
-    noise = np.random.default_rng(seed).uniform(-0.07, 0.07, size=mesh.p.shape)
-    return moved(mesh, mesh.p + noise)
-
-
-@pytest.mark.parametrize("kind", MESHES)
-@pytest.mark.parametrize(
-    "law", [NeoHookean(2.0, 0.3), J2(2.0, 0.3, 0.05, 0.1)], ids=["rubber", "metal"]
-)
-def test_the_element_tangent_is_the_derivative_of_the_force(kind, law):
-    mesh = distorted(kind)
-    elements = prepare_elements(mesh)
-    rng = np.random.default_rng(seed=1)
-    u, way = rng.normal(scale=[[0.02], [1.0]], size=(2, elements.size))
-    state = law.initial_state(elements.weight.shape)
-    _, tangent, _, smallest = element_response(elements, law, u, state)
-    ahead, back = (element_response(elements, law, u + s * way, state)[0] for s in (1e-7, -1e-7))
-    assert smallest > 0.0
-    difference = (ahead - back) / 2e-7
-    np.testing.assert_allclose(tangent @ way, difference, atol=1e-6 * np.abs(difference).max())
-
-
-@pytest.mark.parametrize("kind", [MeshTri, MeshTet])
-def test_elastic_elements_are_those_of_the_scalar_forms(kind):
-    mesh = distorted(kind)
-    elements = prepare_elements(mesh)
-    law = Elastic(2.0, 0.3)
-    rest = law.initial_state(elements.weight.shape)
-    found = element_response(elements, law, np.zeros(elements.size), rest)[1]
-    expected = elastic_matrix(displacement_basis(mesh, mesh.elem()), Elastic(2.0, 0.3))
-    assert abs(found - expected).max() < 1e-13
-
-
-@pytest.mark.parametrize("kind", MESHES)
-def test_a_uniform_strain_is_in_equilibrium_inside(kind):
-    mesh = distorted(kind)
-    elements = prepare_elements(mesh)
-    gradient = np.random.default_rng(seed=2).normal(scale=0.1, size=(mesh.dim(),) * 2)
-    law = NeoHookean(2.0, 0.3)
-    rest = law.initial_state(elements.weight.shape)
-    force, *_ = element_response(elements, law, (gradient @ mesh.p).T.ravel(), rest)
-    inside = np.setdiff1d(np.arange(mesh.p.shape[1]), mesh.boundary_nodes())
-    np.testing.assert_allclose(force.reshape(-1, mesh.dim())[inside], 0.0, atol=1e-14)
-
-
-def test_a_body_that_is_turned_inside_out_is_noticed():
-    elements = prepare_elements(distorted(MeshQuad))
-    u = np.zeros(elements.size)
-    u[0] = 2.0
-    law = NeoHookean(1.0, 0.3)
-    rest = law.initial_state(elements.weight.shape)
-    force, _, _, smallest = element_response(elements, law, u, rest)
-    assert smallest <= 0.0
-    assert np.all(np.isnan(force))
-
-
-@pytest.mark.parametrize("kind", [MeshQuad, MeshHex])
-def test_an_incompressible_body_does_not_lock(kind):
-    # a cantilever in bending hardly notices Poisson's ratio; with locking it stiffens tenfold
-    d = kind().dim()
-    mesh = block(kind, (16, *(1,) * (d - 2), 4), (0.0,) * d, (8.0, *(1.0,) * (d - 1)))
-    tips = []
-    for nu in (0.3, 0.4999):
-        shear = {"right": (*(0.0,) * (d - 1), 1e-4)}
-        held = {"left": (0.0,) * d}
-        if d == 3:  # plane strain
-            held |= {"front": (None, 0.0, None), "back": (None, 0.0, None)}
-        body = Body(mesh, Elastic(1.0 - nu**2, nu), held, shear)
-        step = solve_contact(FiniteAssembly({"beam": body}))[-1].unwrap()
-        tips.append(step.displacement["beam"][-1].max())
-    assert tips[1] == pytest.approx(tips[0], rel=0.05)
-
-
-def test_facets_look_outwards_and_their_nodes_share_the_area():
-    for kind in (MeshTri, MeshQuad, MeshTet, MeshHex):
-        mesh = distorted(kind, seed=3)
-        d = mesh.dim()
-        for side, axis, sign in (("top", d - 1, 1.0), ("left", 0, -1.0)):
-            surface = surface_of(mesh, side)
-            x = mesh.p.T[surface.nodes]
-            normal = facet_normals(x[surface.facets])
-            assert np.all(sign * normal[:, axis] > 0.0)
-            node, _, areas = face_areas(displacement_basis(mesh, mesh.elem()), side)
-            np.testing.assert_array_equal(np.unique(node), surface.nodes)
-            # facets of distorted hexahedra are warped: their area exceeds that of their normals
-            assert areas.sum() == pytest.approx(np.linalg.norm(normal, axis=1).sum(), rel=2e-2)
-
-
-def surfaces(d, kinds, seed):
-    """Two flat surfaces that overlap in part, turned in space."""
-    low = np.zeros(d)
-    one = block(kinds[0], (3, 4, 1)[-d:], low, np.ones(d))
-    high = np.full(d, 1.3)
-    two = block(kinds[1], (4, 3, 1)[-d:], low + 0.2, high)
-    top, bottom = surface_of(one, "top"), surface_of(two, "bottom")
-    x1, x2 = one.p.T[top.nodes].copy(), two.p.T[bottom.nodes].copy()
-    x1[:, -1], x2[:, -1] = 0.0, 0.1
-    turn = Rotation.random(random_state=seed).as_matrix() if d == 3 else rotation_2d(seed)
-    return top.facets, bottom.facets, x1 @ turn.T, x2 @ turn.T
-
-
-def rotation_2d(angle):
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-
-PAIRS = [
-    pytest.param(2, (MeshQuad, MeshTri), id="segments"),
-    pytest.param(3, (MeshHex, MeshHex), id="quadrilaterals"),
-    pytest.param(3, (MeshTet, MeshHex), id="triangle on quadrilateral"),
-    pytest.param(3, (MeshTet, MeshTet), id="triangles"),
-]
-
-
-@pytest.mark.parametrize(("d", "kinds"), PAIRS)
-def test_mortar_integrals_are_exact_on_the_common_area(d, kinds):
-    f1, f2, x1, x2 = surfaces(d, kinds, seed=4)
-    D, M = couple((f1, f2), (x1, x2))
-    common = 0.8 ** (d - 1)
-    assert D.sum() == pytest.approx(common, rel=1e-13)
-    np.testing.assert_allclose(D.sum(axis=1), M.sum(axis=1), atol=1e-15)
-    # a linear field is the same on both sides but for the gap of 0.1 along the normal
-    jump = M @ x2 - D @ x1
-    normal = facet_normals(x1[f1])[0]
-    normal /= np.linalg.norm(normal)
-    np.testing.assert_allclose(jump, 0.1 * np.outer(D.sum(axis=1), normal), atol=1e-14)
-
-
-def test_surfaces_beyond_reach_or_back_to_back_do_not_see_each_other():
-    f1, f2, x1, x2 = surfaces(3, (MeshHex, MeshHex), seed=5)
-    assert couple((f1, f2), (x1, x2), reach=0.05)[0].sum() == 0.0
-    assert couple((f1, f2[:, ::-1]), (x1, x2))[0].sum() == 0.0
 
 
 def rotation(d, angle):
@@ -200,10 +55,10 @@ def step_jump(problem, before, now):
         )
         for place in (before, now)
     ]
-    start = problem.couplings(np.zeros(problem.start.size), 0.0, None)
-    couplings = [problem.couplings(u, 1.0, start) for u in motion]
+    start = problem.couple(np.zeros(problem.start.size), 0.0)
+    couplings = [problem.couple(u, 1.0, start) for u in motion]
     jump = problem.jump(*couplings, motion, (1.0, 1.0))
-    return jump.reshape(-1, d)[couplings[0][0].kept[:, 0] & couplings[1][0].kept[:, 0]]
+    return jump.reshape(-1, d)[couplings[0].kept[:, 0] & couplings[1].kept[:, 0]]
 
 
 def slid(distance, turn=None, shift=0.0):
@@ -291,7 +146,7 @@ def local_data(components, seed=6):
 @pytest.mark.parametrize("components", [1, 2, 3])
 def test_the_local_law_is_alart_and_curniers(components):
     r, j, mu, rho, kept = local_data(components)
-    found = linearise(r, j, mu, rho, kept).residual
+    found = linearise_contact(r, j, mu, rho, kept).residual
     np.testing.assert_allclose(found.T, alart_curnier(j.T, r.T, mu, rho), atol=1e-14)
 
 
@@ -299,17 +154,17 @@ def test_the_local_law_is_alart_and_curniers(components):
 def test_the_derivatives_of_the_local_law_are_differences(components):
     r, j, mu, rho, kept = local_data(components)
     kept[:40, -1] = False  # a component that a support holds
-    law = linearise(r, j, mu, rho, kept)
+    law = linearise_contact(r, j, mu, rho, kept)
     for k in range(components):
         step = np.zeros((1, components))
         step[0, k] = 1e-7
         by_r = (
-            linearise(r + step, j, mu, rho, kept).residual
-            - linearise(r - step, j, mu, rho, kept).residual
+            linearise_contact(r + step, j, mu, rho, kept).residual
+            - linearise_contact(r - step, j, mu, rho, kept).residual
         )
         by_j = (
-            linearise(r, j + step, mu, rho, kept).residual
-            - linearise(r, j - step, mu, rho, kept).residual
+            linearise_contact(r, j + step, mu, rho, kept).residual
+            - linearise_contact(r, j - step, mu, rho, kept).residual
         )
         np.testing.assert_allclose(law.by_reaction[:, :, k], by_r / 2e-7, atol=1e-6)
         np.testing.assert_allclose(law.by_jump[:, :, k], by_j / 2e-7, atol=1e-6)
@@ -331,7 +186,7 @@ def test_a_mesh_file_keeps_its_shape_and_its_names(kind, tmp_path):
     if kind == "hexahedron":  # scikit-fem numbers the corners otherwise than VTK
         cells = cells[:, [0, 3, 6, 2, 1, 5, 7, 4]]
     facet = {"triangle": "line", "quad": "line", "tetra": "triangle", "hexahedron": "quad"}[kind]
-    surface = surface_of(mesh, "top")
+    surface = face_of(mesh, "top")
     facets = surface.nodes[surface.facets]
     points = np.vstack([mesh.p, np.zeros((3 - d, mesh.p.shape[1]))]).T
     tags = [np.full(len(cells), 1), np.full(len(facets), 2)]

@@ -1,0 +1,348 @@
+r"""Surfaces that may touch, small or large displacement: obstacles, frames, gap and slip.
+
+Side 1 is a face of a body and carries the reaction; side 2 is a face of another body or a rigid
+obstacle. With the mortar rows of :mod:`~multiscale.fe.interface` the weighted jump of a nodal field
+is
+
+.. math:: B u = M u_2 - D u_1 ,    \tag{1}
+
+in the frame :math:`(n, t_1, t_2)` of each node of side 1, with the normal from side 1 to side 2.
+An obstacle takes part node by node: D holds the areas of the nodes and M is empty.
+
+Where partners follow the motion, the slip of a step is how far the points that faced each other
+at its start lie apart at its end,
+
+.. math:: s = t \cdot (\bar B^- - \bar B)\, x ,    \tag{2}
+
+with :math:`\bar B` over the area of the node: the difference of the mortar operators [1]_. A
+rigid motion of both bodies keeps the operators, so that (2) is then zero, which
+:math:`t \cdot \bar B (x - x^-)` is not where gaps or facets turn. Both agree to first order.
+
+References
+----------
+.. [1] M. A. Puso and T. A. Laursen, Comput. Methods Appl. Mech. Eng. 193 (2004) 4891-4913,
+   doi:10.1016/j.cma.2004.06.001: mortar contact with friction at large deformation.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array, vstack
+
+from multiscale.errors import CaseError
+from multiscale.fe.faces import OrientedFace, nodal_normals, tangent_frames
+from multiscale.fe.interface import mortar_rows
+from multiscale.macro.continuum.body import Value
+
+__all__ = ["Contact", "ContactInterface", "Coupling", "RigidGraph", "RigidObstacle", "RigidPlane"]
+
+FACETED = 10.0
+"""Least ratio of an overlap to the distance by which facets miss their curved surface."""
+
+ASIDE = 0.02
+"""Distance of the nodes of both sides, relative to an edge, up to which their facets match."""
+
+LEAST_AREA = 1e-9
+"""Nodes with less than this share of their area opposite side 2 carry nothing."""
+
+LOCKED = 0.1
+"""Share of the free components of a node along an axis below which a support holds it."""
+
+
+class RigidObstacle(ABC):
+    """A rigid surface that moves without turning; every obstacle takes a ``motion``.
+
+    Attributes
+    ----------
+    motion : sequence of Value
+        Displacement of the obstacle, m: a number per component, multiplied by the time of the
+        step, or a function ``motion(position, time)``; at rest if empty.
+    """
+
+    motion: Sequence[Value] = ()
+
+    @abstractmethod
+    def distance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance (m, negative inside) and outward normal, shape (n, d), of points (n, d).
+
+        The obstacle stands where it was at the start.
+        """
+
+    def moved(self, dim: int, time: float) -> np.ndarray:
+        """Displacement at a time, shape (dim,), m."""
+        if not self.motion:
+            return np.zeros(dim)
+        if len(self.motion) != dim:
+            raise CaseError(
+                f"the motion of an obstacle needs {dim} components, got {len(self.motion)}"
+            )
+        origin = np.zeros((dim, 1))
+        values = [v(origin, time) if callable(v) else v * time for v in self.motion]
+        motion = np.array([float(np.ravel(np.asarray(v))[0]) for v in values])
+        if not np.all(np.isfinite(motion)):
+            raise CaseError(f"the motion of an obstacle is NaN or infinite at time {time:g}")
+        return motion
+
+
+@dataclass(frozen=True)
+class RigidPlane(RigidObstacle):
+    """A half-space.
+
+    Parameters
+    ----------
+    point, normal : sequence of float
+        A point of the plane, m, and its normal out of the obstacle, to the body; of any length.
+    """
+
+    point: Sequence[float]
+    normal: Sequence[float]
+    motion: Sequence[Value] = ()
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.normal))
+        if not (length > 0.0 and np.isfinite(length)):
+            raise CaseError(f"the normal of a plane needs a direction, got {tuple(self.normal)}")
+
+    def distance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance along the normal."""
+        n = np.asarray(self.normal) / np.linalg.norm(self.normal)
+        return (x - np.asarray(self.point)) @ n, np.broadcast_to(n, x.shape)
+
+
+@dataclass(frozen=True)
+class RigidGraph(RigidObstacle):
+    """All that lies above a height (or below it).
+
+    Parameters
+    ----------
+    height, slope : callable
+        Height of the surface over the lateral positions, shape (d - 1, n), m, and its derivatives,
+        shape (d - 1, n), dimensionless.
+    above : bool, default True, whether the obstacle lies above its surface
+
+    Notes
+    -----
+    The distance is that to the tangent plane over (or under) the point: exact in contact.
+    """
+
+    height: Callable[[np.ndarray], np.ndarray]
+    slope: Callable[[np.ndarray], np.ndarray]
+    above: bool = True
+    motion: Sequence[Value] = ()
+
+    def distance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance to the tangent plane."""
+        lateral = x[:, :-1].T
+        slope = np.broadcast_to(self.slope(lateral), lateral.shape)
+        normal = np.concatenate([slope, -np.ones((1, len(x)))]).T
+        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        side = 1.0 if self.above else -1.0
+        gap = side * (x[:, -1] - self.height(lateral)) * normal[:, -1]
+        return gap, side * normal
+
+
+@dataclass(frozen=True)
+class Contact:
+    r"""Two surfaces that may touch.
+
+    Parameters
+    ----------
+    side1 : tuple of str
+        Body and boundary that carry the contact traction. The finer mesh belongs here.
+    side2 : tuple of str or RigidObstacle
+    friction_coefficient : float, default 0.0, Coulomb's :math:`\mu \ge 0`, dimensionless
+    finite_sliding : bool, default False
+        Whether partners and normals follow the motion. Otherwise they stay as at the start.
+    reach : float, default inf, surfaces farther apart than this do not see each other, m
+    fitted : bool, default False
+        Whether the bodies fit at the start. The gap that the facets of two curved meshes show
+        there is then an error of the meshes and is taken off.
+    interference : float, default 0.0
+        Normal distance by which fitted bodies overlap everywhere at the start, whatever their
+        facets, as in a press fit, m.
+
+    Raises
+    ------
+    CaseError
+        If the coefficient is negative or not finite, the reach is not positive, or there is a
+        negative interference or one of bodies that are not fitted.
+    """
+
+    side1: tuple[str, str]
+    side2: tuple[str, str] | RigidObstacle
+    friction_coefficient: float = 0.0
+    finite_sliding: bool = False
+    reach: float = np.inf
+    fitted: bool = False
+    interference: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.friction_coefficient < np.inf:
+            raise CaseError(
+                f"friction_coefficient must not be negative, got {self.friction_coefficient}"
+            )
+        if not self.reach > 0.0:
+            raise CaseError(f"the reach of a contact must be positive (m), got {self.reach}")
+        if not 0.0 <= self.interference < np.inf or (self.interference and not self.fitted):
+            raise CaseError(
+                f"the interference of a contact must not be negative (m) and takes fitted=True, "
+                f"got {self.interference}"
+            )
+
+    @property
+    def obstacle(self) -> RigidObstacle | None:
+        """Side 2 if it is rigid."""
+        return self.side2 if isinstance(self.side2, RigidObstacle) else None
+
+    @property
+    def surfaces(self) -> tuple[tuple[str, str], ...]:
+        """Sides that are surfaces of bodies: body and boundary."""
+        return (self.side1,) if isinstance(self.side2, RigidObstacle) else (self.side1, self.side2)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Some interfaces, or all, in one configuration: contact node after contact node.
+
+    Attributes
+    ----------
+    operator : csr_array, shape (n, nodes of the problem)
+        (1) for a component, m² (m in two dimensions).
+    frame : ndarray, shape (n, d, d), rows n, t1, t2
+    area : ndarray, shape (n,), area of side 1 that is opposite side 2, m²
+    kept : ndarray of bool, shape (n, d)
+        Local components that can be transmitted: not those that a support holds.
+    """
+
+    operator: csr_array
+    frame: np.ndarray
+    area: np.ndarray
+    kept: np.ndarray
+
+    @classmethod
+    def stack(cls, parts: Sequence["Coupling"], nodes: int, d: int) -> "Coupling":
+        """Put interfaces one after the other, of a problem of so many nodes in d dimensions."""
+        return cls(
+            csr_array(vstack([csr_array((0, nodes)), *(part.operator for part in parts)])),
+            np.concatenate([np.zeros((0, d, d)), *(part.frame for part in parts)]),
+            np.concatenate([np.zeros(0), *(part.area for part in parts)]),
+            np.concatenate([np.zeros((0, d), dtype=bool), *(part.kept for part in parts)]),
+        )
+
+    def __getitem__(self, rows: slice) -> "Coupling":
+        return Coupling(self.operator[rows], self.frame[rows], self.area[rows], self.kept[rows])
+
+    def slip_operator(self, old: "Coupling") -> csr_array:
+        """Weighted slip (2) over positions: partners of the step before, areas of now."""
+        facing = old.area > 0.0
+        share = np.where(facing, self.area / np.where(facing, old.area, 1.0), 0.0)
+        return csr_array(
+            diags_array(share) @ old.operator + diags_array(1.0 * ~facing) @ self.operator
+        )
+
+
+@dataclass(frozen=True)
+class ContactInterface:
+    """A contact with the numbers of its nodes in the whole problem.
+
+    Attributes
+    ----------
+    name : str, of the contact
+    contact : Contact, as given by the user
+    faces : tuple of OrientedFace, side 1, and side 2 unless it is an obstacle
+    nodes : tuple of ndarray, their nodes, numbered over all bodies
+    area : ndarray, shape (n1,), area that each node of side 1 stands for, undeformed, m²
+    free : ndarray of bool, shape (n1, d), components of side 1 that no support holds
+    """
+
+    name: str
+    contact: Contact
+    faces: tuple[OrientedFace, ...]
+    nodes: tuple[np.ndarray, ...]
+    area: np.ndarray
+    free: np.ndarray
+
+    @property
+    def follows(self) -> bool:
+        """Whether side 2 is a body and the partners of its points change with the motion."""
+        return self.contact.finite_sliding and self.contact.obstacle is None
+
+    def couple(self, x: np.ndarray, time: float) -> Coupling:
+        """Couple both sides at positions of all nodes, (nodes, d), m, and an obstacle at a time."""
+        n1, d = len(self.nodes[0]), x.shape[1]
+        side1, obstacle = x[self.nodes[0]], self.contact.obstacle
+        if obstacle is not None:
+            shift = obstacle.moved(d, time) if self.contact.finite_sliding else np.zeros(d)
+            normal = -obstacle.distance(side1 - shift)[1]
+            area = self.area  # of the undeformed body: the reaction is then a force per that area
+            operator = csr_array((-area, (np.arange(n1), self.nodes[0])), shape=(n1, len(x)))
+        else:
+            normal = nodal_normals(self.faces[0], side1, self.free)
+            facets, numbers = (self.faces[0].facets, self.faces[1].facets), self.nodes
+            D, M = mortar_rows(
+                facets,
+                (side1, x[numbers[1]]),
+                self.contact.reach,
+                columns=(numbers[0][facets[0]], numbers[1][facets[1]]),
+                sizes=(len(x), len(x)),
+            )
+            area, operator = np.asarray(D.sum(axis=1)), csr_array(M - D)  # (1)
+        frame = tangent_frames(normal)
+        free = np.sqrt(np.sum((frame * self.free[:, None, :]) ** 2, axis=2)) >= LOCKED
+        kept = free & (area > LEAST_AREA * self.area)[:, None]
+        return Coupling(operator, frame, area, kept)
+
+    def obstacle_gap(
+        self, start: np.ndarray, motion: np.ndarray, normal: np.ndarray, shift: np.ndarray
+    ) -> np.ndarray:
+        """Gap to an obstacle, shape (n1,), m, of nodes that move along with its shift, (n1, d)."""
+        distance = cast(RigidObstacle, self.contact.obstacle).distance
+        if self.contact.finite_sliding:
+            return distance(start + motion - shift)[0]
+        closing = np.einsum("ai,ai->a", normal, shift - motion)
+        return np.asarray(distance(start)[0] + closing)
+
+    def fitted_gap(self, gap: np.ndarray, area: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Gap at the start that is taken off where the user states that the faces fit, m.
+
+        Refuses bodies that overlap at the start by less than their facets hide.
+        """
+        if self.contact.fitted:
+            return gap + self.contact.interference
+        facing = area > LEAST_AREA * self.area
+        if self.contact.obstacle is None and np.any(gap[facing] < 0.0):
+            sagitta = self._sagitta(start)
+            typical = float(np.median(np.abs(gap[facing])))
+            if typical < FACETED * sagitta:
+                raise CaseError(
+                    f"contact {self.name!r}: the bodies overlap at the start, with gaps of about "
+                    f"{typical:.2g} m, which the facets of both curved meshes hide: they do not "
+                    f"match and miss the surface by {sagitta:.2g} m; give fitted=True and the "
+                    f"interference, or meshes that match on the face"
+                )
+        return np.zeros_like(gap)
+
+    def _sagitta(self, start: np.ndarray) -> float:
+        r"""Distance of the facets of curved faces that do not match from their surface, m.
+
+        An edge of the length L between normals that differ by :math:`\theta` misses its arc by
+        :math:`L \theta / 8`; this is the median over the nodes of the larger side.
+        """
+        from scipy.spatial import cKDTree
+
+        x = [start[nodes] for nodes in self.nodes]
+        apart = cKDTree(x[1]).query(x[0])[0]
+        sagittas, lengths = [], []
+        for face, at in zip(self.faces, x, strict=True):
+            normal, node = nodal_normals(face, at, np.ones_like(at, dtype=bool)), np.zeros(len(at))
+            first, last = face.facets, np.roll(face.facets, -1, axis=1)
+            length = np.linalg.norm(at[last] - at[first], axis=2)
+            miss = length * np.linalg.norm(normal[last] - normal[first], axis=2) / 8.0
+            np.maximum.at(node, first, miss)
+            np.maximum.at(node, last, miss)
+            sagittas.append(float(np.median(node)))
+            lengths.append(float(np.median(length)))
+        return max(sagittas) if np.median(apart) > ASIDE * min(lengths) else 0.0

@@ -1,0 +1,311 @@
+"""Two elastic blocks pressed together through a rough interface, under even pressure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import HystereticLaw, NormalLaw
+from multiscale.laws.bulk import AnisotropicElastic, Elastic
+from multiscale.laws.interface_law import InterfaceLaw
+from multiscale.macro.bodies.assembly import Assembly, Interface
+from multiscale.macro.bodies.bolt import Platen
+from multiscale.macro.continuum.body import Body, Pins, Supports
+from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
+from multiscale.schema import MACRO_RESULT, Dataset
+
+if TYPE_CHECKING:
+    from skfem import Element
+
+__all__ = ["Block", "RoughJoint", "press_joint", "pressed_blocks", "soften"]
+
+TOLERANCE = 1e-8
+"""Error of the pressure at the gap that a law was inverted to, relative to the preload."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One elastic block of a joint.
+
+    Parameters
+    ----------
+    height : float, height, m
+    youngs_modulus : float, Pa
+    poissons_ratio : float, dimensionless
+    layers : int, default 4, number of elements over the height
+    effective : AnisotropicElastic, optional
+        Elasticity of the block where cavities or cracks make it differ from the elasticity of its
+        solid; its moduli then do not count; see :func:`soften`.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+    """
+
+    height: float
+    youngs_modulus: float
+    poissons_ratio: float
+    layers: int = 4
+    effective: AnisotropicElastic | None = None
+
+    @property
+    def law(self) -> Elastic | AnisotropicElastic:
+        """Elasticity of the block."""
+        return self.effective or Elastic(self.youngs_modulus, self.poissons_ratio)
+
+    @property
+    def shear_compliance(self) -> float:
+        """Displacement under an even shear along its face and no bending, m/Pa: h/G."""
+        return 2.0 * (1.0 + self.poissons_ratio) * self.height / self.youngs_modulus
+
+    @property
+    def compliance(self) -> float:
+        """Shortening under an even pressure along z and no other stress, m/Pa."""
+        if self.effective is None:
+            return self.height / self.youngs_modulus
+        return self.height * float(np.linalg.inv(self.effective.stiffness)[2, 2])
+
+    def __post_init__(self) -> None:
+        if not self.height > 0.0:
+            raise CaseError(f"height of a block must be positive (m), got {self.height:g}")
+        if not self.youngs_modulus > 0.0:
+            raise CaseError(
+                f"youngs_modulus of a block must be positive (Pa), got {self.youngs_modulus:g}"
+            )
+        if not -1.0 < self.poissons_ratio < 0.5:
+            raise CaseError(
+                f"poissons_ratio of a block must lie between -1 and 0.5, "
+                f"got {self.poissons_ratio:g}"
+            )
+        if self.layers < 1:
+            raise CaseError(f"a block needs at least one layer of elements, got {self.layers}")
+
+
+@dataclass(frozen=True)
+class RoughJoint:
+    """Two blocks between frictionless platens, joined by a rough frictionless interface.
+
+    The lower block (side 1) stands on a fixed platen. A rigid platen on the upper block (side 2)
+    carries the force, pressure times section.
+
+    Parameters
+    ----------
+    section : tuple of float, lengths of the nominal contact along x and y, m
+    lower, upper : Block, side 1 and side 2
+    elements : tuple of int, default (6, 6)
+        Number of elements along x and y, the same in both blocks.
+    eccentricity : tuple of float, optional
+        Where the force acts, measured from the centre along x and y, m. The loaded platen then
+        tilts freely. Without it the platen is guided and only moves along z.
+    element : Element, optional, scalar scikit-fem element for hexahedra; 8 nodes if not given
+    quadrature_order : int, default 3
+        Degree that the quadrature of the interface integrates exactly. A joint that opens in
+        part wants more.
+
+    Raises
+    ------
+    CaseError
+        If a parameter is outside its range.
+    """
+
+    section: tuple[float, float]
+    lower: Block
+    upper: Block
+    elements: tuple[int, int] = (6, 6)
+    eccentricity: tuple[float, float] | None = None
+    element: "Element | None" = None
+    quadrature_order: int = 3
+
+    def __post_init__(self) -> None:
+        if not min(self.section) > 0.0:
+            raise CaseError(f"section must have positive lengths (m), got {self.section}")
+        if min(self.elements) < 1:
+            raise CaseError(f"elements must be at least one along x and y, got {self.elements}")
+        if self.quadrature_order < 1:
+            raise CaseError(f"quadrature_order must be at least 1, got {self.quadrature_order}")
+        for arm, length in zip(self.eccentricity or (0.0, 0.0), self.section, strict=True):
+            if not abs(arm) < 0.5 * length:
+                raise CaseError(
+                    f"eccentricity must keep the force inside the section, where |eccentricity| "
+                    f"< {0.5 * length:g} m, got {arm:g}"
+                )
+
+    @property
+    def area(self) -> float:
+        """Nominal contact area, m²."""
+        return self.section[0] * self.section[1]
+
+
+def soften(block: Block, stiffness: float | np.ndarray) -> Block:
+    """Return a block with less stiffness.
+
+    Parameters
+    ----------
+    block : Block, sound, or softened before
+    stiffness : float or ndarray
+        A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
+        Or the tensor of a representative volume, shape (6, 6), Pa, whose axes are the axes of the
+        joint, in place of its moduli.
+
+    Raises
+    ------
+    CaseError
+        If the share is outside its range, or the volume is cut through.
+    """
+    if isinstance(stiffness, np.ndarray):
+        return replace(block, effective=AnisotropicElastic(stiffness))
+    if not 0.0 < stiffness <= 1.0:
+        raise CaseError(
+            f"the stiffness factor of a block must lie above 0 and up to 1, got {stiffness:g}; a "
+            f"block without stiffness carries no joint"
+        )
+    share = float(stiffness)
+    return replace(
+        block,
+        youngs_modulus=share * block.youngs_modulus,
+        effective=block.effective and block.effective.scaled(share),
+    )
+
+
+def press_joint(
+    joint: RoughJoint,
+    law: NormalLaw | HystereticLaw,
+    preloads: np.ndarray,
+    *,
+    samples: Sequence[NormalLaw | HystereticLaw] = (),
+    extrapolate: bool = False,
+) -> Dataset:
+    r"""Press a joint and return its normal stiffness at every preload, in closed form.
+
+    Parameters
+    ----------
+    joint : RoughJoint, its force is not eccentric
+    law : NormalLaw or HystereticLaw, which is loaded for the first time
+    preloads : ndarray, shape (steps,), nominal pressures :math:`p > 0`, Pa: force over section
+    samples : sequence of NormalLaw or HystereticLaw
+        Bootstrap samples of the law; each gives one row of ``joint_stiffness_sample``.
+    extrapolate : bool
+        Whether steps far outside the data of the law keep what it extrapolates; see
+        :func:`~multiscale.macro.data_range.with_load_shares`.
+
+    Returns
+    -------
+    Dataset
+        Follows ``MACRO_RESULT``. ``joint_stiffness`` is the tangent :math:`\mathrm{d}p /
+        \mathrm{d}a`, Pa/m, and ``solid_stiffness`` belongs to the same blocks without a jump
+        between them. A gap to which the law was not inverted is NaN with ``converged`` 0, a step
+        far outside the data of the law is NaN with ``known`` 0. A law with an unloading branch
+        also gives ``unloading_stiffness``, under a preload which begins to fall and comes back.
+
+    Raises
+    ------
+    CaseError
+        If a preload is not positive, or the force is eccentric.
+
+    Notes
+    -----
+    Between guided platens without friction, and without friction in the interface, an even
+    pressure p and uniaxial stress satisfy all equations, and a pressure that falls with the gap
+    allows no other solution. With the heights :math:`h_i` and moduli :math:`E_i` of the blocks
+    along z (of an anisotropic block :math:`1/S_{zzzz}`), the initial gap :math:`g_0`, and gap
+    :math:`g(p)` and stiffness :math:`K(p)` of the law,
+
+    .. math::
+        \frac1k = \frac1{K(p)} + \frac{h_1}{E_1} + \frac{h_2}{E_2}, \qquad
+        a = p \Big(\frac{h_1}{E_1} + \frac{h_2}{E_2}\Big) - (g(p) - g_0).    \tag{1}
+    """
+    begin = perf_counter()
+    if joint.eccentricity is not None:
+        raise CaseError(
+            "an eccentric force presses unevenly, which has no closed form; solve the assembly "
+            "pressed_blocks(joint, law) by solve_assembly"
+        )
+    p = np.asarray(preloads, dtype=float)
+    if not np.all((p > 0.0) & np.isfinite(p)):
+        raise CaseError(f"preloads must be positive and finite (Pa), got {p}")
+    compliance = joint.lower.compliance + joint.upper.compliance  # m/Pa
+    normal = _loading(law)
+    gap = normal.gap_at(p)
+    residual = np.abs(normal.pressure(gap) / p - 1.0)
+    converged = residual <= TOLERANCE
+    measured = {
+        **_stiffness(law, p, compliance),
+        "approach": p * compliance - (gap - normal.gap),
+        "mean_gap": gap,
+        "closed_fraction": np.ones(p.size),
+    }
+    rows = [_stiffness(sample, p, compliance) for sample in samples]
+    sampled = {
+        f"{name}_sample": np.array([row[name] for row in rows])
+        for name in (rows[0] if rows else ())
+    }
+    values = {
+        "preload": p,
+        **{name: np.where(converged, value, np.nan) for name, value in measured.items()},
+        **sampled,
+        "converged": converged.astype(int),
+        "residual": residual,
+        "wall_time": np.full(p.size, (perf_counter() - begin) / p.size),
+    }
+    # share of the load outside the data of the law
+    ends = data_ends(law)
+    shares = load_shares(p[:, None], np.ones(1), ends)
+    result = with_load_shares(
+        MACRO_RESULT.build(values), shares[..., None], np.array([ends]), extrapolate=extrapolate
+    )
+    solid = np.full(p.size, 1.0 / compliance)  # no law enters it
+    return MACRO_RESULT.assign(result, {"solid_stiffness": solid})
+
+
+def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:
+    """Law of the first loading."""
+    return law.loading if isinstance(law, HystereticLaw) else law
+
+
+def _stiffness(
+    law: NormalLaw | HystereticLaw, p: np.ndarray, compliance: float
+) -> dict[str, np.ndarray]:
+    """Stiffness of the interface, and (1) on every branch of its law, Pa/m."""
+    normal = _loading(law)
+    K = normal.stiffness(normal.gap_at(p))
+    stiffness = {"interface_stiffness": K, "joint_stiffness": 1.0 / (1.0 / K + compliance)}
+    if isinstance(law, HystereticLaw):
+        unloading = 1.0 / (law.stiffness_ratio * K)
+        stiffness["unloading_stiffness"] = 1.0 / (unloading + compliance)
+    return stiffness
+
+
+def pressed_blocks(joint: RoughJoint, law: InterfaceLaw) -> Assembly:
+    """Press the upper block of a joint on the lower one by a rigid platen.
+
+    The platens are frictionless. Each block is held on its platen at one corner along x and y and
+    at another along y, so that an even pressure gives uniaxial stress. The load case is a nominal
+    pressure of 1 Pa.
+
+    Parameters
+    ----------
+    joint : RoughJoint
+    law : InterfaceLaw, a law of any kind, with friction too
+    """
+    x, y = (0.5 * length for length in joint.section)
+    stands: Supports = {"bottom": (None, None, 0.0)}
+    lifts: Supports = {}
+    bodies = []
+    for block, base, plate, supports in (
+        (joint.lower, -joint.lower.height, -joint.lower.height, stands),
+        (joint.upper, 0.0, joint.upper.height, lifts),
+    ):
+        mesh = box_mesh(
+            (*joint.section, block.height), (*joint.elements, block.layers), origin=(-x, -y, base)
+        )
+        pins: Pins = {(-x, -y, plate): (0.0, 0.0, None), (x, -y, plate): (None, 0.0, None)}
+        bodies.append(Body(mesh, block.law, supports, element=joint.element, pins=pins))
+    point = None if joint.eccentricity is None else (*joint.eccentricity, joint.upper.height)
+    interface = Interface((0, 1), ("top", "bottom"), law, joint.quadrature_order)
+    platen_above = Platen(1, "top", -joint.area, point)
+    return Assembly(tuple(bodies), (interface,), platens=(platen_above,))
