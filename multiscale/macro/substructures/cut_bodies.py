@@ -174,7 +174,8 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
         row = first[upper] + 3 * second_nodes[:, None] + np.arange(3)
         if not free[row].all():
             raise CaseError(
-                f"the cut through a bolt at {bodies[upper].face_name(section.boundaries[1], upper)} "
+                f"the cut through a bolt at "
+                f"{bodies[upper].face_name(section.boundaries[1], upper)} "
                 f"has nodes that a support, a platen or another cut holds; take one of them"
             )
         free[row] = False
