@@ -99,13 +99,12 @@ class Motion(TimeSteps):
     )
     tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
     max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")
-    threads: Positive = Field(1, description="Threads of the sweeps.")
     frames: Count = Field(11, ge=2, description="Instants whose grains and forces are kept.")
 
     @property
     def solver(self) -> "granulate.Solver":
         """How the contacts are solved."""
-        return granulate.Solver(self.tolerance, self.max_iterations, self.threads)
+        return granulate.Solver(self.tolerance, self.max_iterations)
 
     def quick(self) -> Self:
         """Return few steps of the motion."""

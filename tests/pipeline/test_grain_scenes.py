@@ -49,14 +49,11 @@ def test_figures_show_forces_energies_and_errors(tmp_path):
         assert file.read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_number_of_frames_and_threads_is_that_of_the_file(tmp_path):
-    path = write_scene(
-        tmp_path, DEPOSIT, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3\nthreads = 2')
-    )
+def test_the_number_of_frames_is_that_of_the_file(tmp_path):
+    path = write_scene(tmp_path, DEPOSIT, ('duration = "1 s"', 'duration = "20 ms"\nframes = 3'))
     scene = load_case(path).quick()
     result = run_macro(scene, tmp_path / "result.nc")
     assert result.sizes["frame"] == 3
-    assert load_case(path).motion.threads == 2
 
 
 def test_a_density_that_no_solid_has_is_a_caution(tmp_path):

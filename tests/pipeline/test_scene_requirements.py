@@ -21,9 +21,8 @@ from multiscale.macro import (
     tensegrity_grid,
 )
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
-from multiscale.macro.granulate.grain_motion import step_grains
-from multiscale.macro.granulate.grain_needs import grain_needs
-from multiscale.macro.granulate.grain_state import initial_state
+from multiscale.macro.granulate.model import grain_needs
+from multiscale.macro.granulate.motion import initial_state, step_grains
 from multiscale.macro.links import dynamics as dynamics_module
 from multiscale.macro.links import limited_motion as motion_module
 from multiscale.macro.links.link_equations import Tangent
@@ -220,22 +219,19 @@ def test_a_joint_without_cycles_has_fewer_slabs_and_says_so(tmp_path):
 def test_grains_say_what_their_law_and_their_solver_take():
     plain = grain_needs(100, 2, ContactLaw(friction=0.0), Solver(most_assembled=0))
     assert set(plain.built) == {"sweeps"}
-    full = grain_needs(100, 2, ContactLaw(0.5, 0.1, 0.05), Solver(threads=2))
+    full = grain_needs(100, 2, ContactLaw(0.5, 0.1, 0.05), Solver())
     assert set(full.built) - set(plain.built) == {
         "friction",
         "rotation",
         "springs",
         "restitution",
-        "colours",
         "assembled problem",
     }
 
 
-def test_a_cell_that_strains_is_swept_by_one_thread_and_says_so():
-    needs = grain_needs(100, 2, ContactLaw(), Solver(threads=2), strained=True)
+def test_a_cell_that_strains_has_no_assembled_problem():
+    needs = grain_needs(100, 2, ContactLaw(), Solver(), strained=True)
     assert {"cell strain", "sweeps", "friction", "rotation"} == set(needs.built)
-    still = grain_needs(100, 2, ContactLaw(), Solver(threads=2, most_assembled=0))
-    assert {"colours", "sweeps", "friction", "rotation"} == set(still.built)
     biaxial = requirements(load_case(SCENES[0].parent / "biaxial.toml"))
     assert "cell strain" in biaxial.built
 

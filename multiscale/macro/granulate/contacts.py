@@ -1,7 +1,6 @@
 """Contacts of neighbouring grains: gaps, normals, masses and biases for the sweeps."""
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,6 @@ __all__ = [
     "Contacts",
     "allowed_step",
     "build_contacts",
-    "colour_pairs",
     "find_wall_pairs",
     "mark_overlaps",
     "penetration",
@@ -25,7 +23,7 @@ contact is not stiffened further; dimensionless."""
 
 @dataclass(frozen=True)
 class Contacts:
-    """The contacts of a step; columns as in :mod:`multiscale.macro.granulate.sweeps`.
+    """The contacts of a step; columns as in :mod:`multiscale.macro.granulate.contact_solver`.
 
     Attributes
     ----------
@@ -50,12 +48,6 @@ class Contacts:
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
         """The fields in the order of the arguments of the kernels."""
         return self.ends, self.data, self.coulomb, self.impulse, self.anchor
-
-    def reordered(self, order: np.ndarray) -> Self:
-        """Return the contacts in another order."""
-        return replace(
-            self, **{name: value[order] for name, value in vars(self).items() if value is not None}
-        )
 
     @property
     def normal_impulse(self) -> np.ndarray:
@@ -320,46 +312,3 @@ def penetration(pairs, position, radius, period, walls):  # type: ignore[no-unty
         if -gap > worst * smaller:
             worst, which = -gap / smaller, k
     return worst, which
-
-
-COLOURS = 48
-"""Largest number of colours; contacts without a colour are solved one after the other."""
-
-
-@compiled
-def colour_pairs(ends, grains, free):  # type: ignore[no-untyped-def]
-    """Order the contacts by colour, so that no movable body occurs twice in a colour.
-
-    Returns the order and the first contact of every colour; contacts without a colour come last.
-    """
-    used = np.zeros(free.size, np.uint64)
-    own = np.empty(ends.shape[0], np.int64)
-    size = np.zeros(COLOURS + 1, np.int64)
-    for c in range(ends.shape[0]):
-        i, j = ends[c, 0], ends[c, 1]
-        taken = used[i]
-        if free[j]:
-            taken |= used[j]
-        k = 0
-        while k < COLOURS and (taken >> np.uint64(k)) & np.uint64(1):
-            k += 1
-        if j >= grains and free[j]:
-            k = COLOURS  # a movable wall touches many grains
-        own[c] = k
-        size[k] += 1
-        if k < COLOURS:
-            used[i] |= np.uint64(1) << np.uint64(k)
-            if free[j]:
-                used[j] |= np.uint64(1) << np.uint64(k)
-    bounds = np.zeros(COLOURS + 2, np.int64)
-    for k in range(COLOURS + 1):
-        bounds[k + 1] = bounds[k] + size[k]
-    place = bounds[:-1].copy()
-    order = np.empty(ends.shape[0], np.int64)
-    for c in range(ends.shape[0]):
-        order[place[own[c]]] = c
-        place[own[c]] += 1
-    used_colours = 0
-    while used_colours < COLOURS and size[used_colours] > 0:
-        used_colours += 1
-    return order, bounds[: used_colours + 1]

@@ -1,4 +1,4 @@
-"""Parameters of a granulate: contact law, loads and contact solver."""
+"""Parameters of a granulate: contact law, loads and contact solver; its unknowns and memory."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,8 +7,13 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.macro.granulate.grain_bodies import CYLINDER, PLANE, Grains, Wall
+from multiscale.needs import Needs, choose
 
-__all__ = ["ContactLaw", "Model", "Solver"]
+__all__ = ["ContactLaw", "Model", "Solver", "grain_needs"]
+
+PER_GRAIN, PER_UNKNOWN, PER_FRAME = 1450, 350, 400
+"""Peak memory of a dense pile, byte: per grain, per grain and unknown of a contact, and per grain
+and frame."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +74,6 @@ class Solver:
         Bound on the natural-map error relative to the closing velocities without impulses;
         dimensionless.
     max_iterations : int, limit of sweeps in a step
-    threads : int
-        Number of threads; one sweeps in the order of the contacts, several colour by colour.
     most_assembled : int
         Largest number of contacts for which :func:`multiscale.nonsmooth.solve_friction` solves a
         step on which the sweeps fail.
@@ -83,15 +86,13 @@ class Solver:
 
     tolerance: float = 1e-4
     max_iterations: int = 1000
-    threads: int = 1
     most_assembled: int = 400
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < 1.0:
             raise CaseError(f"tolerance must lie between 0 and 1, got {self.tolerance:g}")
-        for name in ("max_iterations", "threads"):
-            if getattr(self, name) < 1:
-                raise CaseError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.max_iterations < 1:
+            raise CaseError(f"max_iterations must be at least 1, got {self.max_iterations}")
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,7 @@ class Model:
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Mobilities as in :mod:`multiscale.macro.granulate.sweeps`, 1/kg."""
+        """Mobilities as in :mod:`multiscale.macro.granulate.contact_solver`, 1/kg."""
         grains, turns = self.grains, self.turns
         mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
@@ -229,3 +230,56 @@ class Model:
         """Kind, point (walls, 3), direction and radius of the walls for the kernels."""
         kind, axis, bore = self.shapes
         return kind, point, axis, bore
+
+
+def grain_needs(
+    grains: int,
+    frames: int,
+    law: ContactLaw,
+    solver: Solver,
+    *,
+    wall_friction: float = 0.0,
+    strained: bool = False,
+) -> Needs:
+    """Return the unknowns, operators and memory of a simulation of grains.
+
+    Examples
+    --------
+    >>> from multiscale.macro.granulate import ContactLaw, Solver
+    >>> needs = grain_needs(1000, 11, ContactLaw(friction=0.5), Solver())
+    >>> needs.unknowns_per_contact, "springs" in needs.built
+    (3, False)
+    >>> grain_needs(1000, 11, ContactLaw(friction=0.0), Solver()).unknowns_per_contact
+    1
+    """
+    friction = max(law.friction, wall_friction) > 0.0
+    parts = (
+        ("sweeps", True, "over the contacts, one after the other, again and again", ""),
+        ("friction", friction, "Coulomb's limit at each contact", "no friction is given"),
+        ("rotation", friction, "spins and moments of inertia", "nothing turns the grains"),
+        (
+            "cell strain",
+            strained,
+            "rates along the axes, branch of each contact",
+            "no cell strains",
+        ),
+        ("springs", law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
+        ("restitution", law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
+        (
+            "assembled problem",
+            solver.most_assembled > 0 and not strained,
+            f"all contacts at once, where sweeps fail on at most {solver.most_assembled} of them",
+            "sweeps alone",
+        ),
+    )
+    spin = ("spin",) if friction else ()
+    unknowns = 3 if friction else 1
+    return Needs(
+        unknowns_per_contact=unknowns,
+        kinematics="rigid grains in motion, impulses in place of forces",
+        choices=tuple(choose(*part) for part in parts),
+        state_variables=("position", "velocity", *spin, "impulse of each contact"),
+        fields=("position", "velocity", *spin, "contact force"),
+        libraries=("numba",),
+        memory=grains * (PER_GRAIN + PER_UNKNOWN * unknowns + PER_FRAME * frames),
+    )

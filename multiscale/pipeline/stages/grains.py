@@ -8,7 +8,7 @@ import numpy as np
 
 from multiscale.io import write_grain_fields
 from multiscale.macro import granulate
-from multiscale.macro.granulate.grain_needs import grain_needs
+from multiscale.macro.granulate.model import grain_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.body_settings import doubt_density
 from multiscale.pipeline.grain_settings import Granulate

@@ -314,7 +314,7 @@ def test_space_repeats_along_a_period():
         (lambda: ContactLaw(compliance=np.inf), "compliance must be finite and not negative"),
         (lambda: ContactLaw(relaxation=0.5), "relaxation must be at least one step, got 0.5"),
         (lambda: granulate.Solver(tolerance=1.0), "tolerance must lie between 0 and 1, got 1"),
-        (lambda: granulate.Solver(threads=0), "threads must be at least 1, got 0"),
+        (lambda: granulate.Solver(max_iterations=0), "max_iterations must be at least 1, got 0"),
         (lambda: Model(Grains([[0, 0, 1.0]], 0.01), damping_rate=-1.0), r"damping_rate .* got -1"),
         (lambda: Model(Grains([[0, 0, 1.0]], 0.01), pressure=1e3), "periodic in space and has no"),
         (

@@ -1,19 +1,19 @@
-"""Representative volumes of grains: compacted, and sheared as the third body of a joint."""
+"""Representative volumes of grains: compacted, compressed, and sheared between plates."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from multiscale.errors import CaseError
+from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro.granulate.grain_bodies import Grains, PlaneWall
-from multiscale.macro.granulate.grain_motion import step_grains
-from multiscale.macro.granulate.grain_simulation import Record, final_grains, simulate_grains
-from multiscale.macro.granulate.grain_state import initial_state
-from multiscale.macro.granulate.loose_packing import place_loosely
 from multiscale.macro.granulate.model import ContactLaw, Model, Solver
+from multiscale.macro.granulate.motion import initial_state, step_grains
+from multiscale.macro.granulate.packings import place_loosely
+from multiscale.macro.granulate.simulation import Record, final_grains, simulate_grains
 from multiscale.schema import MICRO_RESPONSE, Dataset
 
-__all__ = ["compact", "resolving_step", "shear_layer", "shear_response"]
+__all__ = ["biaxial_cell", "biaxial_curve", "compact", "shear_layer", "shear_response"]
 
 REST_STRAIN, REST_STEPS = 1e-6, 20
 """Strain per step below which a cell is at rest, and the number of steps for which it must hold."""
@@ -68,7 +68,7 @@ def compact(
     )
     edge *= 1.02
     period = (edge, np.inf, edge) if planar else (edge, edge, edge)
-    step = resolving_step(grains, pressure)
+    step = _resolving_step(grains, pressure)
     model = Model(
         grains, (), law, (0.0, 0.0, 0.0), period, damping_rate=np.log(2.0) / step, pressure=pressure
     )
@@ -95,7 +95,7 @@ def compact(
     )
 
 
-def resolving_step(grains: Grains, pressure: float) -> float:
+def _resolving_step(grains: Grains, pressure: float) -> float:
     """Return a fifth of the time scale of rearrangements under a pressure, Pa, as step, s."""
     length = grains.thickness or float(grains.radius.mean())
     return 0.2 * float(np.sqrt(grains.mass.mean() / (pressure * length)))
@@ -145,7 +145,7 @@ def shear_layer(
             force=pressure * area,
         ),
     )
-    step = resolving_step(grains, pressure)
+    step = _resolving_step(grains, pressure)
     model = Model(grains, plates, law, (0.0, 0.0, 0.0), (*size, np.inf), np.log(2.0) / step)
     pressed = simulate_grains(model, 300 * step, step)
     height = float(pressed["wall_position"][-1, 1, 2])
@@ -186,35 +186,145 @@ def shear_response(
     pressures, speeds = np.broadcast_arrays(
         np.atleast_1d(np.asarray(pressures, float)), np.atleast_1d(np.asarray(speeds, float))
     )
-    shape, area = (n_realisations, pressures.size), size[0] * size[1]
-    values = {name: np.zeros(shape) for name in ("mean_gap", "converged", "wall_time", "sweeps")}
-    traction, jump = np.zeros((*shape, 3)), np.zeros((*shape, 3))
-    for r in range(n_realisations):
-        for k, (pressure, speed) in enumerate(zip(pressures, speeds, strict=True)):
-            model, step = shear_layer(radii, size, pressure, speed, law, seed=r)
+    late, area, rows = slice(n_steps // 2, None), size[0] * size[1], list[dict[str, Any]]()
+    for seed in range(n_realisations):
+        for pressure, speed in zip(pressures, speeds, strict=True):
+            model, step = shear_layer(radii, size, pressure, speed, law, seed=seed)
             motion = simulate_grains(model, n_steps * step, step)
-            late = slice(n_steps // 2, None)
             force = motion["wall_force"].values[late, 1].mean(axis=0)  # of the grains on the plate
             height = motion["wall_position"].values[:, 1, 2]
-            traction[r, k] = np.array([-force[2], -force[0], -force[1]]) / area
-            jump[r, k] = [height[-1] - height[0], speed * n_steps * step, 0.0]
-            values["mean_gap"][r, k] = height[late].mean()
-            values["converged"][r, k] = float(motion["converged"].values[late].mean() > 0.9)
-            values["wall_time"][r, k] = float(motion["wall_time"].sum())
-            values["sweeps"][r, k] = float(motion["iterations"].sum())
-    return MICRO_RESPONSE.build(
+            rows.append(
+                {
+                    "displacement_jump": [height[-1] - height[0], speed * n_steps * step, 0.0],
+                    "traction": -force[[2, 0, 1]] / area,
+                    "mean_gap": height[late].mean(),
+                    "contact_fraction": 0.0,
+                    "converged": int(motion["converged"].values[late].mean() > 0.9),
+                    "active_set_iterations": 0,
+                    "linear_iterations": int(motion["iterations"].sum()),
+                    "wall_time": float(motion["wall_time"].sum()),
+                }
+            )
+    values: dict[str, Any] = {}
+    for name in rows[0]:
+        entries = np.array([row[name] for row in rows])
+        values[name] = entries.reshape(n_realisations, pressures.size, *entries.shape[1:])
+    values |= {"nominal_pressure": pressures, "sliding_speed": speeds}
+    values["branch"] = np.zeros(pressures.size, int)  # every step starts anew
+    return MICRO_RESPONSE.build(values, bodies="grains between two plates")
+
+
+def biaxial_cell(
+    radii: np.ndarray,
+    pressure: float,
+    strain_rate: float,
+    law: ContactLaw,
+    *,
+    planar: bool = False,
+    density: float = 2600.0,
+    solver: Solver | None = None,
+    seed: int = 0,
+) -> tuple[Model, float]:
+    r"""Grains in a periodic cell that bears a pressure and is about to be shortened along z.
+
+    Parameters
+    ----------
+    radii, law, planar, density, seed
+        As for :func:`compact`.
+    pressure : float
+        Pressure of the isotropic compaction, and on the sides of the cell during the test, Pa. In a
+        cell of spheres it is the mean of the two lateral stresses.
+    strain_rate : float, rate of the logarithmic axial strain, compression positive, 1/s
+    solver : Solver, optional
+
+    Returns
+    -------
+    model : Model, model to pass to :func:`multiscale.macro.granulate.simulate_grains`
+    step : float, length of a step that resolves the rearrangements, s
+
+    Raises
+    ------
+    CaseError
+        If the pressure is not positive or the rate is negative.
+    ConvergenceError
+        If the grains have not come to rest under the pressure.
+
+    Notes
+    -----
+    The grains follow the mean strain and deviate from it as their contacts require, at velocities
+    that are halved in every step: the response is quasi-static where the inertial number
+    :math:`I = \dot\varepsilon \sqrt{m / (p R)}` is at most 1e-3 (for discs, R is the thickness).
+    """
+    if not (strain_rate >= 0.0 and np.isfinite(strain_rate)):
+        raise CaseError(f"strain_rate must not be negative (1/s), got {strain_rate:g}")
+    rigid = replace(law, compliance=0.0)  # compliant contacts creep and never come to rest
+    packing = compact(
+        radii, pressure, rigid, planar=planar, density=density, solver=solver, seed=seed
+    )
+    if packing.attrs["failure"]:
+        raise ConvergenceError(f"the compaction before the test failed: {packing.attrs['failure']}")
+    grains = Grains(
+        packing["position"].values[-1],
+        packing["radius"].values,
+        density,
+        thickness=1.0 if planar else None,
+    )
+    x, y, z = packing["period"].values[-1].tolist()
+    step = _resolving_step(grains, pressure)
+    model = Model(
+        grains,
+        (),
+        law,
+        (0.0, 0.0, 0.0),
+        (x, y, z),
+        damping_rate=float(np.log(2.0)) / step,
+        pressure=pressure,
+        strain_rate=(None, None, -strain_rate),
+    )
+    return model, step
+
+
+def biaxial_curve(result: Dataset) -> Dataset:
+    r"""Return stress ratio and volumetric strain against axial strain.
+
+    Parameters
+    ----------
+    result : Dataset, simulation of a :func:`biaxial_cell`; follows ``GRANULATE``
+
+    Returns
+    -------
+    Dataset
+        Along ``step``: ``axial_strain`` and ``volumetric_strain``, logarithmic, compression
+        positive, ``stress_ratio`` q/p and ``mobilised_friction`` :math:`\sin \phi`, dimensionless.
+
+    Notes
+    -----
+    With the axial stress :math:`\sigma_1` and the mean lateral stress :math:`\sigma_3`, compression
+    positive,
+
+    .. math::
+        q / p = \frac{\sigma_1 - \sigma_3}{(\sigma_1 + 2 \sigma_3) / 3} \text{ for spheres},
+        \quad \frac{\sigma_1 - \sigma_3}{\sigma_1 + \sigma_3} \text{ for discs}, \qquad
+        \sin \phi = \frac{\sigma_1 - \sigma_3}{\sigma_1 + \sigma_3}.    \tag{1}
+    """
+    import xarray as xr
+
+    planar = "thickness" in result.attrs
+    stress, strain = -result["stress"].values, -result["strain"].values
+    axial, lateral = stress[:, 2], stress[:, 0] if planar else stress[:, :2].mean(axis=1)
+    mean = 0.5 * (axial + lateral) if planar else (axial + 2.0 * lateral) / 3.0
+    difference = 0.5 * (axial - lateral) if planar else axial - lateral
+    with np.errstate(invalid="ignore", divide="ignore"):  # a cell that bears nothing has no ratio
+        values = {
+            "axial_strain": (strain[:, 2], "axial strain"),
+            "volumetric_strain": (strain.sum(axis=1), "volumetric strain"),
+            "stress_ratio": (difference / mean, "stress ratio q/p"),
+            "mobilised_friction": ((axial - lateral) / (axial + lateral), "sine of the angle"),
+        }
+    return xr.Dataset(
         {
-            "displacement_jump": jump,
-            "traction": traction,
-            "mean_gap": values["mean_gap"],
-            "contact_fraction": np.zeros(shape),
-            "converged": values["converged"].astype(int),
-            "active_set_iterations": np.zeros(shape, int),
-            "linear_iterations": values["sweeps"].astype(int),
-            "wall_time": values["wall_time"],
-            "nominal_pressure": pressures,
-            "branch": np.zeros(shape[1], int),  # every step starts anew
-            "sliding_speed": speeds,
+            name: ("step", value, {"units": "1", "long_name": meaning})
+            for name, (value, meaning) in values.items()
         },
-        bodies="grains between two plates",
+        coords={"step": result["step"]},
     )

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_motion import step_grains
-from multiscale.macro.granulate.grain_state import GrainState, initial_state
 from multiscale.macro.granulate.model import Model, Solver
+from multiscale.macro.granulate.motion import GrainState, initial_state, step_grains
 from multiscale.schema import GRANULATE, Dataset
 
 __all__ = ["Record", "final_grains", "simulate_grains"]
@@ -37,7 +36,7 @@ def simulate_grains(
         length of the steps then varies, up to ``step`` and to the time in which the fastest grain
         moves by the mean radius; where grains roll on each other a step resolves the curvature as
         well. All steps are equal if not given.
-    solver : Solver, optional, tolerance, limit of sweeps and threads
+    solver : Solver, optional, tolerance and limit of sweeps
     n_frames : int
         Number of equidistant times, from start to end, at which positions and forces are stored:
         at the end of the nearest step, or exactly if an accuracy is given.

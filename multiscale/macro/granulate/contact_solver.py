@@ -19,17 +19,117 @@ The arrays of the kernels, for b bodies (grains first, then walls) and m contact
 """
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
+from multiscale.fe.elements import sum_blocks
+from multiscale.macro.granulate.contacts import Contacts
+from multiscale.macro.granulate.model import Model, Solver
+from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.numerics.compiled import compiled
 
-__all__ = [
-    "apply_impulses",
-    "closing_size",
-    "natural_map_error",
-    "relax",
-    "relax_coloured",
-    "sweep_grains",
-]
+__all__ = ["solve_velocities"]
+
+SWEEPS_PER_CHECK = 10
+"""Number of sweeps between two evaluations of the error."""
+
+
+def solve_velocities(
+    model: Model, solver: Solver, velocity: np.ndarray, contacts: Contacts, cell: np.ndarray
+) -> tuple[int, float]:
+    r"""Solve the contacts of a step in place."""
+    ends, data, coulomb, impulse, anchor = contacts.arrays
+    strained = cell if model.pressure is not None else None
+    scale = _closing_size(velocity, ends, data, coulomb, strained)
+    if scale == 0.0:
+        impulse[:] = 0.0
+        return 0, 0.0
+    free, mobility = velocity.copy(), model.mobility
+    _apply_impulses(velocity, mobility, ends, data, coulomb, impulse, strained)
+    limits = (solver.tolerance * scale, solver.max_iterations, SWEEPS_PER_CHECK)
+    done, error = _relax(velocity, mobility, *contacts.arrays, strained, *limits)
+    if error <= limits[0] or strained is not None or len(ends) > solver.most_assembled:
+        return done, error / scale
+    found = _solve_assembled(free, mobility, contacts, 0.1 * solver.tolerance)
+    _apply_impulses(free, mobility, ends, data, coulomb, found, None)
+    new = _natural_map_error(free, ends, data, coulomb, found, anchor, None)
+    if new < error:
+        velocity[:], impulse[:], error = free, found, new
+    return done, error / scale
+
+
+def _solve_assembled(
+    velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
+) -> np.ndarray:
+    """Solve the assembled problem by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP.
+
+    It serves problems on which Gauss-Seidel stalls: heavy grains on light grains, wedges. It takes
+    the arguments of :func:`solve_velocities`, with velocities before the impulses act. It returns
+    impulses, N s, of the shape of ``contacts.impulse``, that may miss the tolerance.
+    """
+    ends, data, coulomb, impulse, anchor = contacts.arrays
+    if coulomb is None:
+        return _solve_normal(velocity, mobility, contacts, tolerance)
+    m = len(ends)
+    normal = data[:, :3]
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    # (contacts, 3, 3), right-handed: rows normal and tangents
+    frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
+    transfer, inverse = _transfer(frames, ends, mobility)
+    across = coulomb[:, 0]
+    compliance = data[:, 5:6] / np.column_stack([data[:, 4], across, across])  # 1/kg
+    operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
+
+    u = velocity[ends[:, 0]] - velocity[ends[:, 1]]
+    turning = velocity[ends[:, 0], 4:7] + velocity[ends[:, 1], 4:7]
+    free = np.einsum("cab,cb->ca", frames, u[:, :3] - np.cross(turning, data[:, :3]))
+    free[:, 0] += data[:, 3]
+    free -= compliance * np.einsum("cab,cb->ca", frames, anchor)
+    begin = np.einsum("cab,cb->ca", frames, impulse).ravel()
+    found = solve_friction(
+        csr_array(operator), free.ravel(), coulomb[:, 1], tolerance=tolerance, start=begin
+    )
+    return np.asarray(np.einsum("cab,ca->cb", frames, found.value.reshape(m, 3)))
+
+
+def _solve_normal(
+    velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
+) -> np.ndarray:
+    """Solve frictionless contacts: one impulse per contact, three velocities per body."""
+    normal, m = contacts.data[:, :3], len(contacts.ends)
+    compliance = contacts.data[:, 5] / contacts.data[:, 4]  # 1/kg
+    at = (3 * contacts.ends[:, :, None] + np.arange(3)).reshape(m, 6)
+    values = np.hstack([normal, -normal])[:, :, None]
+    transfer = sum_blocks(values, at, np.arange(m)[:, None], (3 * len(mobility), m))
+    inverse = np.repeat(mobility[:, 0], 3)
+    operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance)
+    free = transfer.T @ velocity[:, :3].ravel() + contacts.data[:, 3]
+    free -= compliance * contacts.anchor[:, 0]
+    found = solve_lcp(csr_array(operator), free, tolerance=tolerance, start=contacts.impulse[:, 0])
+    return np.asarray(found.value[:, None])
+
+
+def _transfer(
+    frames: np.ndarray, ends: np.ndarray, mobility: np.ndarray
+) -> tuple[csr_array, np.ndarray]:
+    r"""Return H, from contact impulses to momenta of bodies, and the inverse masses, 1/kg.
+
+    The unknowns of a body are its velocity and radius times spin. A loaded wall moves along its
+    normal only, so its entries of the tangential columns are zero.
+    """
+    m, bodies = len(ends), len(mobility)
+    transfer, place = csr_array((6 * bodies, 3 * m)), np.arange(3 * m).reshape(m, 3)
+    spin = np.cross(frames[:, :1], frames)  # n x axis, by axis
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        body = ends[:, side]
+        across = np.where(mobility[body, 1] > 0.0, 1.0, 0.0)
+        axes = frames.copy()
+        axes[:, 1:] *= across[:, None, None]
+        for block, first, factor in ((axes, 0, sign), (-spin, 3, 1.0)):
+            at = 6 * body[:, None] + first + np.arange(3)
+            values = factor * block.transpose(0, 2, 1)
+            transfer = transfer + sum_blocks(values, at, place, transfer.shape)
+    return csr_array(transfer), np.repeat(mobility[:, [0, 2]], 3, axis=1).ravel()
 
 
 @compiled(inline="always", fastmath=True)
@@ -117,8 +217,8 @@ def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # typ
 
 
 @compiled(fastmath=True)
-def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
-    r"""Solve a range of contacts in their order, each exactly while the others are fixed.
+def _sweep(velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+    r"""Solve the contacts in their order, each exactly while the others are fixed.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
 
@@ -126,7 +226,7 @@ def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, 
         r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
     """
     # the loop is inside: a function of one contact would count references to the arrays each time
-    for c in range(first, last):
+    for c in range(ends.shape[0]):
         i, j = ends[c, 0], ends[c, 1]
         nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
         mass, a, friction = 0.0, data[c, 5], 0.0
@@ -166,7 +266,7 @@ def sweep_grains(first, last, velocity, mobility, ends, data, coulomb, impulse, 
 
 
 @compiled(fastmath=True)
-def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # type: ignore[no-untyped-def]
+def _apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # type: ignore[no-untyped-def]
     """Add M^-1 H r to the velocities in place."""
     for c in range(ends.shape[0]):
         i, j, nx, ny, nz = ends[c, 0], ends[c, 1], data[c, 0], data[c, 1], data[c, 2]
@@ -182,7 +282,7 @@ def apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # t
 
 
 @compiled(fastmath=True)
-def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untyped-def]
+def _closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untyped-def]
     """Return the norm of u + b n over the closing contacts, weighted by their masses, sqrt(J)."""
     total = 0.0
     for c in range(ends.shape[0]):
@@ -196,7 +296,7 @@ def closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untype
 
 
 @compiled(fastmath=True)
-def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+def _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
     r"""Return the natural-map error of Coulomb's law, weighted by the masses, sqrt(J).
 
     In De Saxce's form, with the step rho of each contact and the compliance in u:
@@ -245,7 +345,7 @@ def natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # 
 
 
 @compiled(fastmath=True)
-def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
+def _relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
     r"""Sweep until (3) is below the target; return the sweeps made and the error.
 
     Each sweep, from r to G(r), gives the gradient of a nonlinear conjugate gradient method in the
@@ -262,9 +362,8 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
        doi:10.1007/s00371-010-0502-6. Algorithm 2.
     """
     contacts, width = ends.shape[0], 1 if coulomb is None else 3
-    start = np.int64(0)  # of the type that coloured sweeps start from: one signature
     arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, cell)
-    error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
+    error = _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     before, direction = np.empty_like(impulse), np.zeros_like(impulse)
     speed, change = np.empty_like(velocity), np.zeros_like(velocity)
     rate, turn = np.zeros((1, 3)), np.zeros((1, 3))
@@ -276,7 +375,7 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
             _copy(velocity, speed)
             if cell is not None:
                 _copy(cell[:1], rate)
-            sweep_grains(start, contacts, *arrays)
+            _sweep(*arrays)
             done += 1
             size = 0.0
             for c in range(contacts):
@@ -288,7 +387,7 @@ def relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target
             _extrapolate(velocity, speed, change, beta, done < last)
             if cell is not None:
                 _extrapolate(cell[:1], rate, turn, beta, done < last)
-        error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
+        error = _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
     return done, error
 
 
@@ -308,30 +407,3 @@ def _extrapolate(value, before, direction, beta, moves):  # type: ignore[no-unty
             direction[c, k] = beta * direction[c, k] + value[c, k] - before[c, k]
             if moves:
                 value[c, k] = before[c, k] + direction[c, k]
-
-
-@compiled(fastmath=True)
-def relax_coloured(  # type: ignore[no-untyped-def]
-    velocity, mobility, ends, data, coulomb, impulse, anchor, bounds, threads, target, sweeps, burst
-):
-    """Sweep colour by colour in parallel until (3) is below the target; return sweeps and error.
-
-    Contacts after the last bound have no colour and are swept by one thread.
-    """
-    arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, None)
-    error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
-    done = 0
-    while done < sweeps and not error <= target:
-        for _ in range(min(burst, sweeps - done)):
-            for k in range(bounds.size - 1):
-                first, size = bounds[k], bounds[k + 1] - bounds[k]
-                if size < 64:
-                    sweep_grains(first, first + size, *arrays)
-                else:
-                    for t in range(threads):
-                        low, high = size * t // threads, size * (t + 1) // threads
-                        sweep_grains(first + low, first + high, *arrays)
-            sweep_grains(bounds[-1], ends.shape[0], *arrays)
-            done += 1
-        error = natural_map_error(velocity, ends, data, coulomb, impulse, anchor, None)
-    return done, error
