@@ -1,4 +1,4 @@
-r"""Averages over the nominal area of what a contact surface carries, and its contact spots.
+r"""Averages over the nominal area of the forces on a contact surface, and its contact spots.
 
 A spot is a connected set of contact nodes. On a grid a point has four neighbours across its
 periodic edges; on a mesh the nodes of a facet are neighbours. With the normal and tangential
@@ -43,7 +43,7 @@ SPOTS = {"spot_area": (), "spot_traction": (3,), "spot_traction_by_normal": (3,)
 
 @dataclass(frozen=True)
 class Keep:
-    """What a response keeps besides averages; see :func:`~multiscale.micro.solve_cell`."""
+    """Parts of a response in addition to averages; see :func:`~multiscale.micro.solve_cell`."""
 
     fields: bool = False
     spots: bool = False
@@ -192,7 +192,7 @@ def _spot_averages(
 
 
 def pad_spots(values: list[np.ndarray], axis: int) -> list[np.ndarray]:
-    """Give arrays of spots as many rows along an axis as the longest has; new rows are NaN."""
+    """Extend arrays of spots along an axis to the length of the longest; new rows are NaN."""
     most = max(array.shape[axis] for array in values)
     padded = []
     for array in values:

@@ -81,7 +81,7 @@ class FiniteCell(PeriodicLayer):
 
     @property
     def second_layer(self) -> PeriodicLayer:
-        """The second body in its own frame, whose z points out of its surface."""
+        """The second body in its own frame, with z out of its surface."""
         if self.second is None:
             raise ValueError("the obstacle of this cell is rigid")
         under = self.obstacle
@@ -158,7 +158,7 @@ def Cell(  # noqa: N802  reads like the kinds that it makes
     slope_order: int = 1,
     coating: tuple[Coating, ...] = (),
 ) -> GridCell:
-    """Make the kind of cell that is asked for.
+    """Build the kind of cell that the arguments ask for.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class CellPart(StrEnum):
     why_not: str
 
     def __new__(cls, text: str, why: str, why_not: str) -> "CellPart":
-        """Keep both reasons beside the text."""
+        """Store both reasons with the text."""
         part = str.__new__(cls, text)
         part._value_, part.why, part.why_not = text, why, why_not
         return part
@@ -64,7 +64,7 @@ class CellPart(StrEnum):
     LAYER_FACTORS = (
         "layer factors",
         "the solution of the same cell with a flat face, which speeds up the iteration",
-        "a flat cell is known in closed form for each wave of the surface",
+        "a flat cell has a closed form for each wavelength of the surface",
     )
     MEAN_DILATATION = (
         "mean dilatation",
@@ -79,7 +79,7 @@ class CellPart(StrEnum):
     OBSTACLE_NORMALS = (
         "obstacle normals",
         "directions of contact: the counterface is rough or moves",
-        "contact acts along z alone",
+        "contact acts along z only",
     )
     ELEMENT_MODULI = (
         "element moduli",
@@ -88,13 +88,13 @@ class CellPart(StrEnum):
     )
     STRESS_RECOVERY = (
         "stress recovery",
-        "means of the stress in the body, beside means of the contact forces",
-        "nobody asks for the stress, or the material is not linear",
+        "means of the stress in the body, in addition to means of the contact forces",
+        "the stress is not asked for, or the material is not linear",
     )
     HARDNESS_CAP = (
         "hardness cap",
         "local pressure stays below the hardness",
-        "no hardness is given, or the metal flows by itself",
+        "no hardness is given, or the law of the metal has its yield stress",
     )
     COATING = (
         "coating",

@@ -34,7 +34,7 @@ def solve_cell(
     tolerance: float = 1e-8,
     checkpoint: Checkpoint | None = None,
 ) -> Dataset:
-    """Press a cell along a path and average what its surface carries.
+    """Follow a path with a cell and average the forces on its surface.
 
     Parameters
     ----------
@@ -46,26 +46,26 @@ def solve_cell(
         Keep area and share in the averages of every contact spot, largest first, as
         ``spot_area``, ``spot_traction`` and ``spot_traction_by_normal``; NaN beyond the last spot.
     keep_flow : bool
-        Keep what the gap lets through along x and y, as ``hydraulic_aperture`` and
+        Keep the flow through the gap along x and y, as ``hydraulic_aperture`` and
         ``percolating_share``; see :func:`~.gap_flow.gap_flow`.
     recover_stress : bool
         Also integrate the averages from the recovered Cauchy stress: a check of the averages from
         contact forces, and as dear as the contact itself. Flat and finite cells do without.
     tolerance : float, tolerance of the contact solver, relative to the norm of the contact forces
     checkpoint : Checkpoint, optional
-        Gets the steps that took long as they are finished; those found there are not solved again.
+        File for finished steps that took long; steps in the file are not solved again.
 
     Returns
     -------
     Dataset
         Follows ``MICRO_RESPONSE``, with one realisation. A step that did not converge is ``NaN``
-        with ``converged`` 0, and the attribute ``ended`` says why. Later steps are still tried if
-        the body has no memory; with friction, at large strain or sliding the path ends there.
+        with ``converged`` 0, and the attribute ``ended`` has the reason. Later steps are still
+        tried if the body has no memory; with friction, at large strain or sliding the path ends.
 
     Raises
     ------
     CaseError
-        If the cell cannot be meshed, or is asked for what its kind does not have.
+        If the cell cannot be meshed, or its kind has no such fields or flow.
     """
     keep = Keep(keep_fields, keep_spots, keep_flow, recover_stress)
     record = record_cell(cell, path, keep, tolerance=tolerance, checkpoint=checkpoint)
@@ -82,7 +82,7 @@ def record_cell(
 ) -> PlainDataset:
     """Return the arrays and attributes of which :func:`solve_cell` makes a dataset."""
     check_limits(tolerance)
-    asked: dict[str, tuple[int, ...]] = {}  # shapes of what a failed step lacks, too
+    asked: dict[str, tuple[int, ...]] = {}  # shapes, for steps that fail
     if keep.stress and cell.recovers_stress:
         asked["recovered_traction"] = (3,)
     if keep.fields:
@@ -101,7 +101,7 @@ def record_cell(
         asked |= dict.fromkeys(("hydraulic_aperture", "percolating_share"), (2,))
     for caution in cell.cautions():
         logger.warning("caution: %s", caution)
-    # threads of linear algebra would wait for the kernels' and spin
+    # threads of linear algebra would spin beside those of the kernels
     with _libraries(len(sys.modules)).limit(limits=1, user_api="blas"):
         steps = follow_path(
             cell.model(path, recover_stress=keep.stress and cell.recovers_stress),

@@ -39,7 +39,7 @@ LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure,
 
 @dataclass(frozen=True)
 class EdgeLayer:
-    """What a grid does to the forces at a straight edge of contact, (1).
+    """Effect of a grid on the forces at a straight edge of contact, (1).
 
     Attributes
     ----------
@@ -96,8 +96,9 @@ def contact_fraction(
     :math:`\lambda_1^2 - \lambda_0^2` is the slope of :math:`\lambda^2` at the outermost node, of
     second order in the spacing where :math:`\lambda^2` is concave, as under a round asperity.
     :math:`\lambda_1 / \lambda_0` is taken as at least :math:`1 + b`; where it is less in spots of
-    one or two nodes, the forces tell no place and :math:`s` is its mean :math:`\tfrac12 - B`. Sides
-    along x and y share an oblique edge by the squares of the slopes of :math:`\lambda^2`.
+    one or two nodes, no place follows from the forces, and :math:`s` is its mean
+    :math:`\tfrac12 - B`. Sides along x and y share an oblique edge by the squares of the slopes of
+    :math:`\lambda^2`.
 
     Under a flowing material the pressure is even and drops at once. If :math:`\lambda^2`, which
     rises by equal steps inside a smooth edge, levels off at a flowing node :math:`k \le 2` (by less
@@ -140,7 +141,7 @@ def contact_areas(
                     before = inwards[k - 1] if k else 0.0
                     full = inwards[k + 1] - inwards[k] <= LEVEL * (inwards[k] - before)
                     full &= (inwards[k] > 0.0) & may_flow[inner[k]]
-                    shares = [np.sqrt(one / np.maximum(inwards[k], TINY)) for one in inwards[:k]]
+                    shares = [np.sqrt(node / np.maximum(inwards[k], TINY)) for node in inwards[:k]]
                     place = np.where(full, 0.5 - k + sum(shares), place)  # (3)
                 area[outer] += share * (place - 0.5)
     return area

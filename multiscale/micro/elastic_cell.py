@@ -91,21 +91,19 @@ class ElasticCell:
 
     def step(self, state: ContactState, target: Target, tolerance: float) -> Step[ContactState]:
         """Solve for a target; a failed step leaves the state as it was."""
-        found = self.solve(
+        answer = self.solve(
             load=target.load, approach=target.approach, start=state, tolerance=tolerance
         )
         cost = {
-            "active_set_iterations": len(found.residuals),
-            "linear_iterations": found.linear_iterations,
+            "active_set_iterations": len(answer.residuals),
+            "linear_iterations": answer.linear_iterations,
         }
-        if found.status is Status.CONVERGED:
-            return Step(found, cost)
-        return Step(
-            state,
-            cost,
-            f"{len(found.residuals)} active sets and {found.linear_iterations} linear iterations: "
-            f"{found.status.value}",
+        if answer.status is Status.CONVERGED:
+            return Step(answer, cost)
+        counts = (
+            f"{len(answer.residuals)} active sets and {answer.linear_iterations} linear iterations"
         )
+        return Step(state, cost, f"{counts}: {answer.status.value}")
 
     def surface(self, state: ContactState) -> ContactSurface:
         """Contact surface of a state."""

@@ -45,19 +45,19 @@ def run_ensemble(
     Parameters
     ----------
     cells : sequence of cells of any kind
-    path : Path, the same for all, so that a mean over realisations at one pressure means something
+    path : Path, the same for all, so that realisations can be averaged at each pressure
     executor : Executor, optional
         See :func:`multiscale.executors.run_jobs`.
     folder : Path, optional
         Gets ``realisation-0000.nc`` and so on, each written when it is finished. Those already
-        there are not computed again, nor steps that took long of one that was killed.
+        there are not computed again, nor finished steps of a killed realisation that took long.
     sparing : bool
         Whether the folder gets only realisations that took longer than :data:`WORTH`, from which
         a run that was killed goes on.
     identity : str, what the cells were made from, for instance the checksum of a case
     keep_fields : bool, keep the heights and the local fields of realisation 0, in its file
     keep_spots, keep_flow : bool
-        Keep the contact spots, and what the gap lets through, of all realisations, as
+        Keep the contact spots, and the flow through the gap, of all realisations, as
         :func:`solve_cell` does.
     progress : callable, gets the number of finished realisations
 
@@ -94,8 +94,8 @@ def run_ensemble(
         return response
     nothing = np.zeros(response.sizes["step"])
     errors = {f"{name}_slope_error": nothing for name in ("mean_gap", "contact_fraction")}
-    told = "nothing: the mesh follows the surface"
-    return MICRO_RESPONSE.assign(response, errors).assign_attrs(small_slopes=told)
+    reason = "nothing: the mesh follows the surface"
+    return MICRO_RESPONSE.assign(response, errors).assign_attrs(small_slopes=reason)
 
 
 def run_realisations(
@@ -110,13 +110,13 @@ def run_realisations(
     name: str = "realisation",
     schema: Schema = MICRO_RESPONSE,
 ) -> Dataset:
-    """Compute realisations, each kept in a file of its own, and join their responses."""
+    """Compute realisations, each in a separate file, and join their responses."""
     numbers = range(len(arguments))
     files = [_file_of(folder, k, name) if folder else None for k in numbers]
     results = {
-        k: found
+        k: finished
         for k, file in enumerate(files)
-        if (found := _finished(file, identity, schema)) is not None
+        if (finished := _finished(file, identity, schema)) is not None
     }
 
     def finish(k: int, response: PlainDataset) -> None:
@@ -130,9 +130,9 @@ def run_realisations(
     run_jobs(_compute_and_keep, jobs, executor, finish)
     records = [results[k] for k in numbers]
     ended = "\n".join(
-        f"{name} {k}: {one.attributes['ended']}"
-        for k, one in enumerate(records)
-        if "ended" in one.attributes
+        f"{name} {k}: {record.attributes['ended']}"
+        for k, record in enumerate(records)
+        if "ended" in record.attributes
     )
     # provenance and identity belong to single realisations
     joined = schema.join(_without_fields(records), "realisation")
@@ -176,15 +176,15 @@ def _finished(file: FilePath | None, identity: str, schema: Schema) -> PlainData
     if file is None or not file.exists():
         return None
     try:
-        found = open_dataset(file, schema)
+        response = open_dataset(file, schema)
     except SchemaError:  # damaged or of another version: computed again
         return None
-    if found.attrs.get("identity") != identity:
+    if response.attrs.get("identity") != identity:
         raise CaseError(
             f"{file} was computed for another case; choose another folder, or delete "
             f"{file.parent} to compute it again"
         )
-    return schema.plain(found)
+    return schema.plain(response)
 
 
 def _file_of(folder: FilePath, k: int, name: str = "realisation") -> FilePath:

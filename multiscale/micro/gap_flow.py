@@ -1,4 +1,4 @@
-"""Flow of a liquid through the gap of a cell: Reynolds' equation on what is open."""
+"""Flow of a liquid through the gap of a cell: Reynolds' equation where it is open."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ CLOSED = 1e-4
 """Gap over the largest one up to which a point is closed: contact solvers leave errors so large."""
 
 IMBALANCE = 1e-6
-"""Difference of what flows in and out, relative, above which a flow is not known."""
+"""Difference of what flows in and out, relative, above which a flow has no value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class GapFlow:
     Attributes
     ----------
     aperture : float
-        Hydraulic aperture, m: parallel walls so far apart let as much through. Zero where no path
+        Hydraulic aperture, m: distance of parallel walls with the same flow. Zero where no path
         leads through, NaN where in- and outflow do not balance.
     share : float, points on paths that lead through, over all points
     speed : ndarray, shape (nx, ny)
@@ -44,7 +44,7 @@ def open_gap(gap: np.ndarray, pressure: np.ndarray) -> np.ndarray:
 
 
 def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlow:
-    r"""Let a liquid flow through the gap of a cell.
+    r"""Solve for the flow of a liquid through the gap of a cell.
 
     Notes
     -----
@@ -75,15 +75,15 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
     c = np.concatenate([forward.ravel(), sideward.ravel()])
     i, j, c = i[c > 0.0], j[c > 0.0], c[c > 0.0]
     size = int(through.sum())
-    held = np.zeros((2, *h.shape))
-    held[0, 0], held[1, -1] = inlet, outlet
-    ends = held[:, through]
+    conductance = np.zeros((2, *h.shape))
+    conductance[0, 0], conductance[1, -1] = inlet, outlet
+    ends = conductance[:, through]
     diagonal = ends.sum(axis=0) + np.bincount(i, c, size) + np.bincount(j, c, size)
     every = np.arange(size)
     row, column = np.concatenate([every, i, j]), np.concatenate([every, j, i])
     matrix = coo_array((np.concatenate([diagonal, -c, -c]), (row, column)), shape=(size, size))
 
-    # one at either end and zero at the other: neither flow is a difference of near numbers
+    # pressure 1 at either end and 0 at the other: neither flow is a difference of near numbers
     down, up = symmetric_lu(csc_array(matrix)).solve(ends.T).T
     flow, back = float(ends[1] @ down), float(ends[0] @ up)
     if not abs(flow - back) <= IMBALANCE * flow:
@@ -100,7 +100,7 @@ def gap_flow(gap: np.ndarray, spacing: tuple[float, float], axis: int) -> GapFlo
 
 
 def _harmonic_mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Harmonic mean, zero where one of both is zero."""
+    """Harmonic mean, zero where a or b is zero."""
     total = a + b
     mean: np.ndarray = np.zeros_like(total)
     np.divide(2.0 * a * b, total, out=mean, where=total > 0.0)
@@ -110,8 +110,8 @@ def _harmonic_mean(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _paths(is_open: np.ndarray) -> np.ndarray:
     """Points that paths join to both ends of the first axis; the second one is periodic."""
     labels, count = scipy.ndimage.label(is_open)
-    beside = is_open[:, 0] & is_open[:, -1]
-    pairs = labels[beside, 0], labels[beside, -1]
+    across = is_open[:, 0] & is_open[:, -1]
+    pairs = labels[across, 0], labels[across, -1]
     graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))
     cluster = connected_components(graph, directed=False)[1][labels]
     both = np.intersect1d(cluster[0][is_open[0]], cluster[-1][is_open[-1]])

@@ -52,17 +52,17 @@ def shear_path(
     Parameters
     ----------
     cell : FiniteCell
-        With friction; two deformable bodies, as a rigid obstacle couples pressing and shear. Tells
-        the lengths of the path, which serves all realisations.
-    pressures : sequence of float, mean pressures that are held, Pa
+        With friction; two deformable bodies, as a rigid obstacle couples pressing and shear. The
+        lengths of the path follow from it and serve all realisations.
+    pressures : sequence of float, mean pressures under which the cell is sheared, Pa
     along : {"x", "y", "xy"}, directions of the shear
     steps : int, number of steps to full slip; the first ones are short
     cycle : float
         Amplitude of a closed cycle on the way, relative to the slip :math:`u_*` below, at the step
-        that is nearest: it tells what the cell loses. None if zero.
+        that is nearest, for the energy that the cell dissipates. None if zero.
     pressed : sequence of float
         Mean pressures through which the cell is pressed and then released at first, Pa, rising: it
-        then tells its own normal law, on the grid on which it is sheared.
+        then has a normal law on the grid on which it is sheared.
 
     Returns
     -------
@@ -77,23 +77,24 @@ def shear_path(
 
     Notes
     -----
-    The bodies move by the slip :math:`u` of the interface and by their own shear. For an interface
-    whose pressure is :math:`e`-fold over the length :math:`\lambda \approx 0.4\, h_\mathrm{rms}`,
+    The bodies move by the slip :math:`u` of the interface and by their shear. For an interface with
+    a pressure that grows by the factor e over the length
+    :math:`\lambda \approx 0.4\, h_\mathrm{rms}`,
 
     .. math::
         s(u) = u + f(u) \sum_k D_k / G_k, \qquad f = \mu p\, (1 - e^{-u / u_*}), \qquad
         u_* = \mu \lambda / \kappa,    \tag{1}
 
     with the depths :math:`D` and shear moduli :math:`G` of the bodies and
-    :math:`\kappa = 2(1-\nu)/(2-\nu)`; Masing's rule gives the way back. What the cell makes of it
+    :math:`\kappa = 2(1-\nu)/(2-\nu)`; Masing's rule gives the way back. The response of the cell
     is measured, so that (1) need not be exact.
     """
     mu = cell.friction_coefficient
     if not mu > 0.0:
         raise CaseError("a cell without friction cannot be sheared; give a friction_coefficient")
-    if not pressures or not all(0.0 < one < np.inf for one in pressures):
+    if not pressures or not all(0.0 < p < np.inf for p in pressures):
         raise CaseError(f"a cell is sheared under positive pressures (Pa), got {pressures}")
-    if not all(0.0 < one < np.inf for one in pressed):
+    if not all(0.0 < p < np.inf for p in pressed):
         raise CaseError(f"a cell is pressed by positive pressures (Pa), got {pressed}")
     if along not in ("x", "y", "xy"):
         raise CaseError(f"a cell is sheared along 'x', 'y' or 'xy', got {along!r}")
@@ -149,7 +150,7 @@ def slide_cell(
     cell : GraphCell or FiniteCell, with a rigid obstacle or two bodies
     pressure : tuple of float, mean pressures, Pa, positive; each starts from the undeformed cell
     distance : float
-        How far to slide, m. After one period of the cell an elastic cell repeats itself; a plastic
+        Sliding distance, m. After one period of the cell an elastic cell repeats itself; a plastic
         one is run in after some.
     steps : int
     executor : Executor, optional
@@ -176,7 +177,7 @@ def slide_cell(
     and the steady value is its mean over the steps of the last period.
     """
     check_limits(tolerance)
-    if not pressure or not all(0.0 < one < np.inf for one in pressure):
+    if not pressure or not all(0.0 < p < np.inf for p in pressure):
         raise CaseError(f"a cell slides under positive pressures (Pa), got {pressure}")
     if steps < 1:
         raise CaseError(f"sliding takes at least 1 step, got {steps}")
@@ -191,14 +192,14 @@ def slide_cell(
         )
     slide = np.zeros((steps + 1, 2))
     slide[:, 0] = np.linspace(0.0, distance, steps + 1)
-    found: dict[int, Dataset] = {}
-    jobs = ((k, (cell, one, slide, tolerance)) for k, one in enumerate(pressure))
-    run_jobs(_slide_once, jobs, executor, found.__setitem__)
+    runs: dict[int, Dataset] = {}
+    jobs = ((k, (cell, p, slide, tolerance)) for k, p in enumerate(pressure))
+    run_jobs(_slide_once, jobs, executor, runs.__setitem__)
 
     values = {
-        name: np.concatenate([found[k][name].values for k in range(len(pressure))])
+        name: np.concatenate([runs[k][name].values for k in range(len(pressure))])
         for name in _KEPT
-        if name in found[0]
+        if name in runs[0]
     }
     traction = values["traction"]
     values["effective_friction"] = -traction[..., 1] / traction[..., 0]  # (1)
@@ -208,9 +209,9 @@ def slide_cell(
     values["steady_friction"] = steady if whole else np.full(len(pressure), np.nan)
     values |= {"nominal_pressure": np.array(pressure), "sliding_distance": slide[:, 0]}
     ended = "; ".join(
-        f"{one:.3g} Pa: {found[k].attrs['ended']}"
-        for k, one in enumerate(pressure)
-        if "ended" in found[k].attrs
+        f"{p:.3g} Pa: {runs[k].attrs['ended']}"
+        for k, p in enumerate(pressure)
+        if "ended" in runs[k].attrs
     )
     return SLIDING_RESPONSE.build(values, along="x", **({"ended": ended} if ended else {}))
 

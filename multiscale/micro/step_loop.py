@@ -1,4 +1,4 @@
-"""A path on a cell, step by step: what every kind of cell answers, and the loop over the steps."""
+"""The protocol of all kinds of cells, and the loop over the steps of a path, with checkpoints."""
 
 import logging
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ class Step(Generic[State]):
 
 
 class CellModel(Protocol[State]):
-    """What the loop takes of a cell; a fourth method, ``needs``, is answered by the cell itself.
+    """Model of a cell for the loop over steps; the cell itself answers the fourth, ``needs``.
 
     Attributes
     ----------
@@ -81,13 +81,13 @@ class Checkpoint:
     Attributes
     ----------
     file : Path
-    identity : str, what the cell was made from; steps of another identity are not taken
+    identity : str, checksum of the origin of the cell; steps of another identity are not taken
     """
 
     file: FilePath
     identity: str
 
-    def keep(self, steps: Steps, state: Any) -> None:
+    def write(self, steps: Steps, state: Any) -> None:
         """Write steps and state, if the last step was worth it."""
         if steps[-1]["wall_time"] < WORTH:
             return
@@ -103,7 +103,7 @@ class Checkpoint:
         with replacing(self.file) as part, part.open("wb") as file:
             np.savez(file, allow_pickle=False, **content)
 
-    def found(self, rest: State) -> tuple[Steps, State]:
+    def read(self, rest: State) -> tuple[Steps, State]:
         """Read steps and state; none and ``rest`` if the file is missing, damaged or of another."""
         try:
             with np.load(self.file, allow_pickle=False) as archive:
@@ -140,7 +140,7 @@ def follow_path(
     """Solve a path step by step, each from the state of the one before; a dict of each step."""
     steps, state = Steps(), model.rest()
     if checkpoint is not None:
-        steps, state = checkpoint.found(state)
+        steps, state = checkpoint.read(state)
     for k in range(len(steps), len(path)):
         begin = perf_counter()
         if model.remembers and any("ended" in step for step in steps):
@@ -157,6 +157,6 @@ def follow_path(
             step |= average_surface(model.surface(state), keep, spacing)
         steps.append(step | {"wall_time": perf_counter() - begin})
         if checkpoint is not None:
-            checkpoint.keep(steps, state)
+            checkpoint.write(steps, state)
         logger.info("step %d: %s", k, ", ".join(f"{n} {name}" for name, n in result.cost.items()))
     return steps

@@ -217,17 +217,17 @@ def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path
     monkeypatch.setattr(step_loop, "WORTH", 0.0)
     kept = Checkpoint(tmp_path / "steps.npz", "a")
     state = ContactState(np.ones(3), np.ones(2), 1.0, np.array([True, False]), np.zeros(2))
-    kept.keep([{"wall_time": 1.0, "ended": "step 0"}], state)
+    kept.write([{"wall_time": 1.0, "ended": "step 0"}], state)
     rest = replace(state, displacement=np.zeros(3), force=np.zeros(2))
-    steps, found = kept.found(rest)
+    steps, found = kept.read(rest)
     assert steps == [{"wall_time": 1.0, "ended": "step 0"}]
     np.testing.assert_array_equal(found.displacement, np.ones(3))
     assert found.status is Status.CONVERGED
-    steps, found = kept.found(replace(rest, displacement=np.zeros(4)))
+    steps, found = kept.read(replace(rest, displacement=np.zeros(4)))
     assert (steps, found.displacement.size) == ([], 4)
     if content is not None:
         kept.file.write_bytes(content)
-    steps, found = replace(kept, identity="b").found(rest)
+    steps, found = replace(kept, identity="b").read(rest)
     assert not steps
     assert found is rest
 

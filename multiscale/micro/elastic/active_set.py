@@ -124,7 +124,7 @@ class ReferenceInverse:
         approach: float | None,
         start: ContactState,
     ) -> tuple[np.ndarray, float]:
-        """Solve the problem with the reference on the surface alone."""
+        """Solve the problem with the reference, on the surface only."""
         forces = start.reference_force
         flat = solve_flat(self.compliance, gap, closing, load=load, approach=approach, start=forces)
         return flat.value, flat.approach
@@ -221,7 +221,7 @@ def solve_elastic_contact(
     active = reference + force - start.reference_force / unit > 0.0
     active = active if active.any() else reference > 0.0
     u, room = start.displacement / unit, np.empty((2, *body.shape), body.dtype)
-    out_of_balance = np.zeros(body.shape, body.dtype)  # beside the contact forces before
+    out_of_balance = np.zeros(body.shape, body.dtype)  # without the contact forces of the last step
 
     residuals: list[float] = []
     n_linear, fewest, patience, changed = 0, gap.size + 1, _BLOCKS, True
@@ -253,7 +253,7 @@ def solve_elastic_contact(
         wrong = stage.wrong(u, delta, force)
         n_wrong = int(np.count_nonzero(wrong))
         if n_wrong == 0 or drift > tolerance:
-            # what the recurrence says must be true of u itself
+            # residual of u itself, in place of its recurrence
             body.add(u, np.where(active, gap - closing * delta - body.trace(u), 0.0))
             pushed = body.apply(u, np.frombuffer(room, count=u.size).reshape(u.shape))
             np.negative(pushed, out=out_of_balance, casting="same_kind")
@@ -314,7 +314,7 @@ class _LinearStage:
     tolerance: float
 
     def split(self, out_of_balance: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, float]:
-        """Let contact nodes alone carry forces, and the whole force out of balance there.
+        """Move the forces out of balance at contact nodes to the contact forces, all others back.
 
         Returns the contact forces, and the square of the remaining forces out of balance.
         """
@@ -331,7 +331,7 @@ class _LinearStage:
     def wrong(self, u: np.ndarray, delta: float, force: np.ndarray) -> np.ndarray:
         """Active nodes that pull and inactive ones that penetrate, beyond the tolerance."""
         depth = self.closing * delta + self.body.trace(u) - self.gap
-        pull, deep = (self.tolerance * float(np.max(one)) for one in (force, np.abs(depth)))
+        pull, deep = (self.tolerance * float(np.max(size)) for size in (force, np.abs(depth)))
         return np.where(self.active, force < -pull, depth > deep)
 
     def missing_load(self, force: np.ndarray) -> float:

@@ -81,7 +81,7 @@ class Reference:
         return self._tilt(self.inverse.surface_response(self._tilt_force(force)))
 
     def stiffness(self, moved: Field) -> Field:
-        """Find the forces on the surface that move it so."""
+        """Return the forces on the surface that cause its motion."""
         return self._tilt_force(self.inverse.surface_force(self._tilt(moved, -1.0)), -1.0)
 
     @cached_property

@@ -30,7 +30,7 @@ ELASTIC = 5.5e-7  # s of one core for a load step and an unknown, measured
 
 @dataclass(frozen=True, eq=False)
 class GraphCell(PeriodicLayer):
-    """A linear elastic layer whose mesh follows its surface, pressed by a rigid obstacle.
+    """A linear elastic layer with a mesh that follows its surface, pressed by a rigid obstacle.
 
     Contact acts along the normal of the obstacle, without friction. In addition to the parameters
     of :class:`PeriodicLayer`:

@@ -108,7 +108,7 @@ def element_geometry(lateral, z0, z1, f0, f1, geometry, lanes):  # type: ignore[
 
 @compiled(fastmath=True)
 def gather(field, sides, layer, start, lanes, nodes):  # type: ignore[no-untyped-def]
-    """Corner values of a batch, component by component; the base is held.
+    """Corner values of a batch, component by component; the base is fixed.
 
     ``field`` has the shape (nx, layers, 3, ny) and ``sides`` are the two planes of a strip of
     elements. Lanes without an element repeat the first one.

@@ -179,7 +179,7 @@ def _backward(begin, end, inverse, above, x, y, values):  # type: ignore[no-unty
 
 @dataclass(frozen=True)
 class LateralInverse:
-    """Factors of the flat cell, whose base is clamped.
+    """Factors of the flat cell on a clamped base.
 
     Attributes
     ----------
@@ -284,7 +284,7 @@ class LateralInverse:
         )
 
     def surface_force(self, displacement: np.ndarray) -> np.ndarray:
-        """Find the forces on the surface that move it: inverse of :meth:`surface_response`."""
+        """Return the forces for a displacement: the inverse of :meth:`surface_response`."""
         return self._to_points(
             _multiply_symbol(self._surface_stiffness, self._to_wavenumbers(displacement))
         )
@@ -348,7 +348,7 @@ class SurfaceFilter:
         return self.symbol.astype(np.float32)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Multiply a field, shape (nx, ny), in its own precision."""
+        """Multiply a field, shape (nx, ny), in the precision of the field."""
         threads = thread_count() if values.size >= MANY else 1
         if values.dtype == np.float32:
             waves = scipy.fft.rfft2(values, workers=threads)
@@ -385,7 +385,7 @@ def factorise_flat_cell(
     mean_dilatation: bool = False,
     dtype: type[np.floating] = np.float64,
 ) -> LateralInverse:
-    r"""Factorise the flat, periodic, layered cell whose base is held."""
+    r"""Factorise the flat, periodic, layered cell on a clamped base."""
     (nx, ny), layers = shape, len(planes) - 1
     thickness = np.diff(planes)[:, None, None]
     lame, shear = lame[:, None, None], shear[:, None, None]

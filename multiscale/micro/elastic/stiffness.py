@@ -90,7 +90,7 @@ def _add_plane(rows, sides, start, lanes, per_x, per_y, line, plane):  # type: i
 
 @compiled(fastmath=True)
 def _edge_derivatives(low, up, grad, lanes):  # type: ignore[no-untyped-def]
-    """Find twelve edge derivatives of each component from the rows below and above elements."""
+    """Compute twelve edge derivatives of each component from the rows below and above elements."""
     NEAR, FAR = shape_functions(grad)
     for k in range(3):
         a, b, to = low[k * ROWS :], up[k * ROWS :], grad[k * EDGES :]
@@ -205,7 +205,7 @@ def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyp
     """
     for k in range(3):
         flux[k * EDGES : k * EDGES + 8 * BATCH] = 0.0
-    # offsets that the compiler knows: with loops it does not see that the rows are apart
+    # constant offsets: with loops the compiler does not see that the rows are apart
     _column(0, 0, grad, flux, geometry, moduli, mean, lanes)
     _column(0, 1, grad, flux, geometry, moduli, mean, lanes)
     _column(1, 0, grad, flux, geometry, moduli, mean, lanes)
@@ -244,7 +244,7 @@ def _apply(  # type: ignore[no-untyped-def]
             for start in range(0, ny, BATCH):
                 lanes = min(BATCH, ny - start)
                 lateral_heights(heights, sides[0], sides[1], start, dx, dy, lateral, lanes)
-                u_rows[0] = 0.0  # the base is held
+                u_rows[0] = 0.0  # the base is fixed
                 for layer in range(layers):
                     low, up = layer % 2, 1 - layer % 2
                     element_geometry(

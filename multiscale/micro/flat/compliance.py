@@ -45,9 +45,9 @@ slopes are small and heights of short wavelengths,
     m = \frac{k_2 h_1 - k_1 h_2}{k_1 + k_2}, \qquad k_i = \frac{1 - \nu_i}{\mu_i}:    \tag{6}
 
 halfway between alike bodies, and on a rigid one, :math:`k_2 = 0`. Forces act along its normal
-:math:`(-\nabla m, 1)`, along which the gap closes. Beside the sum of :math:`C_1` of both bodies,
-their motions in the plane, :math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance
-under forces in the plane give
+:math:`(-\nabla m, 1)`, along which the gap closes. The motions of both bodies in the plane,
+:math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance under forces in the plane add to
+the sum of :math:`C_1`
 
 .. math::
     (c_1 - c_2) \left[\operatorname{div} \Delta^{-1} (f\, \nabla m)
@@ -90,8 +90,8 @@ def layered_compliance(
 
     Examples
     --------
-    >>> planes, one = np.array([0.0, 50.0]), np.array([1.0])
-    >>> symbol = layered_compliance((4, 4), (1.0, 1.0), planes, one, one)  # nu = 1/4
+    >>> planes, lame = np.array([0.0, 50.0]), np.array([1.0])
+    >>> symbol = layered_compliance((4, 4), (1.0, 1.0), planes, lame, lame)  # nu = 1/4
     >>> round(float(symbol[1, 0] * np.pi * 1.0 / (1.0 - 0.25**2)), 6)  # 2 / (E* q), E = 2.5
     0.4
     """
@@ -159,19 +159,19 @@ def expanded_compliance(
 ) -> Callable[..., np.ndarray]:
     r"""Return the symmetric :math:`C_0 + C_1` of two bodies: six transforms, two if flat."""
     (nx, ny), (dx, dy) = surfaces[0].heights.shape, surfaces[0].spacing
-    h = np.stack([one.heights - np.mean(one.heights) for one in surfaces])
+    h = np.stack([surface.heights - np.mean(surface.heights) for surface in surfaces])
     mu, nu = np.asarray(shear), np.asarray(poissons_ratio)
     c = (0.5 - nu) / mu
     first, second = (1.0 - nu) / mu
     middle = (second * h[0] - first * h[1]) / (first + second)  # (6)
     q_x, q_y = 2.0 * np.pi * np.fft.fftfreq(nx, dx)[:, None], 2.0 * np.pi * np.fft.rfftfreq(ny, dy)
-    # the shortest wave has no derivative on the grid
+    # the shortest wavelength has no derivative on the grid
     by_x, by_y = (
         1j * np.where(np.abs(q) * step < 0.999 * np.pi, q, 0.0)
         for q, step in ((q_x, dx), (q_y, dy))
     )
     square = q_x**2 + q_y**2
-    square[0, 0] = np.inf  # the mean has a term of its own
+    square[0, 0] = np.inf  # the mean has a separate term
     back_x, back_y = by_x / square, by_y / square  # of the inverse of minus the Laplacian
 
     def to_points(transform: np.ndarray) -> np.ndarray:
@@ -190,9 +190,9 @@ def expanded_compliance(
         moved = symbol * transform
         moved += back_x * fft.rfft2(h_yy * along_x - h_xy * along_y - tilt_x * force)  # (5), (7)
         moved += back_y * fft.rfft2(h_xx * along_y - h_xy * along_x - tilt_y * force)
-        found = to_points(moved) + np.mean(force) * local + np.mean(local * force)
+        displacement = to_points(moved) + np.mean(force) * local + np.mean(local * force)
         if not vertical:
-            found += tilt_x * along_x + tilt_y * along_y  # (7)
-        return np.asarray(found)
+            displacement += tilt_x * along_x + tilt_y * along_y  # (7)
+        return np.asarray(displacement)
 
     return apply

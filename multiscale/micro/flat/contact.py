@@ -167,7 +167,7 @@ def coarse_start(
 
 @compiled
 def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # type: ignore[no-untyped-def]
-    """Find the approach at which the forces of a step, in their box, carry the load.
+    """Solve for the approach at which the forces of a step, in their box, carry the load.
 
     Newton's method within a bracket, from the approach given, to a tolerance relative to the load.
     """

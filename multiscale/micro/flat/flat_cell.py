@@ -77,7 +77,7 @@ class FlatCell(PeriodicLayer):
             self._check_expansion()
 
     def _check_expansion(self) -> None:
-        """Refuse what the expansion in the slopes is not derived for."""
+        """Refuse cells for which the expansion in the slopes is not derived."""
         for body in self.bodies:
             if body.coating or np.any([np.ptp(value) for value in body.layer_moduli]):
                 raise CaseError(
@@ -131,7 +131,7 @@ class FlatCell(PeriodicLayer):
                     CellPart.SLOPE_EXPANSION: expanded,
                 },
                 why_not={
-                    CellPart.STIFFNESS: "a flat cell solves on its surface alone",
+                    CellPart.STIFFNESS: "a flat cell solves on its surface only",
                     CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
                     CellPart.SLOPE_EXPANSION: "slopes are taken as small: errors are of their "
                     "first order (slope_order)",
@@ -208,7 +208,7 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
             guess = coarse_start(flat, gap, closing, load=load, cap=cap)
         if guess is None and start is not None:
             guess = start.force
-        found = solve_flat(
+        answer = solve_flat(
             respond,
             gap,
             closing,
@@ -220,16 +220,16 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
             tolerance=max(tolerance, TOLERANCE),
         )
         displacement = np.zeros((nx, 3, ny))
-        displacement[:, 2] = -lift(found.value)
+        displacement[:, 2] = -lift(answer.value)
         return ContactState(
             displacement,
-            found.value,
-            found.approach,
-            found.value > 0.0,
-            found.value,
-            found.status,
-            found.residuals[-1:],
-            len(found.residuals),
+            answer.value,
+            answer.approach,
+            answer.value > 0.0,
+            answer.value,
+            answer.status,
+            answer.residuals[-1:],
+            len(answer.residuals),
         )
 
     node_area = np.full((nx, ny), area)

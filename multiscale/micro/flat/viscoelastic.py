@@ -93,7 +93,7 @@ class RelaxingSolid:
 
 @dataclass(frozen=True, eq=False)
 class SlidingContact:
-    r"""What a rough body and a viscoelastic one do to each other in steady sliding.
+    r"""Contact of a rough body and a viscoelastic half-space in steady sliding.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def solve_sliding(
     Returns
     -------
     SlidingContact
-        Its status says whether it converged.
+        With the status of the solver.
 
     Raises
     ------

@@ -59,8 +59,8 @@ class MeshCell:
         Scalar element for each displacement component, for instance ``ElementTetP2()``.
     law : Elastic, GradedElastic or J2, graded moduli have the shape (elements,)
     sides : CellSides
-        Periodic sides, whose nodes must match; sides that slide in their planes; or uniform
-        displacement and uniform traction, between whose answers that of periodic sides lies.
+        Periodic sides, with nodes that match; sides that slide in their planes; or uniform
+        displacement and uniform traction, with answers that enclose the one of periodic sides.
     obstacle : Surface, optional
         Underside of the rigid obstacle; a flat if not given.
     layer : PeriodicLayer, optional

@@ -99,8 +99,8 @@ class _Factors:
 
     def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
         """Press the elastic body under a load, N; see :class:`.LinearSolver`."""
-        found = self.mesh.problem.solve(load=load)
-        return found.active[:, None], found.approach
+        elastic = self.mesh.problem.solve(load=load)
+        return elastic.active[:, None], elastic.approach
 
     def step(self, now: "Iterate", forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
         """Solve the linear problem (1) of a Newton step by factors."""

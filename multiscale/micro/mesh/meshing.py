@@ -86,7 +86,7 @@ def graph_mesh_cell(
         As of :class:`MeshCell`.
     pores : Cavities, optional
         Cavities of an elastic layer, in a box from its base to its mean plane that is lifted with
-        the surface. Elements whose centres they hold are all but void.
+        the surface. Elements with their centres in a cavity are all but void.
 
     Raises
     ------
@@ -113,20 +113,20 @@ def graph_mesh_cell(
         )
     flat, number = _flat_mesh(surface, planes[::order], element)
     mesh = _lifted(flat, surface, planes[-1])
-    own: Linear | J2 = law
+    element_law: Linear | J2 = law
     if isinstance(law, GradedElastic):
-        own = GradedElastic(
+        element_law = GradedElastic(
             *(
                 np.broadcast_to(value, (layers,)).reshape(-1, order).mean(axis=1)[number]
                 for value in (law.youngs_modulus, law.poissons_ratio)
             )
         )
     if pores is not None:
-        own = _porous(flat, own, pores)
+        element_law = _porous(flat, element_law, pores)
     return MeshCell(
         mesh,
         scalar_element(element),
-        own,
+        element_law,
         sides,
         obstacle,
         layer,
@@ -143,7 +143,9 @@ def _porous(flat: "Mesh", law: Linear | J2, pores: "Cavities") -> GradedElastic:
         raise CaseError("a pore cuts the surface of the layer; put it deeper")
     if not void.any():
         raise CaseError("the pores hold no centre of an element; give more points, or larger pores")
-    E, nu = (np.broadcast_to(one, void.size) for one in (law.youngs_modulus, law.poissons_ratio))
+    E, nu = (
+        np.broadcast_to(value, void.size) for value in (law.youngs_modulus, law.poissons_ratio)
+    )
     return GradedElastic(np.where(void, VOID * E, E), nu)
 
 
@@ -222,30 +224,30 @@ def cell_from_file(
     if mesh.dim() != 3:
         raise CaseError(f"{path} is a plane mesh, and a cell has three dimensions; mesh a solid")
     if element.simplex != (len(mesh.t) == 4):
-        own = "tetrahedra" if len(mesh.t) == 4 else "hexahedra"
+        shape = "tetrahedra" if len(mesh.t) == 4 else "hexahedra"
         fit = [kind.value for kind in ElementKind if kind.simplex != element.simplex]
         raise CaseError(
-            f"{path} has {own}, which an element {element.value!r} does not fit; use one of {fit}"
+            f"{path} has {shape}, which an element {element.value!r} does not fit; use one of {fit}"
         )
     if element.order == 1 and mesh.doflocs.shape[1] > mesh.nvertices:
-        own = "tet10" if element.simplex else "hex27"
+        second = "tet10" if element.simplex else "hex27"
         raise CaseError(
             f"{path} has elements of second order, which an element {element.value!r} does not "
-            f"fit; use {own!r}, or save the mesh in first order"
+            f"fit; use {second!r}, or save the mesh in first order"
         )
-    found = dict(mesh.boundaries or {})
-    missing = [name for name in (contact, base) if name not in found]
+    faces = dict(mesh.boundaries or {})
+    missing = [name for name in (contact, base) if name not in faces]
     if missing:
         raise CaseError(
             f"{path} has no face named {' and '.join(map(repr, missing))}; its named faces are "
-            f"{listed(found)}"
+            f"{listed(faces)}"
         )
-    named = {"top": found[contact], "base": found[base]}
-    own_law = law if not volumes and not mesh.subdomains else _law_of(mesh, volumes or {}, path)
+    named = {"top": faces[contact], "base": faces[base]}
+    element_law = law if not volumes and not mesh.subdomains else _law_of(mesh, volumes or {}, path)
     return MeshCell(
         mesh.with_boundaries(named),
         scalar_element(element),
-        own_law,
+        element_law,
         sides,
         points=points,
         friction_coefficient=friction_coefficient,

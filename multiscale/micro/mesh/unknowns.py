@@ -1,8 +1,8 @@
-r"""Unknowns of a cell on a mesh: what its base, its sides and its contact face leave free.
+r"""Unknowns of a cell on a mesh, with a fixed base, conditions on its sides and a contact face.
 
 Nodal displacements are :math:`u = E v`. A node of a periodic side moves as its image, the base does
 not move. On the contact face of quadratic tetrahedra :math:`v` are the coefficients in a basis
-whose integrals over every facet are positive,
+with positive integrals over every facet,
 
 .. math::
     \varphi_c = N_c + \alpha \sum_e N_e, \quad \varphi_e = (1 - 2\alpha) N_e, \qquad
@@ -30,37 +30,16 @@ from multiscale.laws.bulk.bulk_law import cofactor
 from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell
 
 if TYPE_CHECKING:
-    from skfem import CellBasis
+    from skfem import CellBasis, FacetBasis
 
 __all__ = [
     "CellUnknowns",
-    "TopFace",
     "cell_unknowns",
     "mean_strain",
     "strained_weight",
-    "top_face",
 ]
 
 ALPHA = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class TopFace:
-    r"""Contact facets, and the change to the coefficients of (1).
-
-    Attributes
-    ----------
-    facets : ndarray of int, shape (corners and middles, facets), nodes of every facet
-    values : csr_array, shape (n, n), nodal values from coefficients
-    coefficients : csr_array, shape (n, n), its inverse
-    weight : ndarray, shape (n,)
-        Projected area of every coefficient, :math:`\int \varphi_i n_z`, m2.
-    """
-
-    facets: np.ndarray
-    values: sparse.csr_array
-    coefficients: sparse.csr_array
-    weight: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +57,7 @@ class CellUnknowns:
     nodes : ndarray of int, shape (contacts,), contact nodes, one for all their images
     number : ndarray of int, shape (contacts, 3)
         Unknown of every coefficient of the contact nodes; -1 where it is none.
+    values : csr_array, shape (n, n), nodal values from coefficients of (1)
     coefficients : csr_array, shape (contacts, n)
         Coefficients of the contact nodes from nodal values.
     weight : ndarray, shape (contacts,), projected area of every coefficient, m2
@@ -90,6 +70,7 @@ class CellUnknowns:
     image: np.ndarray
     nodes: np.ndarray
     number: np.ndarray
+    values: sparse.csr_array
     coefficients: sparse.csr_array
     weight: np.ndarray
     facets: np.ndarray
@@ -101,10 +82,10 @@ class CellUnknowns:
 
 
 def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
-    """Give numbers to the unknowns of a cell."""
+    """Set up the numbers of the unknowns of a cell."""
     points, base = basis.doflocs, basis.get_dofs("base").all()
-    face = top_face(cell, basis)
-    top = np.unique(face.facets)
+    top_facets, face_values, coefficients, weight = _top_face(cell, basis)
+    top = np.unique(top_facets)
     bottom, lowest = float(points[2, base].max()), top[np.argmin(points[2, top])]
     if points[2, lowest] <= bottom:
         x, y, z = points[:, lowest]
@@ -127,10 +108,10 @@ def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
         free[both] = False
         free[leader, 2] = True
     unknown = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)[image]
-    nodes, facets = np.unique(image[face.facets], return_inverse=True)
+    nodes, facets = np.unique(image[top_facets], return_inverse=True)
     number, share = unknown[nodes], np.ones((basis.N, 3))
     if cell.sides is CellSides.DISPLACEMENT:
-        # all sides follow their highest node in proportion to z; of them it alone can touch a flat
+        # all sides follow their highest node in proportion to z; only it can touch a flat
         unknown[both, 2] = unknown[leader, 2]
         share[both, 2] = (points[2, both] - bottom) / (points[2, leader] - bottom)
         unknown[base] = -1
@@ -138,34 +119,39 @@ def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
     expand = sparse.csr_array(
         (share.ravel()[kept], (kept, unknown.ravel()[kept])), shape=(3 * basis.N, int(free.sum()))
     )
-    values = sparse.kron(face.values, sparse.eye_array(3), format="csr")
+    values = sparse.kron(face_values, sparse.eye_array(3), format="csr")
     return CellUnknowns(
         sparse.csr_array(values @ expand),
         np.flatnonzero(free),
         image,
         nodes,
         number,
-        face.coefficients[nodes],
-        np.bincount(image, face.weight)[nodes],
-        facets.reshape(face.facets.shape),
+        face_values,
+        coefficients[nodes],
+        np.bincount(image, weight)[nodes],
+        facets.reshape(top_facets.shape),
     )
 
 
-def top_face(cell: MeshCell, basis: "CellBasis") -> TopFace:
-    """Contact facets of a cell, with the basis of (1)."""
+def _top_face(
+    cell: MeshCell, basis: "CellBasis"
+) -> tuple[np.ndarray, sparse.csr_array, sparse.csr_array, np.ndarray]:
+    r"""Contact facets of a cell, with the basis of (1).
+
+    Returns the nodes of every facet, shape (corners and middles, facets), the matrix from
+    coefficients to nodal values and its inverse, shape (n, n), and the projected area of every
+    coefficient, :math:`\int \varphi_i n_z`, shape (n,), m2.
+    """
     from skfem import FacetBasis
 
     face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
-    shapes = [np.asarray(one[0]) for one in face.basis]
-    projected = np.asarray(face.normals)[2] * face.dx
-    weight = np.array([np.sum(one * projected, axis=1) for one in shapes])
-    size = np.array([np.sum(np.abs(one) * face.dx, axis=1) for one in shapes])
+    size = np.array([np.sum(np.abs(shape[0]) * face.dx, axis=1) for shape in face.basis])
     onto = size > 1e-9 * size.max(axis=0)
     facets = face.element_dofs.T[onto.T].reshape(onto.shape[1], -1).T
-    total = np.bincount(face.element_dofs.ravel(), weight.ravel(), minlength=basis.N)
+    total = _integrals(face, np.asarray(face.normals)[2] * face.dx, basis.N)
     if len(facets) != 6:
         unit = sparse.eye_array(basis.N, format="csr")
-        return TopFace(facets, unit, unit, total)
+        return facets, unit, unit, total
 
     edges = np.unique(cell.mesh.f2e[:, cell.mesh.boundaries["top"]])
     middle, corners = basis.edge_dofs[0, edges], basis.nodal_dofs[0][cell.mesh.edges[:, edges]]
@@ -176,7 +162,13 @@ def top_face(cell: MeshCell, basis: "CellBasis") -> TopFace:
     )
     values = sparse.csr_array(sparse.diags_array(keep) + mean)  # (1)
     inverse = sparse.diags_array(1.0 / keep) @ (sparse.eye_array(basis.N) - mean)
-    return TopFace(facets, values, sparse.csr_array(inverse), values.T @ total)
+    return facets, values, sparse.csr_array(inverse), values.T @ total
+
+
+def _integrals(face: "FacetBasis", weight: np.ndarray, size: int) -> np.ndarray:
+    """Integrate all shape functions times a weight at the quadrature points over facets."""
+    shares = [np.sum(np.asarray(shape[0]) * weight, axis=1) for shape in face.basis]
+    return np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=size)
 
 
 def strained_weight(
@@ -186,12 +178,11 @@ def strained_weight(
     from skfem import FacetBasis
 
     face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
-    F = np.array([face.interpolate(one).grad for one in moved]) + np.eye(3)[:, :, None, None]
+    gradient = np.array([face.interpolate(component).grad for component in moved])
+    F = gradient + np.eye(3)[:, :, None, None]
     projected = np.sum(cofactor(F)[2] * np.asarray(face.normals), axis=0) * face.dx
-    shares = [np.sum(np.asarray(one[0]) * projected, axis=1) for one in face.basis]
-    total = np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=basis.N)
-    values = top_face(cell, basis).values
-    return np.asarray(np.bincount(unknowns.image, values.T @ total)[unknowns.nodes])
+    total = unknowns.values.T @ _integrals(face, projected, basis.N)
+    return np.asarray(np.bincount(unknowns.image, total)[unknowns.nodes])
 
 
 def mean_strain(basis: "CellBasis") -> np.ndarray:
@@ -207,8 +198,7 @@ def mean_strain(basis: "CellBasis") -> np.ndarray:
         facets = np.intersect1d(_side(middle, axis), mesh.boundary_facets())
         face = FacetBasis(mesh, basis.elem, facets=facets, dofs=basis.dofs)
         outwards = np.asarray(face.normals)[axis] * face.dx
-        shares = [np.sum(np.asarray(one[0]) * outwards, axis=1) for one in face.basis]
-        area[axis] = np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=basis.N)
+        area[axis] = _integrals(face, outwards, basis.N)
     integral = np.zeros((3, basis.N, 3))
     integral[0, :, 0] = integral[2, :, 1] = area[0]
     integral[1, :, 1] = integral[2, :, 0] = area[1]
