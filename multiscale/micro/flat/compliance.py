@@ -46,8 +46,8 @@ slopes are small and heights of short wavelengths,
 
 halfway between alike bodies, and on a rigid one, :math:`k_2 = 0`. Forces act along its normal
 :math:`(-\nabla m, 1)`, along which the gap closes. The motions of both bodies in the plane,
-:math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance under forces in the plane add to
-the sum of :math:`C_1`
+:math:`c_i \nabla \Delta^{-1} f`, which differ, and their compliance under forces in the plane
+add to the sum of :math:`C_1`
 
 .. math::
     (c_1 - c_2) \left[\operatorname{div} \Delta^{-1} (f\, \nabla m)

@@ -164,10 +164,11 @@ def _compliance(body: PeriodicLayer) -> np.ndarray:
     """Symbol of the compliance of one body, m/Pa; coatings have their exact thickness."""
     from multiscale.micro.flat.compliance import layered_compliance
 
-    planes, moduli = body.planes, body.layer_moduli
     if body.coating:
         planes = np.concatenate([[0.0], body.faces[::-1], [body.depth]])
         moduli = body.moduli_between(planes)
+    else:
+        planes, moduli = body.planes, body.layer_moduli
     return layered_compliance(body.surface.heights.shape, body.surface.size, planes, *moduli)
 
 
