@@ -61,7 +61,7 @@ def test_factors_without_slack_that_are_kept_lead_to_the_same_tensions(load_fact
     np.testing.assert_allclose(result.tension, reference.tension, atol=1e-9 * largest)
 
 
-def test_zones_solved_alone_save_factorisations_of_the_whole(monkeypatch):
+def test_zones_solved_separately_save_factorisations_of_the_whole(monkeypatch):
     grid, sizes, factorise = tensegrity_grid(16), [], Tangent.factorise
 
     def count(tangent, entries, **options):
@@ -117,7 +117,7 @@ def test_the_corrected_solution_is_symmetric_and_meets_the_last_step():
     assert np.linalg.eigvalsh(flexibility)[0] > 0.0
 
 
-def test_a_step_that_does_not_converge_is_nan_and_says_why():
+def test_a_step_that_does_not_converge_is_nan_with_a_reason():
     grid = tensegrity_grid(8, prestress=300.0)
     result = solve_static(grid, [0.0, 10.0], max_iterations=3)
     np.testing.assert_array_equal(result.converged, [1, 0])
@@ -178,7 +178,7 @@ def test_inextensible_cables_are_the_limit_of_stiff_ones():
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10.0, rtol=0.1)
 
 
-def test_methods_that_need_extensible_links_say_so():
+def test_methods_that_need_extensible_links_are_refused_without():
     grid = tensegrity_grid(2, cable=Cable(np.inf))
     for method in ("newton", "lcp"):
         with pytest.raises(CaseError, match=f"method '{method}' needs extensible links"):
@@ -388,8 +388,8 @@ def test_the_critical_factor_of_a_column_tends_to_eulers_load():
         """Factor at which the smallest eigenvalue of the tangent is zero."""
 
         def eigenvalue(factor):
-            found = solve_static(column(pieces), [factor], stability=True)
-            return float(found.stability_eigenvalue[0])
+            result = solve_static(column(pieces), [factor], stability=True)
+            return float(result.stability_eigenvalue[0])
 
         return brentq(eigenvalue, 0.1 * euler, 2.0 * euler, rtol=1e-8)
 

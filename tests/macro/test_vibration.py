@@ -51,7 +51,7 @@ def first_mode(assembly, count=1):
 
 
 def exact(slip, amplitude):
-    """Frequency and damping of the block whose joint carries mu p slip(x), x = u / u of slip."""
+    """Frequency and damping of the block on a joint with the shear mu p slip(u / u of slip)."""
     mass, stiffness = DENSITY * AREA * HEIGHT, RATIO * PRESSURE / DECAY * AREA
     u = amplitude / np.sqrt(mass)
     unit, limit = FRICTION * DECAY / RATIO, FRICTION * PRESSURE * AREA
@@ -73,10 +73,12 @@ def test_one_slider_and_a_known_bed_follow_their_exact_curves(slabs, slip, sizes
     assert modes.coinciding == ((0, 1),)
     for full, reached in ((False, UNIT * sizes), (True, UNIT * sizes[-1:])):
         frequency, damping = exact(slip, reached)
-        found = follow_backbone(rest, modes, load, 0, Amplitudes(tuple(reached), full_cycle=full))
-        assert not found.failure
-        np.testing.assert_allclose(found.frequency, frequency, rtol=2e-3)
-        np.testing.assert_allclose(found.damping, damping, rtol=0.02, atol=2e-4)
+        backbone = follow_backbone(
+            rest, modes, load, 0, Amplitudes(tuple(reached), full_cycle=full)
+        )
+        assert not backbone.failure
+        np.testing.assert_allclose(backbone.frequency, frequency, rtol=2e-3)
+        np.testing.assert_allclose(backbone.damping, damping, rtol=0.02, atol=2e-4)
 
 
 def test_an_amplitude_at_which_a_block_slides_away_is_named():
@@ -89,7 +91,7 @@ def test_an_amplitude_at_which_a_block_slides_away_is_named():
 def test_metal_vibrates_on_its_curve_of_unloading():
     """Springs in series, 2.5 times as stiff as in loading; slips shear along the same bed."""
     block = Body(box_mesh((0.01, 0.01, HEIGHT), (1, 1, 1)), STIFF, tractions={"top": (0, 0, -1e7)})
-    found = {}
+    squares = {}
     for name, normal in (
         ("elastic", Exponential(1e9, DECAY)),
         ("flows", HystereticLaw(Exponential(1e9, DECAY), 2.5, 1.6)),
@@ -97,16 +99,16 @@ def test_metal_vibrates_on_its_curve_of_unloading():
         law = Sliders(normal, FRICTION, RATIO, pressures=(1e5, 1e9), slabs=64)
         assembly = Assembly((block,), (Interface((None, 0), (None, "bottom"), law),))
         rest, modes, load = first_mode(assembly, 4)
-        found[name] = modes.square
+        squares[name] = modes.square
         backbone = follow_backbone(rest, modes, load, 3, Amplitudes((1e-12, 2e-9)))
         assert not backbone.opens.any()
         np.testing.assert_allclose(backbone.frequency[0], modes.frequency[3], rtol=1e-4)
         fall = 1.0 - (backbone.frequency[1] / modes.frequency[3]) ** 2
         assert abs(fall) > 0.01  # elastic curvature, which loses nothing
         assert np.all(backbone.damping < 1e-5)
-    np.testing.assert_allclose(found["flows"][:2] / found["elastic"][:2], 2.5, rtol=1e-6)
+    np.testing.assert_allclose(squares["flows"][:2] / squares["elastic"][:2], 2.5, rtol=1e-6)
     expected = RATIO * PRESSURE / DECAY / (DENSITY * HEIGHT)
-    np.testing.assert_allclose(found["elastic"][0], expected, rtol=1e-2)
+    np.testing.assert_allclose(squares["elastic"][0], expected, rtol=1e-2)
 
 
 def timoshenko(length, depth, guess):
@@ -171,10 +173,10 @@ def test_too_many_points_are_refused_before_a_full_matrix_is_made(monkeypatch):
 def test_a_frictionless_face_neither_holds_nor_damps_a_mode():
     rest, modes, load = first_mode(block_between_friction(16, friction=0.0))
     # small, since the face that sticks rocks, which costs it a little
-    found = follow_backbone(rest, modes, load, 0, Amplitudes((0.1 * UNIT, 0.5 * UNIT)))
+    backbone = follow_backbone(rest, modes, load, 0, Amplitudes((0.1 * UNIT, 0.5 * UNIT)))
     held = RATIO * PRESSURE / DECAY * AREA  # the springs of the other face, N/m
     expected = np.sqrt(held / (DENSITY * AREA * HEIGHT)) / (2.0 * np.pi)
-    assert not found.failure
+    assert not backbone.failure
     np.testing.assert_allclose(modes.frequency, expected, rtol=2e-3)
-    np.testing.assert_allclose(found.frequency, expected, rtol=2e-3)
-    np.testing.assert_allclose(found.damping, 0.0, atol=1e-4)
+    np.testing.assert_allclose(backbone.frequency, expected, rtol=2e-3)
+    np.testing.assert_allclose(backbone.damping, 0.0, atol=1e-4)

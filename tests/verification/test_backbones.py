@@ -32,7 +32,7 @@ def bar_on_friction():
 
 
 def exact_bar(amplitudes, elements=200):
-    """Frequency and damping of a line on springs with sliders, by a fine mesh of its own."""
+    """Frequency and damping of a line on springs with sliders, by a separate fine mesh."""
     h = LENGTH / elements
     axial, spring = E * WIDTH * HEIGHT, RATIO * PRESSURE / DECAY * WIDTH * h
     cap, mass = FRICTION * PRESSURE * WIDTH * h, DENSITY * WIDTH * HEIGHT * h
@@ -57,9 +57,9 @@ def exact_bar(amplitudes, elements=200):
     q, alpha = np.array(q), np.append(0.0, force)
     area = np.append(0.0, np.cumsum(0.5 * (alpha[1:] + alpha[:-1]) * np.diff(q)))
     loss = 8.0 * area - 4.0 * alpha * q
-    found = np.interp(amplitudes, q, alpha)
-    frequency = np.sqrt(found / amplitudes) / (2.0 * np.pi)
-    return frequency, np.interp(amplitudes, q, loss) / (2.0 * np.pi * found * amplitudes)
+    secant = np.interp(amplitudes, q, alpha)
+    frequency = np.sqrt(secant / amplitudes) / (2.0 * np.pi)
+    return frequency, np.interp(amplitudes, q, loss) / (2.0 * np.pi * secant * amplitudes)
 
 
 @pytest.mark.slow
@@ -71,9 +71,9 @@ def test_a_bar_on_friction_slips_from_its_end_as_a_line_on_sliders():
         amplitudes = slips * np.array(sizes)
         frequency, damping = exact_bar(amplitudes)
         asked = Amplitudes(tuple(amplitudes), full_cycle=full, ratio=1.1, steps=12)
-        found = follow_backbone(rest, modes, load, 0, asked)
-        np.testing.assert_allclose(found.frequency, frequency, rtol=1e-3)
-        np.testing.assert_allclose(found.damping, damping, rtol=0.01)
+        backbone = follow_backbone(rest, modes, load, 0, asked)
+        np.testing.assert_allclose(backbone.frequency, frequency, rtol=1e-3)
+        np.testing.assert_allclose(backbone.damping, damping, rtol=0.01)
 
 
 def free_decay(rest, mass, velocity, step, count):
@@ -116,7 +116,7 @@ def test_a_free_decay_has_the_frequency_and_damping_of_the_backbone():
     assembly = block_between_friction(64)
     rest, modes, load = first_mode(assembly)
     asked = Amplitudes(tuple(UNIT * np.geomspace(0.4, 1.8, 6)))
-    found = follow_backbone(rest, modes, load, 0, asked)
+    backbone = follow_backbone(rest, modes, load, 0, asked)
     mass = structure_mass(rest.free, assembly.bodies, [DENSITY] * 2)
     blow = 1.5 * UNIT * np.sqrt(modes.square[0]) * modes.shape[:, 0]
     step = 1.0 / (40.0 * modes.frequency[0])
@@ -127,14 +127,14 @@ def test_a_free_decay_has_the_frequency_and_damping_of_the_backbone():
     at = k + 0.5 * (after - before) / (2.0 * peak - before - after)
     s = 0.5 * (top[1:] + top[:-1])
 
-    square = CubicSpline(asked.values, found.frequency**2)
+    square = CubicSpline(asked.values, backbone.frequency**2)
     force, falls = [top[0] * square(top[0])], []
     for carried in s * square(s):
         falls.append(force[-1] / carried - 1.0)
         force.append(2.0 * carried - force[-1])
     damping, expected = (
-        one[:6].reshape(3, 2).mean(axis=1)
-        for one in (2.0 / np.pi * np.array(falls), CubicSpline(asked.values, found.damping)(s))
+        curve[:6].reshape(3, 2).mean(axis=1)
+        for curve in (2.0 / np.pi * np.array(falls), CubicSpline(asked.values, backbone.damping)(s))
     )
     assert asked.values[0] < s[5] < top[0] < asked.values[-1]
     np.testing.assert_allclose(damping, expected, rtol=0.05)

@@ -33,8 +33,8 @@ from multiscale.macro.substructures.path import closed_cycle
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import sliding_share
 from multiscale.macro.substructures.whole import Assembled, assemble
+from multiscale.macro.vibration.modes import TangentModes
 from multiscale.macro.vibration.preloaded import Preloaded
-from multiscale.macro.vibration.tangent_modes import TangentModes
 from multiscale.schema import COMPONENTS, VIBRATION, Dataset, with_cautions
 
 __all__ = ["Amplitudes", "Backbone", "TractionChange", "follow_backbone", "loading_work", "vibrate"]

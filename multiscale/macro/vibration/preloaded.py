@@ -20,7 +20,7 @@ from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import PreparedStructure, follow
 from multiscale.macro.substructures.whole import AssembledNewton, assemble
-from multiscale.macro.vibration.tangent_modes import find_free_motions
+from multiscale.macro.vibration.modes import find_free_motions
 from multiscale.schema import Dataset
 
 __all__ = ["Preloaded", "press_structure", "require_joined"]
