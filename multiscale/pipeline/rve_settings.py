@@ -204,7 +204,10 @@ class RveSettings(Settings):
     pores: tuple[Pore, ...] = ()
     cracks: tuple[Crack, ...] = ()
     image: ImageStack | None = None
-    voxels: Voxels = Field(48, description="Voxels along the longest edge, for the stiffness.")
+    voxels: Voxels = Field(
+        48,
+        description="Voxels along the longest edge, for the stiffness; a crack is a voxel thick.",
+    )
     parts: tuple[Part, ...] = Field(
         (0.5,), description="Sizes of smaller volumes over `size`, rising, of the size study."
     )

@@ -105,17 +105,13 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
     """
     if not 0.0 < taper <= 0.5:
         raise CaseError(f"taper must be above 0 and at most 0.5, got {taper:g}")
-    along_x, along_y = (_tukey(n, taper) for n in surface.heights.shape)
-    mean = surface.heights.mean()
-    return Surface(mean + np.outer(along_x, along_y) * (surface.heights - mean), surface.size)
-
-
-def _tukey(n: int, taper: float) -> np.ndarray:
-    """Tukey's window on n points of a period; the import of ``scipy.signal`` alone takes longer."""
-    if n == 1:  # across a line scan
-        return np.ones(1)
-    from_edge = np.minimum(np.arange(n), n - np.arange(n)) / (taper * n)
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.minimum(from_edge, 1.0)))
+    mean, faded = surface.heights.mean(), surface.heights - surface.heights.mean()
+    for axis, n in enumerate(surface.heights.shape):
+        if n > 1:  # not across a line scan; the import of scipy.signal would take longer
+            from_edge = np.minimum(np.arange(n), n - np.arange(n)) / (taper * n)
+            fade = 0.5 - 0.5 * np.cos(np.pi * np.minimum(from_edge, 1.0))
+            faded = faded * np.expand_dims(fade, 1 - axis)
+    return Surface(mean + faded, surface.size)
 
 
 def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> Surface:

@@ -120,7 +120,10 @@ def local_fatigue(
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
     weakest_class = Inclusions(material, factors[:1], jump_tolerance, substeps)
     first = _first_cracks(weakest_class, stress, max_cycles)
-    weakest, amplitude = float(first.min()), _amplitude(stress)
+    weakest = float(first.min())
+    # half the largest von Mises stress between two corners
+    ranges = [von_mises(stress[k:] - stress[k]).max(axis=0) for k in range(len(stress))]
+    amplitude = 0.5 * np.max(ranges, axis=0)
     record = [(0.0, 0.0, 0.0)]
     crack, life, elastic = -1, np.nan, False
     jump = max(1, int(min(weakest, max_cycles)) - 1)
@@ -197,9 +200,3 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
     direct = stress[..., :3] - stress[..., :3].mean(axis=-1, keepdims=True)
     squares = np.sum(direct**2, axis=-1) + 2.0 * np.sum(stress[..., 3:] ** 2, axis=-1)
     return np.asarray(np.sqrt(1.5 * squares))
-
-
-def _amplitude(stress: np.ndarray) -> np.ndarray:
-    """Half the largest von Mises stress between two corners, shape (elements,), Pa."""
-    ranges = (von_mises(stress[k:] - stress[k]).max(axis=0) for k in range(len(stress)))
-    return np.asarray(0.5 * np.max(list(ranges), axis=0))

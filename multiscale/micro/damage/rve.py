@@ -244,10 +244,10 @@ def _summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) 
     slowest = max(loads, key=lambda load: len(load.residuals))
     failed = [load for load in loads if not load.converged]
     worst = failed[0] if failed else slowest
-    loose = [STRAINS[k] for k in range(6) if stiffness[k, k] < lost]
+    soft = [STRAINS[k] for k in range(6) if stiffness[k, k] < lost]
     detail = (
-        f"no stiffness against the strains {', '.join(loose)}: the solid is cut through, D = 1"
-        if loose
+        f"no stiffness against the strains {', '.join(soft)}: the solid is cut through, D = 1"
+        if soft
         else ""
     )
     trail = tuple(
