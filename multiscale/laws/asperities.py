@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
+from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.laws.interface_law import Response, check_parameter
 from multiscale.laws.sliders import SliderBed
 
@@ -100,11 +101,6 @@ class Asperities:
     def contact_modulus(self) -> float:
         """Contact modulus E* of both bodies, Pa."""
         return 0.5 * self.youngs_modulus / (1.0 - self.poissons_ratio**2)
-
-    @property
-    def stiffness_ratio(self) -> float:
-        """Tangential over normal stiffness of an asperity, by Mindlin."""
-        return 2.0 * (1.0 - self.poissons_ratio) / (2.0 - self.poissons_ratio)
 
     @property
     def top(self) -> float:
@@ -269,7 +265,7 @@ class AsperityLaw(SliderBed):
 
     @property
     def _layout(self) -> tuple[int, int, float]:
-        kappa = self.stiffness_ratio or self.asperities.stiffness_ratio
+        kappa = self.stiffness_ratio or mindlin_ratio(self.asperities.poissons_ratio)
         return 1, self.asperities.height.size, kappa
 
     @cached_property

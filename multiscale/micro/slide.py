@@ -9,6 +9,7 @@ import numpy as np
 from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
+from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.micro.cell import FiniteCell, GridCell
 from multiscale.micro.cell_solver import solve_cell
 from multiscale.micro.path import Path
@@ -108,8 +109,7 @@ def shear_path(
     heights = [rms_height(body.surface) for body in cell.bodies]
     heights += [] if cell.second or cell.obstacle is None else [rms_height(cell.obstacle)]
     nu = float(np.mean(cell.law.poissons_ratio))
-    kappa = 2.0 * (1.0 - nu) / (2.0 - nu)
-    scale = mu * DECAY * float(np.linalg.norm(heights)) / kappa
+    scale = mu * DECAY * float(np.linalg.norm(heights)) / mindlin_ratio(nu)
     if not scale > 0.0:
         raise CaseError("the surfaces are flat, so that nothing slips before all of it does")
     compliance = sum(np.sum(np.diff(body.planes) / body.layer_moduli[1]) for body in cell.bodies)

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from multiscale import macro
 from multiscale.errors import CaseError, suggest
 from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
+from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import (
     GROUNDED,
@@ -22,7 +23,7 @@ from multiscale.pipeline.assembly_parts import (
     n_tetrahedra,
 )
 from multiscale.pipeline.body_settings import COARSER
-from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice, alike_bodies
+from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
 from multiscale.pipeline.porous_body import PorousBody, Uncertainty
 from multiscale.pipeline.pressing import Face, highest_pressure
 from multiscale.pipeline.structure_kind import Pressed, StructureKind
@@ -395,7 +396,7 @@ class Bodies(StructureKind):
         assert source.friction is not None  # else told as missing
         if one.asperities is not None:
             return one.asperities.build(source.friction, source.stiffness_ratio, one.damage)
-        theory = alike_bodies(self.poissons_ratio(one))
+        theory = mindlin_ratio(self.poissons_ratio(one))
         stated = one.exponential or one.linear
         assert stated is not None
         normal = stated.build()
@@ -411,7 +412,7 @@ class Bodies(StructureKind):
         """Say what stated laws leave to theory, one sentence each."""
         return [
             f"interface {number}: the stiffness ratio of "
-            f"{alike_bodies(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
+            f"{mindlin_ratio(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "
             f"take the law of cells that are sheared"
             for number, one in enumerate(self.interfaces)
             if (one.exponential or one.linear) and one.over(case.interface).stiffness_ratio is None

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError
+from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.toml_model import (
     Factor,
@@ -47,7 +48,6 @@ __all__ = [
     "RoughInterface",
     "SolverChoice",
     "Substructures",
-    "alike_bodies",
 ]
 
 QUICK_STEPS = 2
@@ -220,7 +220,7 @@ class JointLaw(LawSource):
                     f"coatings of {coated}; shear the cells by [micro.shear], or give "
                     f"stiffness_ratio in {where}"
                 )
-            law = assume_shear(law, stiffness_ratio=alike_bodies(poissons_ratio))
+            law = assume_shear(law, stiffness_ratio=mindlin_ratio(poissons_ratio))
         law = state_shear(law, friction=self.friction, stiffness_ratio=self.stiffness_ratio)
         return with_cautions(law, *_say_lay(law))
 
@@ -250,11 +250,6 @@ def _say_lay(law: Dataset) -> list[str]:
         f"the tangential stiffness ratio is {x:.3g} along x and {y:.3g} along y, and the joints "
         f"take the mean of both, {0.5 * (x + y):.3g}, in all directions"
     ]
-
-
-def alike_bodies(poissons_ratio: float) -> float:
-    """Tangential over normal stiffness of interfaces between alike bodies, by theory."""
-    return 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
 
 
 class Preloads(Settings):

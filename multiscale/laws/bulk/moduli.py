@@ -13,6 +13,7 @@ __all__ = [
     "contact_modulus",
     "drop_soft_modes",
     "lame_parameters",
+    "mindlin_ratio",
     "youngs_modulus_along",
 ]
 
@@ -56,6 +57,11 @@ def lame_parameters(
     r"""Return Lamé's parameters :math:`\lambda` and :math:`\mu`, Pa."""
     E, nu = np.asarray(youngs_modulus), np.asarray(poissons_ratio)
     return E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), E / (2.0 * (1.0 + nu))
+
+
+def mindlin_ratio(poissons_ratio: float) -> float:
+    """Tangential over normal stiffness of contacts between alike bodies, by Mindlin."""
+    return 2.0 * (1.0 - poissons_ratio) / (2.0 - poissons_ratio)
 
 
 def youngs_modulus_along(stiffness: np.ndarray, normals: np.ndarray) -> np.ndarray:
