@@ -167,7 +167,9 @@ def symmetric_lu(matrix: csc_array, pivot: float = 0.0) -> Any:
 
 
 def _scaled_solve(solve: Solve, scale: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Solve with the factors of D K D."""
+    """Solve with the factors of D K D; PARDISO refuses a right-hand side without columns."""
+    if not rhs.size:
+        return np.zeros_like(rhs)
     columns = scale if rhs.ndim == 1 else scale[:, None]
     return np.asarray(columns * solve(columns * rhs))
 

@@ -23,7 +23,7 @@ FORM = [pytest.param(csr_array, id="sparse"), pytest.param(np.asarray, id="dense
 
 
 @pytest.mark.parametrize("form", FORM)
-@pytest.mark.parametrize("columns", [None, 3])
+@pytest.mark.parametrize("columns", [None, 0, 3])
 def test_the_solution_solves_the_system(form, columns):
     matrix = chain(30)
     size = 30 if columns is None else (30, columns)
