@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
-from multiscale.laws import HystereticLaw, NormalLaw
+from multiscale.laws import GapLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface
@@ -174,10 +174,10 @@ def soften(block: Block, stiffness: float | np.ndarray) -> Block:
 
 def press_joint(
     joint: RoughJoint,
-    law: NormalLaw | HystereticLaw,
+    law: GapLaw,
     preloads: np.ndarray,
     *,
-    samples: Sequence[NormalLaw | HystereticLaw] = (),
+    samples: Sequence[GapLaw] = (),
     extrapolate: bool = False,
 ) -> Dataset:
     r"""Press a joint and return its normal stiffness at every preload, in closed form.
@@ -185,9 +185,9 @@ def press_joint(
     Parameters
     ----------
     joint : RoughJoint, its force is not eccentric
-    law : NormalLaw or HystereticLaw, which is loaded for the first time
+    law : GapLaw, in its first loading
     preloads : ndarray, shape (steps,), nominal pressures :math:`p > 0`, Pa: force over section
-    samples : sequence of NormalLaw or HystereticLaw
+    samples : sequence of GapLaw
         Bootstrap samples of the law; each gives one row of ``joint_stiffness_sample``.
     extrapolate : bool
         Whether steps far outside the data of the law keep what it extrapolates; see
@@ -229,7 +229,7 @@ def press_joint(
     if not np.all((p > 0.0) & np.isfinite(p)):
         raise CaseError(f"preloads must be positive and finite (Pa), got {p}")
     compliance = joint.lower.compliance + joint.upper.compliance  # m/Pa
-    normal = _loading(law)
+    normal = law.first_loading
     gap = normal.gap_at(p)
     residual = np.abs(normal.pressure(gap) / p - 1.0)
     converged = residual <= TOLERANCE
@@ -262,20 +262,13 @@ def press_joint(
     return MACRO_RESULT.assign(result, {"solid_stiffness": solid})
 
 
-def _loading(law: NormalLaw | HystereticLaw) -> NormalLaw:
-    """Law of the first loading."""
-    return law.loading if isinstance(law, HystereticLaw) else law
-
-
-def _stiffness(
-    law: NormalLaw | HystereticLaw, p: np.ndarray, compliance: float
-) -> dict[str, np.ndarray]:
+def _stiffness(law: GapLaw, p: np.ndarray, compliance: float) -> dict[str, np.ndarray]:
     """Stiffness of the interface, and (1) on every branch of its law, Pa/m."""
-    normal = _loading(law)
+    normal = law.first_loading
     K = normal.stiffness(normal.gap_at(p))
     stiffness = {"interface_stiffness": K, "joint_stiffness": 1.0 / (1.0 / K + compliance)}
-    if isinstance(law, HystereticLaw):
-        unloading = 1.0 / (law.stiffness_ratio * K)
+    if law.unloading_ratio is not None:
+        unloading = 1.0 / (law.unloading_ratio * K)
         stiffness["unloading_stiffness"] = 1.0 / (unloading + compliance)
     return stiffness
 
