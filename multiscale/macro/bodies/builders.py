@@ -15,7 +15,7 @@ from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw
 from multiscale.macro.bodies.assembly import Assembly, Interface
 from multiscale.macro.bodies.bolt import Bolt
-from multiscale.macro.continuum.body import Body, Value
+from multiscale.macro.continuum.body import Body
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -115,7 +115,7 @@ def stacked_blocks(
         mesh = box_mesh(size, elements, origin=(0.0, 0.0, place * size[2]))
         clamped = {"bottom": (0.0, 0.0, 0.0)}
         held = clamped if place == 0 else {"front": (None, 0.0, None)}
-        load = {"top": (1.0, 0.0, _preload(-1.0))} if place == count - 1 else {}
+        load = {"top": (1.0, 0.0, partial(_fading, -1.0))} if place == count - 1 else {}
         bodies.append(Body(mesh, material, supports=held, tractions=load, bends=True))
     interfaces = [Interface((i, i + 1), ("top", "bottom"), law) for i, law in enumerate(laws)]
     area = size[0] * size[1]
@@ -153,10 +153,10 @@ def lap_joint(
         lower,
         materials[0],
         supports={"end": (0.0, 0.0, 0.0)},
-        tractions={} if shank else {"washer": (0.0, 0.0, _preload(1.0))},
+        tractions={} if shank else {"washer": (0.0, 0.0, partial(_fading, 1.0))},
         bends=True,
     )
-    pressed = {} if shank else {"washer": (0.0, 0.0, _preload(-1.0))}
+    pressed = {} if shank else {"washer": (0.0, 0.0, partial(_fading, -1.0))}
     above = Body(
         upper,
         materials[1],
@@ -165,23 +165,15 @@ def lap_joint(
         bends=True,
     )
     interface = Interface((0, 1), ("joint", "joint"), law)
-    areas = (_area(above, "washer"), shape.width * shape.thickness)
+    washer = float(face_operator(above.basis, "washer")[1].sum())  # m²
+    areas = (washer, shape.width * shape.thickness)
     bolts = (Bolt((0, 1), ("washer", "washer"), shank, areas[0]),) if shank else ()
     return Assembly((below, above), (interface,), TIMES[bool(bolts) :], areas, bolts=bolts)
 
 
-def _preload(direction: float) -> Value:
-    """Traction of 1 Pa at time 0 that is gone at time 1; workers must be able to import it."""
-    return partial(_fading, direction)
-
-
 def _fading(direction: float, position: np.ndarray, time: float) -> np.ndarray:
+    """Traction of 1 Pa at time 0 that is gone at time 1; workers must be able to import it."""
     return np.full(position.shape[1], direction * (1.0 - time))
-
-
-def _area(body: Body, boundary: str) -> float:
-    """Area of a boundary, m²."""
-    return float(face_operator(body.basis, boundary)[1].sum())
 
 
 def lap_meshes(shape: LapShape) -> tuple["Mesh", "Mesh"]:

@@ -241,11 +241,13 @@ class _Step:
 
     def _direction(self, trial: _Trial, law: LocalLaw) -> tuple[np.ndarray, np.ndarray]:
         """Solve the linearised problem; open components leave it at once."""
+        # supports jump to their prescribed displacement
         assembly, B = self.assembly, trial.operator
         free = assembly.free
         du = np.zeros(free.size)
         du[~free] = self.motion - trial.end.displacement[~free]
 
+        # reactions of open components fall to zero at once
         live = np.any(law.by_jump != 0.0, axis=2).ravel()
         dr = np.where(live, 0.0, -law.residual.ravel())
         # row of the law times the area, reaction in units of the contact stiffness: all N/m
@@ -267,6 +269,7 @@ class _Step:
             ],
             format="csr",
         )
+        # equilibrate, factorise, scale back
         scale = np.concatenate([np.abs(K.diagonal()), area[live] * rho[live]])
         scale = 1.0 / np.sqrt(np.where(scale > 0.0, scale, 1.0))
         matrix = csr_array(diags_array(scale) @ matrix @ diags_array(scale))
@@ -395,11 +398,13 @@ class CondensedContact:
         """Solve a load step; arguments and result as of ``newton_step``."""
         load = self.assembly.load(time)
         motion = self.assembly.supported(time)
+        # gap and slip without reactions, and the size of the forces
         without = self._displacement(load, motion)
         q = self._jump(before, without, time)
         support = float(norm((self.stiffness @ without)[~self.assembly.free]))
         scale = max(float(norm(load)), support)
 
+        # Newton on the reactions of the step before
         r = np.array(before.reaction)
         law, residual = self._linearise(r, q, scale)
         run = NewtonRun(limits, PATIENCE)
@@ -407,6 +412,7 @@ class CondensedContact:
             r = r + (0.5 if run.since_best > CYCLE else 1.0) * self._direction(law)
             law, residual = self._linearise(r, q, scale)
 
+        # displacement and its equilibrium
         force = load + self.operator.T @ r.ravel()
         u = self._displacement(force, motion)
         unbalance = self.stiffness @ u - force

@@ -180,8 +180,12 @@ class FiniteAssembly:
     @property
     def is_linear(self) -> bool:
         """Whether everything but the contact law is linear."""
-        moving = any(interface.contact.finite_sliding for interface in self.interfaces)
-        return not moving and all(matrix is not None for matrix in self.linear)
+        return self.is_fixed and all(matrix is not None for matrix in self.linear)
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether partners and normals of all interfaces stay as at the start."""
+        return not any(contact.finite_sliding for contact in self.contacts.values())
 
     def unknowns(self, body: int) -> slice:
         """Unknowns of a body."""
@@ -226,6 +230,8 @@ class FiniteAssembly:
 
     def couple(self, u: np.ndarray, time: float, old: Coupling | None = None) -> Coupling:
         """Couple all interfaces at a displacement; those of small sliding stay as they were."""
+        if old is not None and self.is_fixed:
+            return old
         x, parts = self.start + u.reshape(self.start.shape), []
         for interface, part in zip(self.interfaces, self.contact_nodes, strict=True):
             moving = interface.contact.finite_sliding

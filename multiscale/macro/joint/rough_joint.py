@@ -38,7 +38,7 @@ class Block:
     poissons_ratio : float, dimensionless
     layers : int, default 4, number of elements over the height
     effective : AnisotropicElastic, optional
-        Elasticity of the block where cavities or cracks make it differ from the elasticity of its
+        Elasticity of the block with cavities or cracks, if it differs from the elasticity of its
         solid; its moduli then do not count; see :func:`soften`.
 
     Raises
@@ -104,8 +104,8 @@ class RoughJoint:
         tilts freely. Without it the platen is guided and only moves along z.
     element : Element, optional, scalar scikit-fem element for hexahedra; 8 nodes if not given
     quadrature_order : int, default 3
-        Degree that the quadrature of the interface integrates exactly. A joint that opens in
-        part wants more.
+        Degree that the quadrature of the interface integrates exactly; higher for a joint that
+        opens in part.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def soften(block: Block, stiffness: float | np.ndarray) -> Block:
     ----------
     block : Block, sound, or softened before
     stiffness : float or ndarray
-        A share of what it was, above 0 and up to 1, such as 1 - D, for all its stiffness alike.
+        A factor of its stiffness, above 0 and up to 1, such as 1 - D, the same in all directions.
         Or the tensor of a representative volume, shape (6, 6), Pa, whose axes are the axes of the
         joint, in place of its moduli.
 
