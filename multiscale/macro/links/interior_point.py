@@ -1,6 +1,7 @@
 """Interior-point method for the dual quadratic program, with the factors of the tangent."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -75,19 +76,12 @@ def solve_interior_point(model: LinkEquations, load_factor: float, limits: Limit
             least, ray = resistance, point.u
     if not run.converged and least < FREE_RESISTANCE:
         run.stop(Status.INFEASIBLE)
-        point = replace(point, u=ray)
+        point = point._replace(u=ray)
     return problem.report(point, run)
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """Iterate, or its change.
-
-    Attributes
-    ----------
-    u : ndarray, shape (n,), displacement, m
-    tau, slack : ndarray, shape (rows,), tension, N, and slack, m
-    """
+class _Point(NamedTuple):
+    """Iterate or its change: displacement (n,), m; tension, N, and slack, m, both (rows,)."""
 
     u: np.ndarray
     tau: np.ndarray

@@ -74,7 +74,7 @@ class SlackStiffness:
     Attributes
     ----------
     share : float, stiffness of a slack link relative to its elastic stiffness
-    least : float, to which the share falls
+    least : float, smallest share
     short : int, number of successive short steps
     """
 
