@@ -178,8 +178,12 @@ class InterfaceLaw(ABC):
         side is concave and increasing, so that Newton's method increases monotonically to the root
         from any start left of it, such as :math:`b_N / k`. Other laws override this method.
         """
-        stiffness = np.broadcast_to(stiffness, source.shape)
-        return newton_from_the_left(self, source, stiffness, state, source[0] / stiffness[0])
+        k = np.broadcast_to(stiffness, source.shape)
+        return newton_from_the_left(self, source, k, state, self._left_of_root(source[0], k[0]))
+
+    def _left_of_root(self, b: np.ndarray, k: np.ndarray) -> np.ndarray:
+        """Return a normal jump from which Newton's method increases to the root of (1)."""
+        return np.asarray(b / k)
 
 
 class GapLaw(InterfaceLaw):
@@ -274,18 +278,12 @@ class NormalLaw(GapLaw):
         tangent[0, 0] = self.stiffness(gap)
         return Response(traction, tangent, state)
 
-    def resolvent(
-        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
-    ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
+    def _left_of_root(self, b: np.ndarray, k: np.ndarray) -> np.ndarray:
         # with a small stiffness b/k is a very negative gap, where an exponential overflows: the
         # jump at the pressure -b lies left of the root, or its first step ends there
-        stiffness = np.broadcast_to(stiffness, source.shape)
-        start = np.asarray(source[0] / stiffness[0])
-        pressed = source[0] < 0.0
-        floor = self.gap_at(np.where(pressed, -source[0], 1.0)) - self.gap
-        start = np.where(pressed, np.maximum(start, floor), start)
-        return newton_from_the_left(self, source, stiffness, state, start)
+        start, pressed = np.asarray(b / k), b < 0.0
+        floor = self.gap_at(np.where(pressed, -b, 1.0)) - self.gap
+        return np.where(pressed, np.maximum(start, floor), start)
 
 
 def newton_from_the_left(

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.interface_law import NormalLaw, check_parameter, newton_from_the_left
+from multiscale.laws.interface_law import NormalLaw, check_parameter
 
 __all__ = ["ConvexDecreasing", "Exponential", "PowerLaw", "Tabulated"]
 
@@ -326,20 +326,14 @@ class ConvexDecreasing(NormalLaw):
             f"it was fitted up to {self.pressure_range[1]:.3g} Pa"
         )
 
-    def resolvent(
-        self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
-    ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`."""
-        stiffness = np.broadcast_to(stiffness, source.shape)
-        k, b = stiffness[0], source[0]
+    def _left_of_root(self, b: np.ndarray, k: np.ndarray) -> np.ndarray:
         # last knot left of the root; beyond all knots b/k is the root
         knot, left = self.knot - self.gap, np.full(b.shape, -1)
         for jump, pressure in zip(knot, self._at_knots, strict=True):
             left += k * jump - pressure <= b
         if np.any(left < 0):
-            return super().resolvent(source, stiffness, state)
-        start = np.where(left < knot.size - 1, knot[left], b / k)
-        return newton_from_the_left(self, source, stiffness, state, start)
+            return super()._left_of_root(b, k)
+        return np.asarray(np.where(left < knot.size - 1, knot[left], b / k))
 
     @cached_property
     def _at_knots(self) -> np.ndarray:
