@@ -5,7 +5,8 @@ through the volume along the normal, see :mod:`~.rve`; and the maximum over
 the planes of a random medium falls towards its porosity as the volume grows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
 from math import gcd
 from typing import Protocol, runtime_checkable
@@ -153,22 +154,16 @@ def max_damage(
         lattice_directions(rve.size, level + 1) if closed else section_normals(rve.size, level)
     )
     offset = np.array([_offsets(rve, n, sections, smallest_section, closed) for n in normals])
-    damage = np.array(
-        [
-            plane_damage(rve, n, d, slab=slab, closed=closed)
-            for n, d in zip(normals, offset, strict=True)
-        ]
-    )
-    worst, normal, place = _refine(
-        rve,
-        normals,
-        offset,
-        damage,
-        slab=slab,
-        closed=closed,
-        smallest=smallest_section,
-        starts=N_STARTS if refine else 0,
-    )
+    measure = partial(plane_damage, rve, slab=slab, closed=closed)
+    damage = np.array([measure(n, d) for n, d in zip(normals, offset, strict=True)])
+    row, column = np.unravel_index(damage.argmax(), damage.shape)
+    worst, normal, place = float(damage[row, column]), normals[row], float(offset[row, column])
+    if refine:
+        smallest = 0.0 if closed else smallest_section
+        found = _refine(
+            rve.size, measure, normals, offset, damage, smallest=smallest, turn=not closed
+        )
+        worst, normal, place = max((worst, normal, place), *found, key=lambda plane: plane[0])
     values = {
         "normal": normals,
         "offset": offset,
@@ -223,48 +218,41 @@ def _offsets(
 
 
 def _refine(
-    rve: Volume,
+    size: tuple[float, float, float],
+    measure: Callable[[np.ndarray, float], np.ndarray],
     normals: np.ndarray,
     offset: np.ndarray,
     damage: np.ndarray,
     *,
-    slab: float,
-    closed: bool,
     smallest: float,
-    starts: int,
-) -> tuple[float, np.ndarray, float]:
-    """Maximise damage locally from the worst sections found; closed planes keep their normal."""
+    turn: bool,
+) -> Iterator[tuple[float, np.ndarray, float]]:
+    """Maximise damage locally from the worst sections; planes that must not turn only move."""
     from multiscale.numerics.box_sections import box_section
 
-    step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1)) or 0.1 * min(
-        rve.size
-    )
+    step = float(np.ptp(offset, axis=1).max()) / max(1, 2 * (offset.shape[1] - 1))
+    step = step or 0.1 * min(size)
     peak = damage.argmax(axis=1)
-    rows = np.argsort(damage.max(axis=1))[::-1]
-    row = rows[0]
-    best = (float(damage[row, peak[row]]), normals[row], float(offset[row, peak[row]]))
-    for row in rows[:starts]:
-        frame = SectionPlane.through(np.zeros(3), normals[row]).frame
+    for row in np.argsort(damage.max(axis=1))[::-1][:N_STARTS]:
+        normal, place = normals[row], float(offset[row, peak[row]])
+        frame = SectionPlane.through(np.zeros(3), normal).frame if turn else np.empty((0, 3))
 
         def plane(
-            x: np.ndarray, row: int = row, frame: np.ndarray = frame
+            x: np.ndarray, n: np.ndarray = normal, d: float = place, frame: np.ndarray = frame
         ) -> tuple[np.ndarray, float]:
-            turn = x[:-1] @ frame if len(x) == 3 else 0.0
-            return _unit(normals[row] + turn), float(offset[row, peak[row]] + step * x[-1])
+            return _unit(n + x[:-1] @ frame), float(d + step * x[-1])
 
-        def value(x: np.ndarray) -> float:
+        def value(x: np.ndarray, plane: Callable[..., tuple[np.ndarray, float]] = plane) -> float:
             n, d = plane(x)
-            if not closed:
-                centre, area = box_section(rve.size, n, np.array([0.0, d]))
+            if smallest:
+                centre, area = box_section(size, n, np.array([0.0, d]))
                 if area < smallest * centre:
                     return 0.0
-            found = float(plane_damage(rve, n, d, slab=slab, closed=closed))
+            found = float(measure(n, d))
             return found if np.isfinite(found) else 0.0
 
-        x, found = _climb(value, np.array([1.0] if closed else [0.1, 0.1, 1.0]))
-        if found > best[0]:
-            best = (found, *plane(x))
-    return best
+        x, top = _climb(value, np.array([0.1, 0.1, 1.0] if turn else [1.0]))
+        yield top, *plane(x)
 
 
 def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.ndarray, float]:
