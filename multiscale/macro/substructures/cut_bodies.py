@@ -132,21 +132,63 @@ class _Structure:
 def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Structure:
     """Count the unknowns: what nothing holds or moves, then motions of platens and of sections."""
     bodies, times = assembly.bodies, assembly.times
-    names = [body.name or f"body {index}" for index, body in enumerate(bodies)]
     first = np.cumsum([0, *(body.basis.doflocs.size for body in bodies)])
+    free = _free_rows(assembly, first)
+    motions, places, acting = _tie_platens(assembly, platens, first, free)
+    follows, ends, middles, axes, pulled = _tie_sections(assembly, first, free)
+
+    # displacement of the nodes from free rows, motions of platens, and stretches of sections
+    kept = np.flatnonzero(free)
+    entries = np.ones(kept.size), (kept, np.arange(kept.size))
+    single = csr_array(entries, shape=(free.size, kept.size))
+    expansion = csr_array(hstack([single, *motions, *ends]))
+    expansion = csr_array(expansion + follows @ expansion)
+    expansion.eliminate_zeros()
+
+    # loads of the bodies, and forces of the platens on their motions
+    loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
+    load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
+    load[kept.size : kept.size + len(acting)] += acting
+    position = np.concatenate([body.basis.doflocs.T for body in bodies])
+    sizes = [len(place) for place in places]
+    axes = [*np.repeat([platen.axis for _, platen in platens], sizes), *axes]
+    return _Structure(
+        [expansion[a:b] for a, b in pairwise(first)],
+        np.concatenate([position[kept // 3], *places, *middles]),
+        np.append(kept % 3, axes).astype(int),
+        load,
+        kept.size + np.cumsum([0, *sizes])[: len(platens)],
+        expansion.T @ pulled,
+    )
+
+
+def _free_rows(assembly: Assembly, first: np.ndarray) -> np.ndarray:
+    """Which components of all nodes supports leave free; they may not move."""
     free = np.ones(first[-1], dtype=bool)
-    for index, body in enumerate(bodies):
+    for index, body in enumerate(assembly.bodies):
+        name = body.name or f"body {index}"
         if body.mesh.dim() != 3:
-            raise CaseError(f"{names[index]} must be three-dimensional to be cut")
-        for time in times:
+            raise CaseError(f"{name} must be three-dimensional to be cut")
+        for time in assembly.times:
             held, motion = fixed_motion(body, time)
             if np.any(motion):
                 raise CaseError(
-                    f"the supports of {names[index]} move by up to {np.abs(motion).max():g} m; "
+                    f"the supports of {name} move by up to {np.abs(motion).max():g} m; "
                     f"substructures take supports at rest, so give a traction in their place"
                 )
             free[first[index] + held] = False
-    ties, places, forces = [], [], []
+    return free
+
+
+def _tie_platens(
+    assembly: Assembly, platens: Sequence[tuple[str, Platen]], first: np.ndarray, free: np.ndarray
+) -> tuple[list[csr_array], list[np.ndarray], np.ndarray]:
+    """Rows of the nodes that platens move, their places, and the forces on them, (motions, times).
+
+    These rows are not free any more.
+    """
+    bodies, times = assembly.bodies, assembly.times
+    ties, places, forces = [], [], [np.zeros((0, len(times)))]
     for kind, platen in platens:
         name = f"the {kind} on {bodies[platen.body].face_name(platen.boundary, platen.body)}"
         body, nodes = bodies[platen.body], bodies[platen.body].nodes(platen.boundary)
@@ -164,8 +206,19 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
         point = places[-1][:1].T
         force = [evaluate(platen.force, point, time, f"the force of {name}")[0] for time in times]
         forces.append(np.outer(platen.arm(body), force))
+    return ties, places, np.concatenate(forces)
+
+
+def _tie_sections(
+    assembly: Assembly, first: np.ndarray, free: np.ndarray
+) -> tuple[csr_array, list[csr_array], list[np.ndarray], list[int], np.ndarray]:
+    """Rows that follow others through cuts of bolts, stretches of the cuts, and their tensions, N.
+
+    Places and axes of the stretches follow the stretches. The rows are not free any more.
+    """
+    bodies = assembly.bodies
     follows, pulled = csr_array((free.size, free.size)), np.zeros(free.size)
-    axes = np.repeat([platen.axis for _, platen in platens], list(map(len, places)))
+    ties, places, axes = [], [], []
     for section in assembly.sections:
         lower, upper = section.sides
         first_nodes, second_nodes, axis, along = section.nodes(bodies)
@@ -186,32 +239,10 @@ def _number(assembly: Assembly, platens: Sequence[tuple[str, Platen]]) -> _Struc
         ends = np.ones(count), (row[:, axis], np.zeros(count, dtype=int))
         ties.append(csr_array(ends, shape=(free.size, 1)))
         places.append(bodies[upper].basis.doflocs[:, second_nodes].mean(axis=1)[None])
-        axes = np.append(axes, axis)
+        axes.append(axis)
         pulled[row[:, axis]] += along * section.preload / count
         pulled[lead[:, axis]] -= along * section.preload / count
-    kept = np.flatnonzero(free)
-    single = csr_array(
-        (np.ones(kept.size), (kept, np.arange(kept.size))), shape=(free.size, kept.size)
-    )
-    expansion = csr_array(hstack([single, *ties]))
-    expansion = csr_array(expansion + follows @ expansion)
-    expansion.eliminate_zeros()
-    loads = [np.concatenate([load_vector(body, time) for body in bodies]) for time in times]
-    load = expansion.T @ np.reshape(loads, (len(times), first[-1])).T
-    acting = np.concatenate([np.zeros((0, len(times))), *forces])
-    load[kept.size : kept.size + len(acting)] += acting
-    position, sizes = (
-        np.concatenate([body.basis.doflocs.T for body in bodies]),
-        list(map(len, places)),
-    )
-    return _Structure(
-        [expansion[a:b] for a, b in pairwise(first)],
-        np.concatenate([position[kept // 3], *places]),
-        np.append(kept % 3, axes).astype(int),
-        load,
-        kept.size + np.cumsum([0, *sizes])[: len(platens)],
-        expansion.T @ pulled,
-    )
+    return follows, ties, places, axes, pulled
 
 
 def _stiffness(
