@@ -75,7 +75,7 @@ class GraphCell(PeriodicLayer):
     def model(self, path: Path, *, recover_stress: bool = False) -> "CellModel[Any]":
         """Set up the contact of the cell for a path; a sliding obstacle turns its normals."""
         if path.slide is not None:
-            from multiscale.micro.cell import FiniteCell
+            from multiscale.micro.finite.finite_cell import FiniteCell
 
             fields = self.surface, self.depth, self.layers, self.law, self.obstacle
             return FiniteCell(*fields, coating=self.coating).model(path)

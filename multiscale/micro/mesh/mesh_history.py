@@ -25,7 +25,7 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.fe.elements import element_response, elements_of_basis
 from multiscale.laws.bulk import J2
 from multiscale.micro.averages import ContactSurface, to_components
-from multiscale.micro.finite.finite_path import HistoryModel, plastic_approach
+from multiscale.micro.finite.finite_cell import HistoryModel, plastic_approach
 from multiscale.micro.finite.scene import (
     BodyResponse,
     CellScene,

@@ -9,8 +9,7 @@ from multiscale.convergence import Status
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Surface
 from multiscale.micro.finite import newton
-from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.finite_path import largest_approach
+from multiscale.micro.finite.finite_cell import largest_approach, make_scene
 from multiscale.micro.finite.newton import PRESSED, walk_step
 from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.path import Target
