@@ -28,12 +28,24 @@ References
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-__all__ = ["HALF_SPACE", "EdgeLayer", "contact_areas", "contact_fraction", "edge_layer"]
+if TYPE_CHECKING:
+    from multiscale.micro.layer import PeriodicLayer
+
+__all__ = [
+    "HALF_SPACE",
+    "EdgeLayer",
+    "contact_areas",
+    "contact_fraction",
+    "edge_layer",
+    "element_edges",
+]
 
 TINY = np.finfo(float).tiny
+EDGE_POINTS = 32  # of the wavelengths from which the effect of elements at an edge is computed
 LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure, 1 at a smooth edge
 
 
@@ -78,6 +90,29 @@ def edge_layer(compliance_ratio: np.ndarray) -> EdgeLayer:
 
 HALF_SPACE = edge_layer(np.ones(65))
 """The exact compliance of a flat surface, by the Fourier series of the nodes."""
+
+
+def element_edges(cell: "PeriodicLayer") -> tuple[EdgeLayer, EdgeLayer]:
+    """Effect of the elements of the bodies of a cell at an edge of contact along x and y."""
+    from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
+    from multiscale.micro.flat.compliance import layered_compliance
+
+    n, edges = EDGE_POINTS, []
+    for spacing in cell.surface.spacing:
+        discrete, exact = np.zeros((2, n // 2 + 1))
+        for body in cell.bodies:
+            planes = body.planes
+            inverse = factorise_flat_cell(
+                (n, 1),
+                (spacing, spacing),
+                planes,
+                *body.layer_moduli,
+                mean_dilatation=body.mean_dilatation,
+            )
+            discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
+            exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
+        edges.append(edge_layer(discrete / exact))
+    return edges[0], edges[1]
 
 
 def contact_fraction(

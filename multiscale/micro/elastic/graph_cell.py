@@ -10,8 +10,9 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.micro.averages import recovered_force
 from multiscale.micro.cell_needs import CellPart, cell_choices, layer_memory, layer_unknowns
-from multiscale.micro.contact_area import EdgeLayer, edge_layer
+from multiscale.micro.contact_area import element_edges
 from multiscale.micro.elastic_cell import ElasticCell, at_first_touch, obstacle_normal
+from multiscale.micro.finite.finite_cell import FiniteCell
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.micro.path import Path
 from multiscale.needs import Needs
@@ -20,11 +21,10 @@ from multiscale.surfaces.surface import Surface
 if TYPE_CHECKING:
     from multiscale.micro.step_loop import CellModel
 
-__all__ = ["GraphCell", "assemble_graph_cell", "element_edges"]
+__all__ = ["GraphCell", "assemble_graph_cell"]
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
-EDGE_POINTS = 32  # of the wavelengths from which the effect of elements at an edge is computed
 ELASTIC = 5.5e-7  # s of one core for a load step and an unknown, measured
 
 
@@ -75,8 +75,6 @@ class GraphCell(PeriodicLayer):
     def model(self, path: Path, *, recover_stress: bool = False) -> "CellModel[Any]":
         """Set up the contact of the cell for a path; a sliding obstacle turns its normals."""
         if path.slide is not None:
-            from multiscale.micro.finite.finite_cell import FiniteCell
-
             fields = self.surface, self.depth, self.layers, self.law, self.obstacle
             return FiniteCell(*fields, coating=self.coating).model(path)
         path.check_still()
@@ -139,29 +137,6 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
         recover=partial(_recover, cell, mesh) if recover_stress else None,
         edges=element_edges(cell),
     )
-
-
-def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
-    """Effect of the elements of the bodies of a cell at an edge of contact along x and y."""
-    from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
-    from multiscale.micro.flat.compliance import layered_compliance
-
-    n, edges = EDGE_POINTS, []
-    for spacing in cell.surface.spacing:
-        discrete, exact = np.zeros((2, n // 2 + 1))
-        for body in cell.bodies:
-            planes = body.planes
-            inverse = factorise_flat_cell(
-                (n, 1),
-                (spacing, spacing),
-                planes,
-                *body.layer_moduli,
-                mean_dilatation=body.mean_dilatation,
-            )
-            discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
-            exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
-        edges.append(edge_layer(discrete / exact))
-    return edges[0], edges[1]
 
 
 def _recover(

@@ -10,8 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro.averages import ContactSurface
 from multiscale.micro.cell_needs import MEAN, CellPart, cell_choices, layer_memory, layer_unknowns
-from multiscale.micro.contact_area import EdgeLayer
-from multiscale.micro.elastic.graph_cell import element_edges
+from multiscale.micro.contact_area import EdgeLayer, element_edges
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, SecondBody
 from multiscale.micro.path import Path, Target
 from multiscale.micro.step_loop import Step

@@ -14,13 +14,13 @@ from multiscale.fe.mesh_file import check_orientation
 from multiscale.fe.rigid_motion import rigid_motions
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro.averages import ContactSurface, recovered_force
+from multiscale.micro.contact_area import element_edges
 from multiscale.micro.elastic.active_set import (
     ElasticBody,
     Inverse,
     ReferenceInverse,
     solve_elastic_contact,
 )
-from multiscale.micro.elastic.graph_cell import element_edges
 from multiscale.micro.elastic_cell import (
     ContactState,
     ElasticCell,
