@@ -45,14 +45,6 @@ class Reference:
         """Whether the vertical compliance is a product for each wave."""
         return self.slopes is None
 
-    def surface(self, vector: Field) -> Field:
-        """Part of a field at the surface, as a view."""
-        return np.asarray(vector[:, -1])
-
-    def relative(self, vector: Field) -> Field:
-        """Motion of the surface against the obstacle."""
-        return np.asarray(vector[:, -1])
-
     def solve(
         self,
         force: Field | None,
