@@ -71,8 +71,6 @@ class LatinMethod(Method):
 def solve_latin(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
-    *,
-    after: Dataset | None = None,
     **options: Any,
 ) -> Dataset:
     r"""Solve substructures and interfaces by the micro-macro LATIN method.
@@ -82,10 +80,6 @@ def solve_latin(
     problem : CutProblem, the structure, cut
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
         Factors of the load cases, one row for each step; each starts from the one before.
-    after : Dataset, optional
-        An earlier path by the same method, of this problem or of one with other loads or bolts:
-        the first step goes on from its last. Its steps come first in the result. The states of the
-        laws follow from its jumps.
     options
         Of :class:`LatinMethod`.
 
@@ -118,7 +112,7 @@ def solve_latin(
     .. [1] P. Ladevèze, D. Dureisseix, Int. J. Numer. Methods Eng. 48 (2000) 1183-1200.
     .. [2] K. Nineb, P. Alart, D. Dureisseix, Int. J. Numer. Methods Eng. (2007), on tensegrities.
     """
-    return LatinMethod(**options).solve(problem, load_factor, after)
+    return LatinMethod(**options).solve(problem, load_factor)
 
 
 def _refuse_floating(problem: CutProblem) -> None:

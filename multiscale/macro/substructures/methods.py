@@ -48,7 +48,6 @@ def solve_assembly(
     load_factor: float | np.ndarray = 1.0,
     *,
     method: Method = AssembledNewton(),  # noqa: B008  # frozen
-    after: Dataset | None = None,
 ) -> Dataset:
     """Solve elastic bodies with interfaces, step by step.
 
@@ -56,13 +55,10 @@ def solve_assembly(
     ----------
     assembly : Assembly
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
-        Factors of the load cases, one row for each step; each starts from the one before. Where
-        there are bolts, the first factor is of their preloads, and a step that changes it tightens
-        them: :func:`~.stepping.follow`.
+        Factors of the load cases, one row for each step; each starts from the one before, the first
+        from rest. Where there are bolts, the first factor is of their preloads, and a step that
+        changes it tightens them: :func:`follow`, which goes on from an earlier path as well.
     method : Method, :class:`AssembledNewton`, :class:`LatinMethod` or :class:`NewtonSchur`
-    after : Dataset, optional
-        An earlier path by the same method and cut, maybe under other loads: the first step goes on
-        from its last, and its steps come first in the result.
 
     Returns
     -------
@@ -91,7 +87,7 @@ def solve_assembly(
     >>> float((pressed["traction"][0, :, 0] @ pressed["point_area"]).round(6))  # N
     -4000.0
     """
-    return method.solve(cut_assembly(assembly, method.parts), load_factor, after)
+    return method.solve(cut_assembly(assembly, method.parts), load_factor)
 
 
 @dataclass(frozen=True)

@@ -90,15 +90,13 @@ class NewtonSchur(Method):
 def solve_schur(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
-    *,
-    after: Dataset | None = None,
     **options: Any,
 ) -> Dataset:
     r"""Solve substructures and interfaces by Newton's method and domain decomposition.
 
     Parameters
     ----------
-    problem, load_factor, after
+    problem, load_factor
         As of :func:`solve_latin`.
     options
         Of :class:`NewtonSchur`.
@@ -134,7 +132,7 @@ def solve_schur(
     .. [2] S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996) 16-32,
        doi:10.1137/0917003, on how accurately to solve.
     """
-    return NewtonSchur(**options).solve(problem, load_factor, after)
+    return NewtonSchur(**options).solve(problem, load_factor)
 
 
 class _Factored(NamedTuple):

@@ -4,12 +4,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.schema import Dataset
 
-__all__ = ["JointState", "stored_state"]
+__all__ = ["JointState"]
 
 ALONG = np.array([[0.0], [1.0], [1.0]])
 """Picks the tangential components of a jump."""
@@ -87,34 +85,3 @@ class JointState:
             traction=traction,
         )
         return following, account
-
-
-def stored_state(problem: CutProblem, path: Dataset, tightening: float) -> JointState:
-    """State at the end of a stored path: the history of the laws follows from its jumps.
-
-    Raises
-    ------
-    CaseError
-        If the path ended with a failure, or has other nodes or points.
-    """
-    if not path["converged"].values.all():
-        raise CaseError(
-            f"the earlier path has failed, so that nothing follows it ({path.attrs['failure']}); "
-            f"go on from the steps before, after.isel(step=slice(...))"
-        )
-    sizes = path.sizes["node"], path.sizes.get("point", 0)
-    if sizes != (len(problem.position), problem.weight.size):
-        raise CaseError(
-            f"the earlier path has {sizes[0]} nodes and {sizes[1]} points of joints, where the "
-            f"structure has {len(problem.position)} and {problem.weight.size}; cut it as before"
-        )
-    state, u = JointState.at_rest(problem), problem.unknowns(path["displacement"].values[-1])
-    if problem.joints:
-        for jump, traction in zip(path["jump"].values, path["traction"].values, strict=True):
-            state, _ = state.advance(problem.law, u, jump.T - state.slid, traction.T)
-    pull = state.pull
-    if problem.bolts:
-        stretch = np.array([-u @ bolt.pull(problem.n) for bolt in problem.bolts])
-        stiffness = np.array([bolt.stiffness for bolt in problem.bolts])
-        pull = path["bolt_force"].values[-1] - stiffness * stretch
-    return replace(state, unknowns=u, tightening=tightening, pull=pull)

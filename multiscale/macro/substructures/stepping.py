@@ -21,7 +21,7 @@ from multiscale.errors import CaseError
 from multiscale.laws.interface_law import InterfaceLaw, Sliding
 from multiscale.macro.substructures.capacity import find_slide
 from multiscale.macro.substructures.problem import CutProblem
-from multiscale.macro.substructures.state import JointState, stored_state
+from multiscale.macro.substructures.state import JointState
 from multiscale.schema import COMPONENTS, MACRO_RESULT, Dataset
 
 __all__ = [
@@ -120,14 +120,9 @@ class Method:
         """Prepare a structure."""
         raise NotImplementedError
 
-    def solve(
-        self, problem: CutProblem, load_factor: float | np.ndarray, after: Dataset | None = None
-    ) -> Dataset:
-        """Solve at factors of the load cases, maybe after a stored path, which comes first."""
-        factors, state = _load_factors(problem, load_factor), None
-        if after is not None:
-            state = stored_state(problem, after, float(factors[0, 0]))
-        return follow(PreparedStructure(problem, self), factors, after=state, earlier=after).result
+    def solve(self, problem: CutProblem, load_factor: float | np.ndarray) -> Dataset:
+        """Solve at factors of the load cases, from rest."""
+        return follow(PreparedStructure(problem, self), load_factor).result
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +183,6 @@ def follow(
     after: JointState | None = None,
     near: FollowedPath | None = None,
     note: Callable[[int, JointState], object] | None = None,
-    earlier: Dataset | None = None,
 ) -> FollowedPath:
     """Follow factors of the load cases, one row for each step, from rest or from a state.
 
@@ -199,16 +193,16 @@ def follow(
     ----------
     prepared : PreparedStructure
     load_factor : float or ndarray, shape (steps,) or (steps, cases)
-    after : JointState, optional
+    after : JointState, optional, the end of an earlier path, maybe under other loads
     near : FollowedPath, optional, the same steps under other laws, as which steps may begin
     note : callable, optional
         Called as ``note(step, state)`` after every step that converged.
-    earlier : Dataset, optional, whose steps come first in the result
 
     Raises
     ------
     CaseError
-        If load factors do not fit the load cases, or do not tighten the bolts.
+        If load factors do not fit the load cases, or do not tighten the bolts, or the state is of
+        another structure.
     ConvergenceError
         If a step wins energy; see :func:`~multiscale.laws.side_by_side.advance_state`.
     """
@@ -220,6 +214,12 @@ def follow(
             f"step, got {factors[:, 0].min():g}"
         )
     start = state = after or JointState.at_rest(problem)
+    sizes, expected = (state.unknowns.size, state.jump.shape[1]), (problem.n, problem.weight.size)
+    if sizes != expected:
+        raise CaseError(
+            f"the earlier path has {sizes[0]} unknowns and {sizes[1]} points of joints, where the "
+            f"structure has {expected[0]} and {expected[1]}; cut it as before"
+        )
     changes = near.changes() if near else []
     pulls = np.array([bolt.pull(problem.n) for bolt in bolts]).reshape(-1, problem.n)
     stiffness, preload = (
@@ -266,7 +266,7 @@ def follow(
             note(step, state)
         if method.after_step is not None:
             method.after_step()
-    result = _assemble_result(problem, factors, columns, earlier, solver.attributes)
+    result = _assemble_result(problem, factors, columns, solver.attributes)
     return FollowedPath(problem, start, state, result, unknowns, slipping, dissipated)
 
 
@@ -312,7 +312,6 @@ def _assemble_result(
     problem: CutProblem,
     factors: np.ndarray,
     columns: list[dict[str, Any]],
-    earlier: Dataset | None,
     attributes: dict[str, int],
 ) -> Dataset:
     """Make a dataset after ``MACRO_RESULT`` of one column for each step; failed ones are NaN.
@@ -330,13 +329,6 @@ def _assemble_result(
         values[name][values["converged"] == 0] = np.nan
     if factors.shape[1] == 1:
         values["load_factor"] = factors[:, 0]
-    if earlier is not None:
-        if lacking := sorted(set(values) - set(earlier.variables)):
-            raise CaseError(
-                f"the earlier path has no {lacking[0]!r}: another method has made it; go on by the "
-                f"same method"
-            )
-        values = {name: np.concatenate([earlier[name], value]) for name, value in values.items()}
     values["position"] = problem.position
     if "jump" in values:
         values |= {

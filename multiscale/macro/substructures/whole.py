@@ -146,15 +146,13 @@ class AssembledNewton(Method):
 def solve_whole(
     problem: CutProblem,
     load_factor: float | np.ndarray = 1.0,
-    *,
-    after: Dataset | None = None,
     **options: Any,
 ) -> Dataset:
     """Solve elastic bodies in one piece, with the same answer for every cut.
 
     Parameters
     ----------
-    problem, load_factor, after
+    problem, load_factor
         As of :func:`solve_latin`; :func:`multiscale.macro.solve_static` takes links.
     options
         Of :class:`AssembledNewton`; see :func:`~multiscale.macro.monolithic.solve_interface`.
@@ -169,7 +167,7 @@ def solve_whole(
         If load factors do not fit the load cases, there are links, or a joint is one of rigid
         contact.
     """
-    return AssembledNewton(**options).solve(problem, load_factor, after)
+    return AssembledNewton(**options).solve(problem, load_factor)
 
 
 class _WholeSolver:
