@@ -1,112 +1,117 @@
-r"""Gauss-Seidel on the contacts of grains, whose Delassus operator is never assembled.
+r"""Gauss-Seidel on the contacts of grains, with a Delassus operator that is never assembled."""
 
-The arrays of the kernels, for b bodies (grains first, then walls) and m contacts:
-
-- ``velocity`` (b, 8): velocity in columns 0-2 and radius times spin in 4-6, m/s; (b, 4) if
-  nothing turns;
-- ``mobility`` (b, 3): one over the mass along the normal and across it, and the squared radius
-  over the inertia, 1/kg; (b, 1), the first alone, if nothing turns;
-- ``ends`` (m, 2): the bodies i and j; the normal points from j to i;
-- ``data`` (m, 6): normal; bias b, m/s; mass of the contact along the normal, kg; compliance a,
-  dimensionless;
-- ``coulomb`` (m, 2): mass of the contact across the normal, kg, and friction coefficient; ``None``
-  if no contact has friction, and then no such code is compiled;
-- ``impulse``, ``anchor`` (m, 3): r in global axes and the impulse at which its springs are relaxed,
-  N s; (m, 1), along the normal, without friction;
-- ``cell`` (m + 2, 3): along each axis the strain rate of a periodic cell, 1/s, one over the root of
-  its inertia, 1/(kg m2)^.5, zero for a prescribed rate, and the branch of every contact, from
-  centre j to centre i, m; ``None`` if the cell is rigid.
-"""
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from multiscale.fe.elements import sum_blocks
 from multiscale.macro.granulate.contacts import Contacts
-from multiscale.macro.granulate.model import Model, Solver
+from multiscale.macro.granulate.model import Solver
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["solve_velocities"]
+__all__ = ["Motion", "solve_velocities"]
 
 SWEEPS_PER_CHECK = 10
 """Number of sweeps between two evaluations of the error."""
 
 
-def solve_velocities(
-    model: Model, solver: Solver, velocity: np.ndarray, contacts: Contacts, cell: np.ndarray
-) -> tuple[int, float]:
-    r"""Solve the contacts of a step in place."""
-    ends, data, coulomb, impulse, anchor = contacts.arrays
-    strained = cell if model.pressure is not None else None
-    scale = _closing_size(velocity, ends, data, coulomb, strained)
+class Motion(NamedTuple):
+    """Velocities that impulses change, of grains and then of walls.
+
+    Attributes
+    ----------
+    velocity : ndarray, shape (bodies, 8)
+        Velocity in columns 0-2 and radius times spin in 4-6, m/s; (bodies, 4) if nothing turns.
+    mobility : ndarray, shape (bodies, 3)
+        One over the mass along the normal and across it, and the squared radius over the inertia,
+        1/kg; (bodies, 1), only the first, if nothing turns.
+    strain : ndarray, shape (2, 3)
+        Strain rate of a periodic cell along each axis, 1/s, and one over the root of its inertia,
+        1/(kg m2)^.5, zero for a prescribed rate; None if the cell is rigid.
+    """
+
+    velocity: np.ndarray
+    mobility: np.ndarray
+    strain: np.ndarray | None
+
+
+def solve_velocities(solver: Solver, motion: Motion, contacts: Contacts) -> tuple[int, float]:
+    r"""Solve the contacts of a step in place; return the sweeps and the relative error."""
+    arguments = _arguments(contacts, motion)
+    scale = _closing_size(*arguments)
     if scale == 0.0:
-        impulse[:] = 0.0
+        contacts.impulse[:] = 0.0
         return 0, 0.0
-    free, mobility = velocity.copy(), model.mobility
-    _apply_impulses(velocity, mobility, ends, data, coulomb, impulse, strained)
-    limits = (solver.tolerance * scale, solver.max_iterations, SWEEPS_PER_CHECK)
-    done, error = _relax(velocity, mobility, *contacts.arrays, strained, *limits)
-    if error <= limits[0] or strained is not None or len(ends) > solver.most_assembled:
+    free = motion._replace(velocity=motion.velocity.copy())
+    _apply_impulses(*arguments)
+    target = solver.tolerance * scale
+    done, error = _relax(*arguments, target, solver.max_iterations, SWEEPS_PER_CHECK)
+    count = len(contacts.ends)
+    if error <= target or motion.strain is not None or count > solver.most_assembled:
         return done, error / scale
-    found = _solve_assembled(free, mobility, contacts, 0.1 * solver.tolerance)
-    _apply_impulses(free, mobility, ends, data, coulomb, found, None)
-    new = _natural_map_error(free, ends, data, coulomb, found, anchor, None)
+    # sweeps stall on heavy grains on light grains, and in wedges
+    solve = _solve_assembled if contacts.frictional else _solve_normal
+    solved = contacts._replace(impulse=solve(free, contacts, 0.1 * solver.tolerance))
+    _apply_impulses(*_arguments(solved, free))
+    new = _natural_map_error(*_arguments(solved, free))
     if new < error:
-        velocity[:], impulse[:], error = free, found, new
+        motion.velocity[:], contacts.impulse[:], error = free.velocity, solved.impulse, new
     return done, error / scale
 
 
-def _solve_assembled(
-    velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
-) -> np.ndarray:
-    """Solve the assembled problem by :func:`multiscale.nonsmooth.solve_friction`, or as an LCP.
+def _arguments(contacts: Contacts, motion: Motion) -> tuple[Any, ...]:
+    """Return the arguments of the kernels.
 
-    It serves problems on which Gauss-Seidel stalls: heavy grains on light grains, wedges. It takes
-    the arguments of :func:`solve_velocities`, with velocities before the impulses act. It returns
-    impulses, N s, of the shape of ``contacts.impulse``, that may miss the tolerance.
+    Those that can be None stand by themselves: then no code is compiled for them.
     """
-    ends, data, coulomb, impulse, anchor = contacts.arrays
-    if coulomb is None:
-        return _solve_normal(velocity, mobility, contacts, tolerance)
-    m = len(ends)
-    normal = data[:, :3]
+    return contacts._replace(coulomb=None), contacts.coulomb, motion[:2], motion.strain
+
+
+def _solve_assembled(motion: Motion, contacts: Contacts, tolerance: float) -> np.ndarray:
+    """Return impulses, N s, of the assembled problem with friction, that may miss the tolerance.
+
+    ``motion`` has the velocities before the impulses act.
+    """
+    assert contacts.coulomb is not None
+    velocity, ends, normal = motion.velocity, contacts.ends, contacts.normal
+    across, friction = contacts.coulomb.T
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
     first /= np.linalg.norm(first, axis=1)[:, None]
     # (contacts, 3, 3), right-handed: rows normal and tangents
     frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
-    transfer, inverse = _transfer(frames, ends, mobility)
-    across = coulomb[:, 0]
-    compliance = data[:, 5:6] / np.column_stack([data[:, 4], across, across])  # 1/kg
+    transfer, inverse = _transfer(frames, ends, motion.mobility)
+    masses = np.column_stack([contacts.mass, across, across])
+    compliance = contacts.compliance[:, None] / masses  # 1/kg
     operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
 
     u = velocity[ends[:, 0]] - velocity[ends[:, 1]]
     turning = velocity[ends[:, 0], 4:7] + velocity[ends[:, 1], 4:7]
-    free = np.einsum("cab,cb->ca", frames, u[:, :3] - np.cross(turning, data[:, :3]))
-    free[:, 0] += data[:, 3]
-    free -= compliance * np.einsum("cab,cb->ca", frames, anchor)
-    begin = np.einsum("cab,cb->ca", frames, impulse).ravel()
-    found = solve_friction(
-        csr_array(operator), free.ravel(), coulomb[:, 1], tolerance=tolerance, start=begin
+    free = np.einsum("cab,cb->ca", frames, u[:, :3] - np.cross(turning, normal))
+    free[:, 0] += contacts.bias
+    free -= compliance * np.einsum("cab,cb->ca", frames, contacts.anchor)
+    start = np.einsum("cab,cb->ca", frames, contacts.impulse).ravel()
+    solution = solve_friction(
+        csr_array(operator), free.ravel(), friction, tolerance=tolerance, start=start
     )
-    return np.asarray(np.einsum("cab,ca->cb", frames, found.value.reshape(m, 3)))
+    return np.asarray(np.einsum("cab,ca->cb", frames, solution.value.reshape(-1, 3)))
 
 
-def _solve_normal(
-    velocity: np.ndarray, mobility: np.ndarray, contacts: Contacts, tolerance: float
-) -> np.ndarray:
-    """Solve frictionless contacts: one impulse per contact, three velocities per body."""
-    normal, m = contacts.data[:, :3], len(contacts.ends)
-    compliance = contacts.data[:, 5] / contacts.data[:, 4]  # 1/kg
+def _solve_normal(motion: Motion, contacts: Contacts, tolerance: float) -> np.ndarray:
+    """Return impulses of contacts without friction: an unknown each, three velocities per body."""
+    normal, bodies, m = contacts.normal, len(motion.mobility), len(contacts.ends)
+    compliance = contacts.compliance / contacts.mass  # 1/kg
     at = (3 * contacts.ends[:, :, None] + np.arange(3)).reshape(m, 6)
     values = np.hstack([normal, -normal])[:, :, None]
-    transfer = sum_blocks(values, at, np.arange(m)[:, None], (3 * len(mobility), m))
-    inverse = np.repeat(mobility[:, 0], 3)
+    transfer = sum_blocks(values, at, np.arange(m)[:, None], (3 * bodies, m))
+    inverse = np.repeat(motion.mobility[:, 0], 3)
     operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance)
-    free = transfer.T @ velocity[:, :3].ravel() + contacts.data[:, 3]
+    free = transfer.T @ motion.velocity[:, :3].ravel() + contacts.bias
     free -= compliance * contacts.anchor[:, 0]
-    found = solve_lcp(csr_array(operator), free, tolerance=tolerance, start=contacts.impulse[:, 0])
-    return np.asarray(found.value[:, None])
+    start = contacts.impulse[:, 0]
+    solution = solve_lcp(csr_array(operator), free, tolerance=tolerance, start=start)
+    return np.asarray(solution.value[:, None])
 
 
 def _transfer(
@@ -147,23 +152,23 @@ def _relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-
 
 
 @compiled(inline="always", fastmath=True)
-def _add_strain_velocity(c, ux, uy, uz, cell):  # type: ignore[no-untyped-def]
+def _add_strain_velocity(c, ux, uy, uz, strain, branch):  # type: ignore[no-untyped-def]
     """Return u with the velocity due to the strain of the cell."""
-    if cell is not None:
-        ux += cell[0, 0] * cell[c + 2, 0]
-        uy += cell[0, 1] * cell[c + 2, 1]
-        uz += cell[0, 2] * cell[c + 2, 2]
+    if strain is not None:
+        ux += strain[0, 0] * branch[c, 0]
+        uy += strain[0, 1] * branch[c, 1]
+        uz += strain[0, 2] * branch[c, 2]
     return ux, uy, uz
 
 
 @compiled(inline="always", fastmath=True)
-def _strain_cell(c, dx, dy, dz, cell):  # type: ignore[no-untyped-def]
+def _strain_cell(c, dx, dy, dz, strain, branch):  # type: ignore[no-untyped-def]
     """Add the effect of an impulse d to the strain rates, equal along the free axes."""
-    moment = cell[1, 0] * cell[c + 2, 0] * dx + cell[1, 1] * cell[c + 2, 1] * dy
-    moment += cell[1, 2] * cell[c + 2, 2] * dz
-    cell[0, 0] += cell[1, 0] * moment
-    cell[0, 1] += cell[1, 1] * moment
-    cell[0, 2] += cell[1, 2] * moment
+    moment = strain[1, 0] * branch[c, 0] * dx + strain[1, 1] * branch[c, 1] * dy
+    moment += strain[1, 2] * branch[c, 2] * dz
+    strain[0, 0] += strain[1, 0] * moment
+    strain[0, 1] += strain[1, 1] * moment
+    strain[0, 2] += strain[1, 2] * moment
 
 
 @compiled(inline="always", fastmath=True)
@@ -179,7 +184,7 @@ def _impulse_vector(c, impulse, coulomb):  # type: ignore[no-untyped-def]
 @compiled(inline="always", fastmath=True)
 def _normal_component(x, y, z, nx, ny, nz, coulomb):  # type: ignore[no-untyped-def]
     """Return the normal component of an impulse given by :func:`_impulse_vector`."""
-    return x if coulomb is None else x * nx + y * ny + z * nz
+    return x * nx + y * ny + z * nz if coulomb is not None else x
 
 
 @compiled(fastmath=True)
@@ -217,7 +222,7 @@ def _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, dn, velocity, mobility):  # typ
 
 
 @compiled(fastmath=True)
-def _sweep(velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     r"""Solve the contacts in their order, each exactly while the others are fixed.
 
     W is diagonal there, so the normal part comes first and bounds the tangential one:
@@ -225,22 +230,26 @@ def _sweep(velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # t
         r_N = max(0, (r_N + a anchor_N - m_N (u_N + b)) / (1 + a)),                      (1)
         r_T = projection of (r_T + a anchor_T - m_T u_T) / (1 + a) on the disc mu r_N.   (2)
     """
+    velocity, mobility = motion
+    ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
+    biases, masses, compliances = contacts.bias, contacts.mass, contacts.compliance
+    impulse, anchor = contacts.impulse, contacts.anchor
     # the loop is inside: a function of one contact would count references to the arrays each time
     for c in range(ends.shape[0]):
         i, j = ends[c, 0], ends[c, 1]
-        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
-        mass, a, friction = 0.0, data[c, 5], 0.0
+        nx, ny, nz = normals[c, 0], normals[c, 1], normals[c, 2]
+        mass, a, friction = 0.0, compliances[c], 0.0
         if coulomb is not None:
             mass, friction = coulomb[c, 0], coulomb[c, 1]
         ux, uy, uz = _relative_velocity(i, j, nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, cell)
+        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, strain, branch)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = _impulse_vector(c, impulse, coulomb)
         ax, ay, az = _impulse_vector(c, anchor, coulomb)
         old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
         held = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
         give = 1.0 / (1.0 + a)
-        normal = max(0.0, (old + a * held - (u + data[c, 3]) * data[c, 4]) * give)  # (1)
+        normal = max(0.0, (old + a * held - (u + biases[c]) * masses[c]) * give)  # (1)
         if coulomb is None:
             moves = normal != old
             if moves:
@@ -261,15 +270,18 @@ def _sweep(velocity, mobility, ends, data, coulomb, impulse, anchor, cell):  # t
             if moves:
                 impulse[c, 0], impulse[c, 1], impulse[c, 2] = rx + dx, ry + dy, rz + dz
                 _apply_impulse(i, j, nx, ny, nz, dx, dy, dz, normal - old, velocity, mobility)
-        if cell is not None and moves:
-            _strain_cell(c, dx, dy, dz, cell)
+        if strain is not None and moves:
+            _strain_cell(c, dx, dy, dz, strain, branch)
 
 
 @compiled(fastmath=True)
-def _apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # type: ignore[no-untyped-def]
+def _apply_impulses(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     """Add M^-1 H r to the velocities in place."""
+    velocity, mobility = motion
+    ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
+    impulse = contacts.impulse
     for c in range(ends.shape[0]):
-        i, j, nx, ny, nz = ends[c, 0], ends[c, 1], data[c, 0], data[c, 1], data[c, 2]
+        i, j, nx, ny, nz = ends[c, 0], ends[c, 1], normals[c, 0], normals[c, 1], normals[c, 2]
         x, y, z = _impulse_vector(c, impulse, coulomb)
         normal = _normal_component(x, y, z, nx, ny, nz, coulomb)
         if coulomb is None:
@@ -277,41 +289,48 @@ def _apply_impulses(velocity, mobility, ends, data, coulomb, impulse, cell):  # 
             _apply_normal_impulse(i, j, nx, ny, nz, normal, velocity, mobility)
         else:
             _apply_impulse(i, j, nx, ny, nz, x, y, z, normal, velocity, mobility)
-        if cell is not None:
-            _strain_cell(c, x, y, z, cell)
+        if strain is not None:
+            _strain_cell(c, x, y, z, strain, branch)
 
 
 @compiled(fastmath=True)
-def _closing_size(velocity, ends, data, coulomb, cell):  # type: ignore[no-untyped-def]
+def _closing_size(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     """Return the norm of u + b n over the closing contacts, weighted by their masses, sqrt(J)."""
+    velocity, _ = motion
+    ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
+    biases, masses = contacts.bias, contacts.mass
     total = 0.0
     for c in range(ends.shape[0]):
-        nx, ny, nz, b = data[c, 0], data[c, 1], data[c, 2], data[c, 3]
+        nx, ny, nz, b = normals[c, 0], normals[c, 1], normals[c, 2], biases[c]
         ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, cell)
+        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, strain, branch)
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
         if ux * nx + uy * ny + uz * nz < 0.0:
-            total += (ux * ux + uy * uy + uz * uz) * data[c, 4]
+            total += (ux * ux + uy * uy + uz * uz) * masses[c]
     return np.sqrt(total)
 
 
 @compiled(fastmath=True)
-def _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  # type: ignore[no-untyped-def]
+def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
     r"""Return the natural-map error of Coulomb's law, weighted by the masses, sqrt(J).
 
     In De Saxce's form, with the step rho of each contact and the compliance in u:
 
         F = r - P_K(r - rho (u + b n + mu |u_T| n)),    sqrt(sum |F|^2 / rho).       (3)
     """
+    velocity, _ = motion
+    ends, normals, branch = contacts.ends, contacts.normal, contacts.branch
+    biases, masses, compliances = contacts.bias, contacts.mass, contacts.compliance
+    impulse, anchor = contacts.impulse, contacts.anchor
     total = 0.0
     for c in range(ends.shape[0]):
-        nx, ny, nz = data[c, 0], data[c, 1], data[c, 2]
-        a, mu = data[c, 5], 0.0
+        nx, ny, nz = normals[c, 0], normals[c, 1], normals[c, 2]
+        a, mu = compliances[c], 0.0
         if coulomb is not None:
             mu = coulomb[c, 1]
-        rho = data[c, 4] / (1.0 + a)
+        rho = masses[c] / (1.0 + a)
         ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, cell)
+        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, strain, branch)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = _impulse_vector(c, impulse, coulomb)
         old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)
@@ -320,17 +339,17 @@ def _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  #
         if a > 0.0:
             ax, ay, az = _impulse_vector(c, anchor, coulomb)
             held = _normal_component(ax, ay, az, nx, ny, nz, coulomb)
-            u += a * (old - held) / data[c, 4]
+            u += a * (old - held) / masses[c]
             if coulomb is not None:
                 spring = a / coulomb[c, 0]
                 ux += spring * (rx - ax + held * nx)
                 uy += spring * (ry - ay + held * ny)
                 uz += spring * (rz - az + held * nz)
         if coulomb is None:
-            total += (old - max(0.0, old - rho * (u + data[c, 3]))) ** 2 / rho
+            total += (old - max(0.0, old - rho * (u + biases[c]))) ** 2 / rho
             continue
         slip = np.sqrt(ux * ux + uy * uy + uz * uz)
-        height = old - rho * (u + data[c, 3] + mu * slip)
+        height = old - rho * (u + biases[c] + mu * slip)
         tx, ty, tz = rx - rho * ux, ry - rho * uy, rz - rho * uz
         length = np.sqrt(tx * tx + ty * ty + tz * tz)
         shrink = 1.0
@@ -345,7 +364,7 @@ def _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell):  #
 
 
 @compiled(fastmath=True)
-def _relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, target, sweeps, burst):  # type: ignore[no-untyped-def]
+def _relax(contacts, coulomb, motion, strain, target, sweeps, burst):  # type: ignore[no-untyped-def]
     r"""Sweep until (3) is below the target; return the sweeps made and the error.
 
     Each sweep, from r to G(r), gives the gradient of a nonlinear conjugate gradient method in the
@@ -361,9 +380,9 @@ def _relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, targe
     .. [1] M. Silcowitz-Hansen, S. Niebe and K. Erleben, Vis. Comput. 26 (2010) 893-901,
        doi:10.1007/s00371-010-0502-6. Algorithm 2.
     """
-    contacts, width = ends.shape[0], 1 if coulomb is None else 3
-    arrays = (velocity, mobility, ends, data, coulomb, impulse, anchor, cell)
-    error = _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
+    velocity, _ = motion
+    impulse, mass = contacts.impulse, contacts.mass
+    error = _natural_map_error(contacts, coulomb, motion, strain)
     before, direction = np.empty_like(impulse), np.zeros_like(impulse)
     speed, change = np.empty_like(velocity), np.zeros_like(velocity)
     rate, turn = np.zeros((1, 3)), np.zeros((1, 3))
@@ -373,21 +392,21 @@ def _relax(velocity, mobility, ends, data, coulomb, impulse, anchor, cell, targe
         while done < last:
             _copy(impulse, before)
             _copy(velocity, speed)
-            if cell is not None:
-                _copy(cell[:1], rate)
-            _sweep(*arrays)
+            if strain is not None:
+                _copy(strain[:1], rate)
+            _sweep(contacts, coulomb, motion, strain)
             done += 1
             size = 0.0
-            for c in range(contacts):
-                for k in range(width):
-                    size += (impulse[c, k] - before[c, k]) ** 2 / data[c, 4]
+            for c in range(impulse.shape[0]):
+                for k in range(impulse.shape[1]):
+                    size += (impulse[c, k] - before[c, k]) ** 2 / mass[c]
             beta = size / previous if size < previous else 0.0
             previous = size
             _extrapolate(impulse, before, direction, beta, done < last)
             _extrapolate(velocity, speed, change, beta, done < last)
-            if cell is not None:
-                _extrapolate(cell[:1], rate, turn, beta, done < last)
-        error = _natural_map_error(velocity, ends, data, coulomb, impulse, anchor, cell)
+            if strain is not None:
+                _extrapolate(strain[:1], rate, turn, beta, done < last)
+        error = _natural_map_error(contacts, coulomb, motion, strain)
     return done, error
 
 

@@ -1,6 +1,6 @@
-"""Contacts of neighbouring grains: gaps, normals, masses and biases for the sweeps."""
+r"""Pairs of neighbouring grains and their contacts: gaps, normals, masses and biases."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,10 @@ from multiscale.numerics.compiled import compiled
 
 __all__ = [
     "Contacts",
+    "Increment",
+    "Pairs",
+    "Place",
+    "Walls",
     "allowed_step",
     "build_contacts",
     "find_wall_pairs",
@@ -16,50 +20,131 @@ __all__ = [
     "penetration",
 ]
 
+CONTACT_DISTANCE = 0.02
+"""Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
+
+APART_OVERLAP, CONTACT_OVERLAP = 1e-3, 8e-3
+"""Allowed overlap after a step of a pair that is no contact, and of a compliant contact, relative
+to the smaller radius."""
+
 STIFFENING, LEAST_COMPLIANCE = 0.1, 5e-5
 """Factor on the compliance of a contact that overlaps too far, and the compliance below which a
 contact is not stiffened further; dimensionless."""
 
 
-@dataclass(frozen=True)
-class Contacts:
-    """The contacts of a step; columns as in :mod:`multiscale.macro.granulate.contact_solver`.
+class Walls(NamedTuple):
+    """Kind (walls,), point (walls, 3), m, direction (walls, 3) and radius (walls,), m, of walls."""
+
+    kind: np.ndarray
+    point: np.ndarray
+    axis: np.ndarray
+    bore: np.ndarray
+
+
+class Place(NamedTuple):
+    """Centres (grains, 3), radii (grains,) and periods of space (3,), m, and walls."""
+
+    position: np.ndarray
+    radius: np.ndarray
+    period: np.ndarray
+    walls: Walls
+
+
+class Pairs(NamedTuple):
+    """Pairs that may touch in a step; impulses have c = 1 or 3 components.
 
     Attributes
     ----------
-    ends : ndarray of int32, shape (contacts, 2), bodies of each contact
-    data : ndarray, shape (contacts, 6)
-        Normal, bias (m/s), normal mass (kg) and compliance (dimensionless).
-    coulomb : ndarray, shape (contacts, 2), or None
-        Tangential mass, kg, and friction coefficient; None if nothing has friction.
-    impulse : ndarray, shape (contacts, 3), or (contacts, 1) without friction
-        Impulses in global axes, or along the normal, N s.
-    anchor : ndarray, same shape as ``impulse``
-        Impulses at which the contact springs are relaxed, N s.
+    ends : ndarray of int32, shape (pairs, 2), bodies; walls are numbered after the grains
+    impulse, anchor : ndarray, shape (pairs, c)
+        Impulses from which the sweeps start, and at which contact springs are relaxed, N s.
+    approach, hits : ndarray, shape (pairs,)
+        Normal velocity before an impact at the end of the last step, and before one caused in this
+        step, else zero, m/s.
+    wanted : ndarray of bool, shape (pairs,), pairs that are contacts whatever their gap
+    compliance : ndarray, shape (pairs,), dimensionless
     """
 
     ends: np.ndarray
-    data: np.ndarray
+    impulse: np.ndarray
+    anchor: np.ndarray
+    approach: np.ndarray
+    hits: np.ndarray
+    wanted: np.ndarray
+    compliance: np.ndarray
+
+
+class Increment(NamedTuple):
+    """A step before its contacts are known.
+
+    Attributes
+    ----------
+    length : float, s
+    before, velocity : ndarray, shape (bodies, 4 or 8), before and after the forces act, m/s
+    mobility : ndarray, shape (bodies, 1 or 3), as of :class:`~.contact_solver.Motion`
+    friction : ndarray, coefficients of the grains and of each wall; empty without friction
+    strain : ndarray, shape (2, 3)
+        Strain rates of the cell, 1/s, and one over the root of its inertia, 1/(kg m2)^.5.
+    restitution, relaxation, rest : float
+        Coefficient, time in which overlaps relax, s, and speed up to which nothing bounces, m/s.
+    first, last : float, shares of the change of velocity before and after an impact
+    """
+
+    length: float
+    before: np.ndarray
+    velocity: np.ndarray
+    mobility: np.ndarray
+    friction: np.ndarray
+    strain: np.ndarray
+    restitution: float
+    relaxation: float
+    rest: float
+    first: float
+    last: float
+
+
+class Contacts(NamedTuple):
+    """The contacts of a step.
+
+    Attributes
+    ----------
+    number : ndarray of int, shape (contacts,), number of the pair of each contact
+    ends : ndarray of int32, shape (contacts, 2), bodies i and j
+    normal : ndarray, shape (contacts, 3), from j to i
+    bias : ndarray, shape (contacts,), m/s
+    mass, compliance : ndarray, shape (contacts,), along the normal, kg, and dimensionless
+    coulomb : ndarray, shape (contacts, 2), or None
+        Mass across the normal, kg, and friction coefficient; None without friction.
+    branch : ndarray, shape (contacts, 3), from centre j to centre i, m; zero at walls
+    impulse, anchor : ndarray, shape (contacts, 3), or (contacts, 1) without friction
+        Impulses in global axes, or along the normal, and those at which springs are relaxed, N s.
+    """
+
+    number: np.ndarray
+    ends: np.ndarray
+    normal: np.ndarray
+    bias: np.ndarray
+    mass: np.ndarray
+    compliance: np.ndarray
     coulomb: np.ndarray | None
+    branch: np.ndarray
     impulse: np.ndarray
     anchor: np.ndarray
 
     @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
-        """The fields in the order of the arguments of the kernels."""
-        return self.ends, self.data, self.coulomb, self.impulse, self.anchor
-
-    @property
-    def normal_impulse(self) -> np.ndarray:
-        """Normal impulses, shape (contacts,), N s."""
-        if self.coulomb is None:
-            return self.impulse[:, 0]
-        return np.asarray(np.sum(self.impulse * self.data[:, :3], axis=1))
+    def frictional(self) -> bool:
+        """Whether impulses have three components."""
+        return self.coulomb is not None
 
     @property
     def vectors(self) -> np.ndarray:
         """Impulses in global axes, shape (contacts, 3), N s."""
-        return self.impulse * self.data[:, :3] if self.coulomb is None else self.impulse
+        return self.impulse if self.frictional else self.impulse * self.normal
+
+    @property
+    def loaded(self) -> np.ndarray:
+        """Contacts with an impulse, shape (contacts,), bool."""
+        return np.asarray(self.impulse.any(axis=1))
 
 
 @compiled(inline="always")
@@ -90,21 +175,22 @@ def _gap(i, j, position, radius, period, kind, point, axis, bore):  # type: igno
 
 
 @compiled(inline="always")
-def _had_impulse(k, pair_impulse):  # type: ignore[no-untyped-def]
+def _had_impulse(k, impulse):  # type: ignore[no-untyped-def]
     """Whether a pair had an impulse in the last step."""
     loaded = False
-    for a in range(pair_impulse.shape[1]):
-        loaded = loaded or pair_impulse[k, a] != 0.0
+    for a in range(impulse.shape[1]):
+        loaded = loaded or impulse[k, a] != 0.0
     return loaded
 
 
 @compiled
-def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  # type: ignore[no-untyped-def]
-    """List the grains whose gap to a wall is at most the reach, as pairs (grain, grains + wall)."""
-    n, walls = radius.size, kind.size
-    pairs = np.empty((n * walls, 2), np.int32)
-    found = 0
-    for w in range(walls):
+def find_wall_pairs(place, reach):  # type: ignore[no-untyped-def]
+    """List the pairs (grain, grains + wall) with a gap of at most the reach."""
+    position, radius, period, walls = place
+    kind, point, axis, bore = walls
+    n, found = radius.size, 0
+    pairs = np.empty((n * kind.size, 2), np.int32)
+    for w in range(kind.size):
         for i in range(n):
             if _gap(i, n + w, position, radius, period, kind, point, axis, bore)[0] <= reach:
                 pairs[found, 0], pairs[found, 1] = i, n + w
@@ -113,9 +199,7 @@ def find_wall_pairs(position, radius, reach, period, kind, point, axis, bore):  
 
 
 @compiled
-def allowed_step(  # type: ignore[no-untyped-def]
-    pairs, pair_impulse, position, radius, period, walls, velocity, longest, last, accuracy, gravity
-):
+def allowed_step(pairs, place, velocity, longest, last, accuracy, gravity):  # type: ignore[no-untyped-def]
     r"""Longest step, s, in which no impact is missed by more than a share of a radius.
 
     A pair with gap g and smaller radius R that closes with the speed u requires
@@ -130,13 +214,15 @@ def allowed_step(  # type: ignore[no-untyped-def]
 
     The closing speed of pairs that do not touch includes gravity, since one grain may be supported.
     """
+    position, radius, period, walls = place
     kind, point, axis, bore = walls
+    ends, impulse = pairs.ends, pairs.impulse
     h, turn = longest, np.sqrt(accuracy)
-    for k in range(pairs.shape[0]):
-        i, j = pairs[k, 0], pairs[k, 1]
+    for k in range(ends.shape[0]):
+        i, j = ends[k, 0], ends[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
-        touched = _had_impulse(k, pair_impulse)
+        touched = _had_impulse(k, impulse)
         x, y = velocity[j, 0] - velocity[i, 0], velocity[j, 1] - velocity[i, 1]
         z = velocity[j, 2] - velocity[i, 2]
         closing, room = x * nx + y * ny + z * nz, accuracy * smaller
@@ -154,134 +240,110 @@ def allowed_step(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def build_contacts(  # type: ignore[no-untyped-def]
-    pairs,
-    pair_impulse,
-    spring_impulse,
-    approach,
-    hits,
-    wanted,
-    compliance,
-    position,
-    radius,
-    period,
-    walls,
-    old,
-    velocity,
-    mobility,
-    law,
-    friction,
-    h,
-    near,
-    cell,
-):
-    """Build the arrays of the sweeps from the pairs that may touch within a step.
+def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
+    """Build the contacts from the pairs that may touch within a step.
 
-    ``law`` holds the restitution, the relaxation time (s), the speed below which impacts do not
-    bounce (m/s), and the shares of the velocity increment of a step before and after an impact;
-    ``friction`` the coefficients of the grains and of each wall, none without friction;
-    ``compliance`` (pairs,) the compliance of each pair. A pair becomes a contact if it is wanted,
-    had an impulse, or comes nearer than ``near`` times its smaller radius in a step without
-    impulses. ``cell`` (2, 3) holds the strain rates of the cell and one over the root of its
-    inertia; the third return value is ``cell`` of the sweeps.
+    A pair becomes a contact if it is wanted, had an impulse, or comes nearer than
+    ``CONTACT_DISTANCE`` in a step without impulses.
 
     An impact in the first half of a step bounces in this step. An impact in the second half, or
-    one caused within the step, whose normal velocity is in ``hits`` (pairs,), ends the step in
-    contact and bounces in the next step. The fourth return value is therefore the normal velocity
-    before such an impact, and ``approach`` (pairs,) is this array of the last step, m/s.
+    one caused within the step, ends the step in contact and bounces in the next step: the second
+    return value, shape (pairs,), is the normal velocity before such an impact, m/s.
     """
+    position, radius, period, walls = place
     kind, point, axis, bore = walls
-    restitution, relaxation, rest, first, last = law
+    pair_ends, start, spring, approach, hits, wanted, give = pairs
+    h, old, velocity, mobility, coefficient, strain = (
+        step.length,
+        step.before,
+        step.velocity,
+        step.mobility,
+        step.friction,
+        step.strain,
+    )
+    restitution, relaxation, rest = step.restitution, step.relaxation, step.rest
     n, m = radius.size, 0
-    size, width = pair_impulse.shape
-    ends, data = np.empty((size, 2), np.int32), np.empty((size, 6))
-    frictional = friction.size > 0
+    size, width = start.shape
+    number, ends = np.empty(size, np.int64), np.empty((size, 2), np.int32)
+    normal, branch = np.empty((size, 3)), np.empty((size, 3))
+    bias, mass, compliance = np.empty(size), np.empty(size), np.empty(size)
+    frictional = coefficient.size > 0
     coulomb = np.empty((size if frictional else 0, 2))
-    stretch, delayed_velocity = np.empty((size + 2, 3)), np.zeros(size)
-    for a in range(3):  # a slice would have the compiler write its error message
-        stretch[0, a], stretch[1, a] = cell[0, a], cell[1, a]
     impulse, anchor = np.empty((size, width)), np.empty((size, width))
-    index = np.empty(size, np.int64)
+    delayed_velocity = np.zeros(size)
     for k in range(size):
-        i, j = pairs[k, 0], pairs[k, 1]
+        i, j = pair_ends[k, 0], pair_ends[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         if j < n:
             smaller, length = min(radius[i], radius[j]), gap + radius[i] + radius[j]
         else:
             smaller, length = radius[i], 0.0
-        affine = length * (cell[0, 0] * nx * nx + cell[0, 1] * ny * ny + cell[0, 2] * nz * nz)
+        affine = length * (strain[0, 0] * nx * nx + strain[0, 1] * ny * ny + strain[0, 2] * nz * nz)
         ahead = affine  # normal velocity without impulses, and before the step
         ahead += (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         ahead += (velocity[i, 2] - velocity[j, 2]) * nz
-        if not (
-            wanted[k] or _had_impulse(k, pair_impulse) or gap + h * min(ahead, 0.0) < near * smaller
-        ):
+        near = gap + h * min(ahead, 0.0) < CONTACT_DISTANCE * smaller
+        if not (wanted[k] or near or _had_impulse(k, start)):
             continue
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
         gained = ahead - affine - before
-        fastest = min(before + first * gained, approach[k], hits[k])
+        fastest = min(before + step.first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
         delayed = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
-        bias = gap / h if gap > 0.0 else gap / relaxation
+        bias[m] = gap / h if gap > 0.0 else gap / relaxation
         if impact and not delayed:
-            bias = restitution * fastest - last * gained
+            bias[m] = restitution * fastest - step.last * gained
         delayed_velocity[k] = fastest if delayed else 0.0
+        number[m], ends[m, 0], ends[m, 1] = k, i, j
+        normal[m, 0], normal[m, 1], normal[m, 2] = nx, ny, nz
         bx, by, bz = length * nx, length * ny, length * nz
-        stretch[m + 2, 0], stretch[m + 2, 1], stretch[m + 2, 2] = bx, by, bz
-        give = (cell[1, 0] * bx) ** 2 + (cell[1, 1] * by) ** 2 + (cell[1, 2] * bz) ** 2
-        masses = mobility[i, 0] + mobility[j, 0] + give
-        ends[m, 0], ends[m, 1], index[m] = i, j, k
-        data[m, 0], data[m, 1], data[m, 2] = nx, ny, nz
-        data[m, 3] = bias
-        data[m, 4] = 1.0 / masses
-        data[m, 5] = 0.0 if impact else compliance[k]  # a spring would reduce the bounce
+        branch[m, 0], branch[m, 1], branch[m, 2] = bx, by, bz
+        cell = (strain[1, 0] * bx) ** 2 + (strain[1, 1] * by) ** 2 + (strain[1, 2] * bz) ** 2
+        mass[m] = 1.0 / (mobility[i, 0] + mobility[j, 0] + cell)
+        compliance[m] = 0.0 if impact else give[k]  # a spring would reduce the bounce
         if frictional:
             masses = mobility[i, 1] + mobility[j, 1] + mobility[i, 2] + mobility[j, 2]
-            coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + give), friction[max(0, 1 + j - n)]
+            coulomb[m, 0], coulomb[m, 1] = 1.0 / (masses + cell), coefficient[max(0, 1 + j - n)]
         for a in range(width):
-            impulse[m, a] = pair_impulse[k, a]
-            anchor[m, a] = spring_impulse[k, a]
+            impulse[m, a], anchor[m, a] = start[k, a], spring[k, a]
         m += 1
-    across = coulomb[:m] if frictional else None
-    contacts = ends[:m], data[:m], across, impulse[:m], anchor[:m]
-    return contacts, index[:m], stretch[: m + 2], delayed_velocity
+    contacts = Contacts(
+        number[:m],
+        ends[:m],
+        normal[:m],
+        bias[:m],
+        mass[:m],
+        compliance[:m],
+        coulomb[:m],
+        branch[:m],
+        impulse[:m],
+        anchor[:m],
+    )
+    return contacts, delayed_velocity
 
 
 @compiled
-def mark_overlaps(  # type: ignore[no-untyped-def]
-    pairs,
-    index,
-    data,
-    hits,
-    wanted,
-    compliance,
-    position,
-    radius,
-    period,
-    walls,
-    velocity,
-    h,
-    rate,
-    allowed,
-):
+def mark_overlaps(pairs, contacts, place, velocity, rate, h):  # type: ignore[no-untyped-def]
     """Find the pairs that overlap too far after the step; return their number.
 
-    A pair that is no contact is marked in ``wanted``, with its normal velocity in ``hits``; the
-    compliance of a contact is multiplied by ``STIFFENING``. ``allowed`` holds the allowed overlap
-    of pairs without and with contact, relative to the smaller radius.
+    A pair that is no contact is wanted, with its normal velocity in ``hits``; the compliance of a
+    contact is multiplied by ``STIFFENING``. ``rate`` are the strain rates of the cell, 1/s.
     """
+    position, radius, period, walls = place
     kind, point, axis, bore = walls
+    ends, hits, wanted, compliance = pairs.ends, pairs.hits, pairs.wanted, pairs.compliance
+    number, used = contacts.number, contacts.compliance
     new, m = 0, 0
-    for k in range(pairs.shape[0]):
-        touches = m < index.size and index[m] == k
+    for k in range(ends.shape[0]):
+        touches = m < number.size and number[m] == k
         if touches:
             m += 1
-            if data[m - 1, 5] <= LEAST_COMPLIANCE:
+            if used[m - 1] <= LEAST_COMPLIANCE:
                 continue
         elif wanted[k]:
             continue
-        i, j = pairs[k, 0], pairs[k, 1]
+        i, j = ends[k, 0], ends[k, 1]
         gap, nx, ny, nz = _gap(i, j, position, radius, period, kind, point, axis, bore)
         u = (velocity[i, 0] - velocity[j, 0]) * nx + (velocity[i, 1] - velocity[j, 1]) * ny
         u += (velocity[i, 2] - velocity[j, 2]) * nz
@@ -290,7 +352,7 @@ def mark_overlaps(  # type: ignore[no-untyped-def]
             smaller = min(smaller, radius[j])
             affine = rate[0] * nx * nx + rate[1] * ny * ny + rate[2] * nz * nz
             u += affine * (gap + radius[i] + radius[j])
-        if gap + h * u < -allowed[int(touches)] * smaller:
+        if gap + h * u < -(CONTACT_OVERLAP if touches else APART_OVERLAP) * smaller:
             wanted[k] = True
             if touches:
                 compliance[k] *= STIFFENING
@@ -301,12 +363,13 @@ def mark_overlaps(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def penetration(pairs, position, radius, period, walls):  # type: ignore[no-untyped-def]
+def penetration(ends, place):  # type: ignore[no-untyped-def]
     """Largest overlap of a pair relative to its smaller radius, and the pair (-1 if none)."""
+    position, radius, period, walls = place
     kind, point, axis, bore = walls
     worst, which = 0.0, -1
-    for k in range(pairs.shape[0]):
-        i, j = pairs[k, 0], pairs[k, 1]
+    for k in range(ends.shape[0]):
+        i, j = ends[k, 0], ends[k, 1]
         gap = _gap(i, j, position, radius, period, kind, point, axis, bore)[0]
         smaller = min(radius[i], radius[j]) if j < radius.size else radius[i]
         if -gap > worst * smaller:

@@ -190,7 +190,7 @@ class Model:
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Mobilities as in :mod:`multiscale.macro.granulate.contact_solver`, 1/kg."""
+        """Mobilities as in :class:`~multiscale.macro.granulate.contact_solver.Motion`, 1/kg."""
         grains, turns = self.grains, self.turns
         mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]
@@ -225,11 +225,6 @@ class Model:
         for w, wall in enumerate(self.walls, self.grains.n):
             acceleration[w, :3] = wall.acceleration
         return acceleration
-
-    def walls_at(self, point: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Kind, point (walls, 3), direction and radius of the walls for the kernels."""
-        kind, axis, bore = self.shapes
-        return kind, point, axis, bore
 
 
 def grain_needs(

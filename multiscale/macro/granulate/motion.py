@@ -7,9 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.contact_solver import solve_velocities
+from multiscale.macro.granulate.contact_solver import Motion, solve_velocities
 from multiscale.macro.granulate.contacts import (
     Contacts,
+    Increment,
+    Pairs,
+    Place,
+    Walls,
     allowed_step,
     build_contacts,
     find_wall_pairs,
@@ -27,17 +31,10 @@ LIST_MARGIN = 0.3
 ALLOWED_START_OVERLAP = 0.01
 """Allowed overlap of grains at the start, relative to the smaller radius."""
 
-CONTACT_DISTANCE = 0.02
-"""Gap below which a pair is a contact from the first solve on, relative to the smaller radius."""
-
-ALLOWED_OVERLAP = (1e-3, 8e-3)
-"""Allowed overlap after a step of a pair that is no contact, and of a compliant contact, relative
-to the smaller radius."""
-
 
 @dataclass(frozen=True)
 class GrainState:
-    """State of grains, walls and cell at a time; impulses have c = 1 or 3 components.
+    """State of grains, walls and cell at a time.
 
     Attributes
     ----------
@@ -49,9 +46,6 @@ class GrainState:
     period : ndarray, shape (3,), periods of the cell, m; infinite along axes without a period
     pairs : ndarray of int32, shape (pairs, 2)
         Neighbours: two grains, or a grain and a wall, numbered after the grains.
-    pair_impulse : ndarray, shape (pairs, c), impulse of each pair in the last step, N s
-    spring_impulse : ndarray, shape (pairs, c)
-        Part of the last impulse carried by the contact springs, N s.
     approach : ndarray, shape (pairs,)
         Normal velocity before an impact that bounces in the next step, else zero, m/s.
     listed_position : ndarray, shape (grains, 3), centres at which the neighbours were found, m
@@ -60,7 +54,7 @@ class GrainState:
     step_length : float, length of the last step, s
     force_time : float
         Time in which the forces of the last step acted, s; nan before the first step.
-    contacts : Contacts, contacts of the last step
+    contacts : Contacts, contacts of the last step, numbered as the pairs of now
     """
 
     time: float
@@ -69,8 +63,6 @@ class GrainState:
     point: np.ndarray
     period: np.ndarray
     pairs: np.ndarray
-    pair_impulse: np.ndarray
-    spring_impulse: np.ndarray
     approach: np.ndarray
     listed_position: np.ndarray
     list_reach: float
@@ -78,6 +70,17 @@ class GrainState:
     step_length: float
     force_time: float
     contacts: Contacts
+
+    @property
+    def contact_forces(self) -> np.ndarray:
+        """Forces of the contacts on their first bodies in the last step, shape (contacts, 3), N."""
+        return self.contacts.vectors / self.force_time
+
+    def place(self, model: Model) -> Place:
+        """Return the place of grains and walls for the kernels."""
+        kind, axis, bore = model.shapes
+        walls = Walls(kind, self.point, axis, bore)
+        return Place(self.position, model.grains.radius, self.period, walls)
 
 
 def initial_state(model: Model) -> GrainState:
@@ -90,26 +93,25 @@ def initial_state(model: Model) -> GrainState:
     for w, wall in enumerate(walls, grains.n):
         velocity[w, :3] = wall.velocity
     point = np.array([wall.point for wall in walls], dtype=float).reshape(-1, 3)
-    none = np.empty((0, 2), np.int32)
-    impulse = np.empty((0, 3 if model.frictional else 1))
-    coulomb = np.empty((0, 2)) if model.frictional else None
-    empty = Contacts(none, np.empty((0, 6)), coulomb, impulse, impulse)
+    number, none, nothing = np.empty(0, np.int64), np.empty((0, 2), np.int32), np.empty(0)
+    normal, impulse = np.empty((0, 3)), np.empty((0, 3 if model.frictional else 1))
+    empty = Contacts(
+        number, none, normal, nothing, nothing, nothing, None, normal, impulse, impulse
+    )
     state = GrainState(
-        0.0,
-        grains.position,
-        velocity,
-        point,
-        np.array(model.period, dtype=float),
-        none,
-        impulse,
-        impulse,
-        np.empty(0),
-        grains.position,
-        0.0,
-        np.zeros(3),
-        0.0,
-        np.nan,
-        empty,
+        time=0.0,
+        position=grains.position,
+        velocity=velocity,
+        point=point,
+        period=np.array(model.period, dtype=float),
+        pairs=none,
+        approach=nothing,
+        listed_position=grains.position,
+        list_reach=0.0,
+        rate=np.zeros(3),
+        step_length=0.0,
+        force_time=np.nan,
+        contacts=empty,
     )
     state = _update_neighbours(model, state, 0.0)
 
@@ -124,8 +126,7 @@ def initial_state(model: Model) -> GrainState:
             f"no wall supports the grains against gravity {tuple(map(float, gravity))} m/s2: they "
             f"fall for ever; close the box or set gravity to zero"
         )
-    shapes = model.walls_at(state.point)
-    worst, which = penetration(state.pairs, state.position, grains.radius, state.period, shapes)
+    worst, which = penetration(state.pairs, state.place(model))
     if worst > ALLOWED_START_OVERLAP:
         i, j = (int(body) for body in state.pairs[which])
         other = f"grain {j}" if j < grains.n else f"wall {j - grains.n}"
@@ -168,59 +169,50 @@ def step_grains(
     damped[: model.grains.n] *= keep
     damped_rate = np.where(model.free, damped_rate, model.prescribed_rate)
     velocity = damped + acted * model.free_acceleration
-    cell = np.array(
+    strain = np.array(
         [damped_rate + acted * thrust / inertia * model.free, model.free / np.sqrt(inertia)]
     )
-    times = (h, acted, accuracy is not None)
-    solved = _solve_contacts(model, state, solver, times, (damped, velocity), cell)
+    # the velocities belong to the middle of steps of changing length
+    shares = (0.5 * state.step_length / acted, 0.5 * h / acted) if accuracy else (0.0, 0.0)
+    law, rest = model.law, 2.0 * acted * float(np.linalg.norm(model.gravity))
+    constants = (law.restitution, law.relaxation * h, rest, *shares)
+    step = Increment(h, damped, velocity, model.mobility, model.friction, strain, *constants)
+    solved = _solve_contacts(model, state, solver, step, acted)
+    contacts = solved.contacts
     new = _advance(model, state, (h, acted), solved)
-    worst, _ = penetration(
-        new.pairs, new.position, model.grains.radius, new.period, model.walls_at(new.point)
-    )
+    worst, _ = penetration(new.pairs, new.place(model))
     done = {
         "residual": solved.residual,
         "converged": int(solved.residual <= solver.tolerance),
         "iterations": solved.sweeps,
         "penetration": worst,
-        "n_contacts": int(np.count_nonzero(solved.contacts.impulse.any(axis=1))),
+        "n_contacts": int(np.count_nonzero(contacts.loaded)),
     }
     done |= _account_grains(
         model,
         (h, acted),
         (state.velocity, damped, new.velocity),
-        solved.contacts,
-        -model.law.restitution * new.approach[solved.numbers],
+        contacts,
+        -law.restitution * new.approach[contacts.number],
         (state.rate, damped_rate, new.rate),
-        solved.cell[2:],
         (inertia, thrust),
     )
     if model.pressure is not None:  # diagonal of the mean stress after Love and Weber
-        moments = np.sum(solved.contacts.vectors * solved.cell[2:], axis=0)
+        moments = np.sum(contacts.vectors * contacts.branch, axis=0)
         done["stress"] = -moments / (acted * model.volume(state.period))
     return new, done | {"wall_time": perf_counter() - began}
 
 
 class _SolvedContacts(NamedTuple):
-    """Solved contacts of a step.
+    """Solved contacts of a step: velocities after it, m/s, and strain rates of the cell, 1/s.
 
-    Attributes
-    ----------
-    contacts : Contacts, contacts with their impulses
-    numbers : ndarray of int, shape (contacts,), number of the pair of each contact
-    velocity : ndarray, shape (bodies, 4 or 8), velocities after the step, m/s
-    approach : ndarray, shape (pairs,)
-        Normal velocity before an impact that bounces in the next step, else zero, m/s.
-    cell : ndarray, shape (contacts + 2, 3)
-        Strain rates, inertia and branches, as in :mod:`multiscale.macro.granulate.contact_solver`.
-    sweeps : int, number of sweeps made
-    residual : float, natural-map error, dimensionless
+    ``approach`` is as of :class:`GrainState`, and ``residual`` the natural-map error.
     """
 
     contacts: Contacts
-    numbers: np.ndarray
     velocity: np.ndarray
+    rate: np.ndarray
     approach: np.ndarray
-    cell: np.ndarray
     sweeps: int
     residual: float
 
@@ -236,27 +228,31 @@ def _choose_step(
     h = min(h, float(model.grains.radius.mean()) / max(fastest, 1e-300))
     state = _with_neighbours(model, state, h, 0.5 * (state.step_length + h))
     h = allowed_step(
-        state.pairs,
-        state.pair_impulse,
-        state.position,
-        model.grains.radius,
-        state.period,
-        model.walls_at(state.point),
+        _pairs_of_step(model, state, state.force_time),
+        state.place(model),
         state.velocity,
         h,
         state.step_length,
         accuracy,
         float(np.linalg.norm(model.gravity)),
     )
-    acted = 0.5 * (state.step_length + h)
-    if np.isfinite(state.force_time):  # forces persist, not impulses
-        longer = acted / state.force_time
-        state = replace(
-            state,
-            pair_impulse=longer * state.pair_impulse,
-            spring_impulse=longer * state.spring_impulse,
-        )
-    return state, h, acted
+    return state, h, 0.5 * (state.step_length + h)
+
+
+def _pairs_of_step(model: Model, state: GrainState, acted: float) -> Pairs:
+    """Return the pairs of a step with the impulses of the last forces over the time ``acted``, s.
+
+    Springs carry the share of an impulse by which their contact was not stiffened.
+    """
+    count, contacts, given = len(state.pairs), state.contacts, model.law.compliance
+    impulse = np.zeros((count, contacts.impulse.shape[1]))
+    anchor, longer = np.zeros_like(impulse), acted / state.force_time  # forces persist
+    impulse[contacts.number] = longer * contacts.impulse
+    if given > 0.0:
+        share = contacts.compliance[:, None] / given
+        anchor[contacts.number] = longer * (share * contacts.impulse)
+    hits, wanted = np.zeros(count), np.zeros(count, bool)
+    return Pairs(state.pairs, impulse, anchor, state.approach, hits, wanted, np.full(count, given))
 
 
 def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) -> GrainState:
@@ -276,68 +272,34 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
 
 
 def _solve_contacts(
-    model: Model,
-    state: GrainState,
-    solver: Solver,
-    times: tuple[float, float, bool],
-    velocities: tuple[np.ndarray, np.ndarray],
-    cell: np.ndarray,
+    model: Model, state: GrainState, solver: Solver, step: Increment, acted: float
 ) -> _SolvedContacts:
-    """Solve (1), and again if other pairs overlap.
-
-    ``velocities`` hold the velocities before and after the forces act, without impulses, m/s, and
-    ``cell`` goes to :func:`build_contacts`.
-    """
-    h, acted, changing = times
-    law = model.law
-    shares = (0.5 * state.step_length / acted, 0.5 * h / acted) if changing else (0.0, 0.0)
-    rest = 2.0 * acted * float(np.linalg.norm(model.gravity))
-    constants = (law.restitution, law.relaxation * h, rest, *shares)
-    place = (state.position, model.grains.radius, state.period, model.walls_at(state.point))
-    wanted, hits = np.zeros(len(state.pairs), bool), np.zeros(len(state.pairs))
-    compliance = np.full(len(state.pairs), law.compliance)
-    pair_impulse, sweeps = state.pair_impulse, 0
+    """Solve (1), and again if other pairs overlap."""
+    place, pairs, sweeps = state.place(model), _pairs_of_step(model, state, acted), 0
     while True:
-        arrays, index, stretch, approach = build_contacts(
-            state.pairs,
-            pair_impulse,
-            state.spring_impulse,
-            state.approach,
-            hits,
-            wanted,
-            compliance,
-            *place,
-            *velocities,
-            model.mobility,
-            constants,
-            model.friction,
-            h,
-            CONTACT_DISTANCE,
-            cell,
+        contacts, approach = build_contacts(pairs, place, step)
+        contacts = Contacts(*contacts)
+        if not model.frictional:
+            contacts = contacts._replace(coulomb=None)
+        strain = step.strain.copy()
+        motion = Motion(
+            step.velocity.copy(), step.mobility, None if model.pressure is None else strain
         )
-        contacts, velocity = Contacts(*arrays), velocities[1].copy()
-        done, residual = solve_velocities(model, solver, velocity, contacts, stretch)
+        done, residual = solve_velocities(solver, motion, contacts)
         sweeps += done
-        pair_impulse = np.zeros_like(state.pair_impulse)
-        pair_impulse[index] = contacts.impulse
-        marks, after = (hits, wanted, compliance), (velocity, h, stretch[0], ALLOWED_OVERLAP)
-        if not mark_overlaps(state.pairs, index, contacts.data, *marks, *place, *after):
+        pairs = pairs._replace(impulse=np.zeros_like(pairs.impulse))
+        pairs.impulse[contacts.number] = contacts.impulse
+        if not mark_overlaps(pairs, contacts, place, motion.velocity, strain[0], step.length):
             break
-    approach[~pair_impulse.any(axis=1)] = 0.0  # no impact took place
-    return _SolvedContacts(contacts, index, velocity, approach, stretch, sweeps, residual)
+    approach[~pairs.impulse.any(axis=1)] = 0.0  # no impact took place
+    return _SolvedContacts(contacts, motion.velocity, strain[0], approach, sweeps, residual)
 
 
 def _advance(
     model: Model, state: GrainState, times: tuple[float, float], solved: _SolvedContacts
 ) -> GrainState:
-    """Return the state after the step: grains, walls and cell moved, impulses stored by pair."""
-    (h, acted), n, rate = times, model.grains.n, solved.cell[0].copy()
-    pair_impulse = np.zeros_like(state.pair_impulse)
-    spring_impulse = np.zeros_like(pair_impulse)
-    pair_impulse[solved.numbers] = solved.contacts.impulse
-    if model.law.compliance > 0.0:
-        share = solved.contacts.data[:, 5:6] / model.law.compliance
-        spring_impulse[solved.numbers] = share * solved.contacts.impulse
+    """Return the state after the step: grains, walls and cell moved."""
+    (h, acted), n, rate = times, model.grains.n, solved.rate
     stretch = np.where(model.strained, 1.0 + h * rate, 1.0)
     widest = 2.0 * float(model.grains.radius.max())  # the strain brings pairs at the margin nearer
     margin = min(1.0, float(stretch.min())) * (widest + state.list_reach) - widest
@@ -350,8 +312,6 @@ def _advance(
         period=stretch * state.period,
         listed_position=stretch * state.listed_position,
         list_reach=margin,
-        pair_impulse=pair_impulse,
-        spring_impulse=spring_impulse,
         approach=solved.approach,
         rate=rate,
         step_length=h,
@@ -361,7 +321,7 @@ def _advance(
 
 
 def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainState:
-    """Return the state with a new list of neighbours, and the impulses of those already listed."""
+    """Return the state with a new list of neighbours, and the contacts of those already listed."""
     radius, n = model.grains.radius, model.mobility.shape[0]
     margin = reach + LIST_MARGIN * float(radius.mean())
     least = 2.0 * (2.0 * float(radius.max()) + margin)  # a pair has one shortest distance
@@ -371,34 +331,34 @@ def _update_neighbours(model: Model, state: GrainState, reach: float) -> GrainSt
             f"period along {'xyz'[short[0]]} is {state.period[short[0]]:.4g} m and must be at "
             f"least {least:.4g} m, twice the reach of the largest grains"
         )
-    walls = model.walls_at(state.point)
     near = find_pairs(state.position, radius, margin, state.period)
-    at_walls = find_wall_pairs(state.position, radius, margin, state.period, *walls)
-    pairs = np.concatenate([near, at_walls])
+    pairs = np.concatenate([near, find_wall_pairs(state.place(model), margin)])
     # from the bottom upwards, so that one sweep carries impulses through the pile
     height = -(state.position @ np.asarray(model.gravity))
     lower = np.minimum(
         height[pairs[:, 0]], np.append(height, np.full(len(model.walls), -np.inf))[pairs[:, 1]]
     )
     pairs = pairs[np.argsort(lower, kind="stable")]
-    pair_impulse = np.zeros((len(pairs), state.pair_impulse.shape[1]))
-    spring_impulse = np.zeros_like(pair_impulse)
-    approach = np.zeros(len(pairs))
+    approach, contacts = np.zeros(len(pairs)), state.contacts
+    listed = np.zeros(len(state.pairs), bool)  # before and now
     if len(state.pairs) and len(pairs):
         before = state.pairs[:, 0].astype(np.int64) * n + state.pairs[:, 1]
         now = pairs[:, 0].astype(np.int64) * n + pairs[:, 1]
-        order = np.argsort(before)
-        found = np.minimum(np.searchsorted(before, now, sorter=order), before.size - 1)
-        same = before[order[found]] == now
-        pair_impulse[same] = state.pair_impulse[order[found[same]]]
-        spring_impulse[same] = state.spring_impulse[order[found[same]]]
-        approach[same] = state.approach[order[found[same]]]
+        order = np.argsort(now)
+        number = order[np.minimum(np.searchsorted(now, before, sorter=order), now.size - 1)]
+        listed = now[number] == before
+        approach[number[listed]] = state.approach[listed]
+        contacts = contacts._replace(number=number[contacts.number])
+    remains = listed[state.contacts.number]
+    fields = {
+        name: field[remains] for name, field in contacts._asdict().items() if field is not None
+    }
+    contacts = contacts._replace(**fields)
     return replace(
         state,
         pairs=pairs,
-        pair_impulse=pair_impulse,
-        spring_impulse=spring_impulse,
         approach=approach,
+        contacts=contacts,
         listed_position=state.position,
         list_reach=margin,
     )
@@ -430,7 +390,6 @@ def _account_grains(
     contacts: Contacts,
     rebound: np.ndarray,
     rates: tuple[np.ndarray, np.ndarray, np.ndarray],
-    branch: np.ndarray,
     cell: tuple[float, float],
 ) -> dict[str, float]:
     r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
@@ -457,10 +416,10 @@ def _account_grains(
     def mean_rate(rate: np.ndarray) -> float:
         return float(np.sum(rate[model.free])) / max(1, int(model.free.sum()))
 
-    n, impulse, (i, j) = contacts.data[:, :3], contacts.vectors, contacts.ends.T
-    v, along = velocity[:, :3], contacts.normal_impulse
+    n, impulse, (i, j), branch = contacts.normal, contacts.vectors, contacts.ends.T, contacts.branch
+    v, along = velocity[:, :3], np.sum(impulse * n, axis=1)
     u = v[i] - v[j]
-    if contacts.coulomb is not None:
+    if contacts.frictional:
         w = velocity[:, 4:7]
         u = u - np.cross(w[i] + w[j], n)
     moments = np.sum(impulse * branch, axis=0)  # on the cell, along its axes
@@ -476,16 +435,16 @@ def _account_grains(
     work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rates[2])
     work = acted * work + walls - float(moments @ prescribed_rate)
 
-    data, bias = contacts.data, contacts.data[:, 3]
+    bias = contacts.bias
     speed = np.sum((u + rates[2] * branch) * n, axis=1)
     gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
-    overlap = np.where(data[:, 5] > 0.0, np.maximum(-gap, 0.0), 0.0)
+    overlap = np.where(contacts.compliance > 0.0, np.maximum(-gap, 0.0), 0.0)
     springs = 2.0 * along / acted * overlap
     closing = -acted * np.sum(
         (model.free_acceleration[i, :3] - model.free_acceleration[j, :3]) * n, axis=1
     )
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
-    springs += data[:, 4] * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
+    springs += contacts.mass * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
     return {
         "kinetic_energy": kinetic(velocity, rates[2]),
         "elastic_energy": 0.5 * float(np.sum(springs)),

@@ -114,11 +114,12 @@ class Record:
         model, repeats = self.model, self.model.strained
         row = step | {"time": state.time, "time_step": state.step_length}
         if model.walls:
-            ends, impulse = state.contacts.ends, state.contacts.vectors
-            on_wall = ends[:, 1] >= model.grains.n
-            force = np.zeros((len(model.walls), 3))
-            wall = ends[on_wall, 1] - model.grains.n
-            np.add.at(force, wall, -impulse[on_wall] / state.force_time)
+            wall, force = (
+                state.contacts.ends[:, 1] - model.grains.n,
+                np.zeros((len(model.walls), 3)),
+            )
+            on_wall = wall >= 0
+            np.add.at(force, wall[on_wall], -state.contact_forces[on_wall])
             row |= {"wall_force": force, "wall_position": state.point}
         if repeats.any():
             row["period"] = state.period
@@ -131,9 +132,8 @@ class Record:
     def show(self, state: GrainState) -> None:
         """Record positions and forces of the last step as a frame."""
         n, grains = self.model.grains.n, self.model.grains
-        contacts = state.contacts
-        loaded, force = contacts.impulse.any(axis=1), contacts.vectors / state.force_time
-        ends, normal = contacts.ends[loaded], contacts.data[loaded, :3]
+        loaded = state.contacts.loaded
+        ends, normal = state.contacts.ends[loaded], state.contacts.normal[loaded]
         radius = np.append(grains.radius, np.zeros(len(self.model.walls)))
         self.frames.append(
             {
@@ -141,7 +141,7 @@ class Record:
                 "position": state.position,
                 "velocity": state.velocity[:n, :3],
                 "contact_ends": ends,
-                "contact_force": force[loaded],
+                "contact_force": state.contact_forces[loaded],
                 "branch": normal * radius[ends].sum(axis=1)[:, None],
             }
         )

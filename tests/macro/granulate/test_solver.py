@@ -39,7 +39,7 @@ def delassus(model, contacts):
     H = np.zeros((6 * n, 3 * m))
     frames = []
     for c, (i, j) in enumerate(contacts.ends):
-        normal = contacts.data[c, :3]
+        normal = contacts.normal[c]
         other = np.eye(3)[np.argmin(np.abs(normal))]
         t1 = np.cross(normal, other)
         t1 /= np.linalg.norm(t1)
@@ -69,7 +69,7 @@ def test_a_step_agrees_with_the_friction_solver_on_the_assembled_operator():
     free = np.zeros((n, 6))
     free[:, :3] = model.grains.velocity + h * np.array(model.gravity)
     bias = np.zeros((len(frames), 3))
-    bias[:, 0] = contacts.data[:, 3]
+    bias[:, 0] = contacts.bias
     q = H.T @ free.ravel() + bias.ravel()
     solution = solve_friction(
         csr_array(H.T @ (inverse[:, None] * H)), q, contacts.coulomb[:, 1], tolerance=1e-9
@@ -87,7 +87,7 @@ def test_conjugate_directions_carry_a_stack_in_few_sweeps():
     model = Model(Grains(position, 0.01), (FLOOR,), ContactLaw(0.4))
     new, step = step_grains(model, initial_state(model), h, Solver(1e-8, 20000, most_assembled=0))
     weight = 9.81 * float(model.grains.mass[0]) * h
-    borne = np.sort(new.pair_impulse[:, 2])
+    borne = np.sort(new.contacts.impulse[:, 2])
     np.testing.assert_allclose(borne, weight * np.arange(1, n + 1), rtol=1e-5)
     assert step["iterations"] < 1000
 
