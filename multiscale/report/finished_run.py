@@ -148,8 +148,8 @@ def _draw(figures: Figures) -> None:
 
 def _fork(figures: Figures) -> "BaseProcess | None":
     """Begin to draw figures in a copy of this process, where that is safe: without threads."""
-    kernels = "numba" in sys.modules  # whose threads Python does not count
-    if sys.platform != "linux" or kernels or active_count() > 1 or cores() < 2 or not figures:
+    solved = "numba" in sys.modules  # libraries may have threads that Python does not count
+    if sys.platform != "linux" or solved or active_count() > 1 or cores() < 2 or not figures:
         return None
     import matplotlib.figure  # noqa: F401 (once for both)
 

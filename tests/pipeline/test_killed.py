@@ -35,7 +35,7 @@ SWEEP = CASE.replace("realisations = 12", "realisations = 3") + (
 )
 SINGLE = CASE.replace("realisations = 12", "realisations = 8")
 
-ONE_THREAD = dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+ONE_THREAD = dict(os.environ, OMP_NUM_THREADS="1")
 KILLS_OF_ONE = 4
 """Times that a run is killed before it may end, all but the first while it goes on."""
 TIMED = ("wall_time",)

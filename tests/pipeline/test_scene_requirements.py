@@ -100,7 +100,7 @@ def write(scene, file):
 
 
 def run(code, *arguments):
-    environment = dict(os.environ, OMP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+    environment = dict(os.environ, OMP_NUM_THREADS="1")
     done = run_python(code, *arguments, env=environment)
     return json.loads(done.stdout.splitlines()[-1])
 
