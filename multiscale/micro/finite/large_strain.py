@@ -154,7 +154,7 @@ def _respond(  # type: ignore[no-untyped-def]
                     smallest = -1.0
                     continue
                 rows = tangent[i, layer, batch]
-                kept = state[i, layer, batch] if has else state[0, 0, 0]
+                before = state[i, layer, batch] if has else state[0, 0, 0]
                 for k in range(36 * BATCH):
                     s[FLUX + k], s[DILATED + k] = 0.0, 0.0
                 if mixed:
@@ -168,9 +168,9 @@ def _respond(  # type: ignore[no-untyped-def]
                     if mixed:
                         _dilate(s, q)
                     if law == NEO_HOOKEAN:
-                        neo_hookean(s, q, moduli.shear, kept[q], has, point)
+                        neo_hookean(s, q, moduli.shear, before[q], has, point)
                     else:
-                        flowing += plastic(s, q, moduli, kept[q], single, point, lanes)
+                        flowing += plastic(s, q, moduli, before[q], single, point, lanes)
                 add_matrix(points, sums, mesh.dx, mesh.dy, rows)
                 edge_forces(s, mesh.dx, mesh.dy)
                 scatter(s[NODES:], sides, layer, start, lanes, out)
@@ -216,13 +216,13 @@ def _inverse_strain(s, out):  # type: ignore[no-untyped-def]
     for row in range(6):
         a = row % 3 if row < 5 else 0
         b = a if row < 3 else (a + 1 if row < 5 else 2)
-        one = 1.0 if row < 3 else 0.0
+        unit = 1.0 if row < 3 else 0.0
         for v in range(BATCH):
             value = s[COFACTOR + a * BATCH + v] * s[COFACTOR + b * BATCH + v]
             for k in range(1, 3):
                 x, y = COFACTOR + (3 * k + a) * BATCH + v, COFACTOR + (3 * k + b) * BATCH + v
                 value += s[x] * s[y]
-            out[row, v] = one - value
+            out[row, v] = unit - value
 
 
 @kernel
@@ -347,7 +347,7 @@ class _LargeStrainLayer:
         return new
 
     def step(
-        self, kept: np.ndarray, moduli: Moduli, finish: Callable[[np.ndarray], State]
+        self, state: np.ndarray, moduli: Moduli, finish: Callable[[np.ndarray], State]
     ) -> Increment:
         """Return the increment for given internal variables and moduli."""
         law = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
@@ -355,7 +355,7 @@ class _LargeStrainLayer:
 
         def respond(u: np.ndarray) -> BodyResponse:
             force, flags = np.zeros_like(u), np.empty((len(u), 2))
-            arguments = self.layer, law, moduli, scale, u, kept, force, self.tangent, flags
+            arguments = self.layer, law, moduli, scale, u, state, force, self.tangent, flags
             _run_coloured(_respond, u, *arguments)
             flowing = float(flags[:, 1].sum()) / (8.0 * np.prod(self.mesh.shape))
             return BodyResponse(force, self.apply, float(flags[:, 0].min()), flowing)

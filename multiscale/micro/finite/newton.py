@@ -49,6 +49,7 @@ def solve_increment(
     active, delta = None, start.approach if target.approach is None else target.approach
     if guess is not None:
         active, delta = guess
+    # start from the prediction if its residual is smaller than that of the last state
     now = None
     if predicted is not None:
         ahead = equations.at(predicted[0], predicted[1] if target.approach is None else delta)
@@ -58,20 +59,22 @@ def solve_increment(
         now = equations.at(start.displacement, delta, active)
     run, linear = NewtonRun(Limits(max_iterations, tolerance)), 0
     while run.goes_on(now.error):
+        # give up where the error grows, or does not halve any more
         errors = run.residuals
         grown = len(errors) > 5 and errors[-1] > DIVERGED * min(errors)
         late = len(errors) > PATIENCE
         if grown or (late and min(errors[-PATIENCE:]) > 0.5 * min(errors[:-PATIENCE])):
             run.stop(Status.STALLED)
             break
+        # solve the linear problem as well as the step deserves, and shorten the step
         forcing = min(FORCING[1], max(FORCING[0], 0.2 * now.error**0.75))
         move, shift, iterations = scene.solver.step(now, forcing, 0.4 * tolerance)
         linear += iterations
-        found = _search(equations, now, move, shift)
-        if found is None:
+        following = _search(equations, now, move, shift)
+        if following is None:
             run.stop(Status.STALLED)
             break
-        now = found
+        now = following
     load = -float(now.contact_force[:, 2].sum()) - start.load
     return CellState(
         now.u,
@@ -100,12 +103,12 @@ def _search(
     """Shorten a Newton step until no element folds and, if contact is met, the error falls."""
     share, least, best = 1.0, np.inf, 0.0
     for _ in range(HALVINGS):
-        found = equations.at(now.u + share * move, now.delta + share * shift)
-        if found.response.least_dilatation > LEAST_DILATATION:
-            if now.opens or found.error <= (1.0 - 1e-3 * share) * now.error:
-                return found
-            if found.error < least:
-                least, best = found.error, share
+        trial = equations.at(now.u + share * move, now.delta + share * shift)
+        if trial.response.least_dilatation > LEAST_DILATATION:
+            if now.opens or trial.error <= (1.0 - 1e-3 * share) * now.error:
+                return trial
+            if trial.error < least:
+                least, best = trial.error, share
         share *= 0.5
     if best == 0.0:
         return None
@@ -143,7 +146,7 @@ def walk_step(
 ) -> Walk:
     """Compute a step of a path in increments."""
     wanted = 0.0 if target.load in (None, 0.0) else float(target.load or 0.0) - start.load
-    # the load alone changes, of a body that flows
+    # only the load changes, of a body that flows
     flows = bool(wanted and np.isfinite(largest_approach) and np.all(target.slide == start.slide))
     presses = flows and increments == 1 and not start.active.any()
     state, work = start, np.zeros(3, dtype=int)
@@ -152,26 +155,28 @@ def walk_step(
         if (spent := _spent(work, increments)) is not None:
             state = replace(state, status=spent)
             break
+        # try an increment, from a prediction
         share = min(1.0, reached + length)
         share = 1.0 if 1.0 - share < 1e-9 else share
         part = share - reached
         aim = _between(start, target, share, part)
-        found = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
-        moved = abs(found.approach - state.approach)
-        if found.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
-            state, reached = found, share
-            if len(found.residuals) - 1 <= EASY:
+        end = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
+        moved = abs(end.approach - state.approach)
+        # accept it and lengthen the next one, or repeat it shorter
+        if end.status is Status.CONVERGED and moved <= TOO_FAR * largest_approach:
+            state, reached = end, share
+            if len(end.residuals) - 1 <= EASY:
                 length = min(1.0 / increments, GROW * part)
             if moved > 0.0:
                 length = min(length, part * largest_approach / moved)
         elif flows:
             presses = True
-        elif found.status is Status.CONVERGED:
+        elif end.status is Status.CONVERGED:
             length = part * largest_approach / moved
         else:
             length = SHRINK * part
             if length < SMALLEST:
-                state = replace(state, status=found.status)
+                state = replace(state, status=end.status)
                 break
     if presses:
         longest = PRESSED * largest_approach
@@ -224,21 +229,22 @@ def _press(
     length = longest
     while (status := _spent(work, increments)) is None:
         aim = Target(None, state.approach + sign * length, target.slide)
-        found = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
-        if found.status is Status.CONVERGED and sign * (found.load - load) >= 0.0:
-            part = (load - state.load) / (found.load - state.load)
-            between = _extrapolate(found, part - 1.0)
-            found = _increment(scene, state, target, tolerance, between, work)
-            if found.status is Status.CONVERGED:
-                return found
-        if found.status is Status.CONVERGED:
-            state = found
-            if len(found.residuals) - 1 <= EASY:
+        end = _increment(scene, state, aim, tolerance, _predict(state, aim), work)
+        # the load lies within the increment: interpolate, and prescribe the load
+        if end.status is Status.CONVERGED and sign * (end.load - load) >= 0.0:
+            part = (load - state.load) / (end.load - state.load)
+            between = _extrapolate(end, part - 1.0)
+            end = _increment(scene, state, target, tolerance, between, work)
+            if end.status is Status.CONVERGED:
+                return end
+        if end.status is Status.CONVERGED:
+            state = end
+            if len(end.residuals) - 1 <= EASY:
                 length = min(longest, GROW * length)
         else:
             length *= SHRINK
             if length < SMALLEST * longest:
-                status = found.status
+                status = end.status
                 break
     return replace(state, status=status)
 
@@ -283,21 +289,21 @@ def _increment(
     if aim.load != 0.0 and not state.active.any():
         guess = _first_touch(scene, state, aim)
     if aim.load == 0.0 or (guess is not None and not guess[0].any()):
-        found = _released(scene, state, aim)
+        end = _released(scene, state, aim)
     else:
-        found = solve_increment(scene, state, aim, guess, predicted=ahead, tolerance=tolerance)
-    work += (1, len(found.residuals) - 1, found.linear_iterations)
+        end = solve_increment(scene, state, aim, guess, predicted=ahead, tolerance=tolerance)
+    work += (1, len(end.residuals) - 1, end.linear_iterations)
     logger.debug(
         "load %.3g N, approach %.4g m: %s in %d iterations, %d linear, error %.1e, flowing %.3f",
-        found.load,
-        found.approach,
-        found.status.name,
-        len(found.residuals) - 1,
-        found.linear_iterations,
-        found.residuals[-1],
-        found.flowing,
+        end.load,
+        end.approach,
+        end.status.name,
+        len(end.residuals) - 1,
+        end.linear_iterations,
+        end.residuals[-1],
+        end.flowing,
     )
-    return found
+    return end
 
 
 def _first_touch(

@@ -264,13 +264,13 @@ def _sums(w):  # type: ignore[no-untyped-def]
             w[out + 18 * BATCH + v] = h * x + m * y + w[SERIES + 5 * BATCH + v] * z
     for row in range(6):
         e, out = POWERS + row * BATCH, SHARES + 3 * row * BATCH
-        one = ONE if row < 3 else ZERO
+        unit = ONE if row < 3 else ZERO
         for v in range(BATCH):
             x, y, half = w[e + v], w[e + 6 * BATCH + v], HALF * w[MODULI + v]
             h, i, m = w[SERIES + 3 * BATCH + v], w[SERIES + BATCH + v], w[SERIES + 4 * BATCH + v]
-            w[out + v] = one * w[SERIES + v] + (i - half) * x + h * y
-            w[out + BATCH + v] = one * (i + half) + w[SERIES + 2 * BATCH + v] * x + m * y
-            w[out + 2 * BATCH + v] = one * h + m * x + w[SERIES + 5 * BATCH + v] * y
+            w[out + v] = unit * w[SERIES + v] + (i - half) * x + h * y
+            w[out + BATCH + v] = unit * (i + half) + w[SERIES + 2 * BATCH + v] * x + m * y
+            w[out + 2 * BATCH + v] = unit * h + m * x + w[SERIES + 5 * BATCH + v] * y
     for power in range(3):
         first, second = TURNS + 9 * (power // 2) * BATCH, TURNS + 9 * ((power + 1) // 2) * BATCH
         for row in range(6):

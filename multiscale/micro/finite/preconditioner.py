@@ -79,8 +79,8 @@ class FlatCells:
 
     def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
         """Press the flat cells under a load, N; see :class:`.LinearSolver`."""
-        found = solve_flat(self.both.vertical[0], gap, closing, load=load)
-        return found.value > 0.0, found.approach
+        touch = solve_flat(self.both.vertical[0], gap, closing, load=load)
+        return touch.value > 0.0, touch.approach
 
     def step(self, now: Iterate, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
         """Solve the linear problem of a Newton step; see :class:`.LinearSolver`."""

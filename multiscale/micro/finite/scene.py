@@ -202,18 +202,18 @@ class CellScene:
         sizes = [float(np.prod(body.shape)) for body in self.bodies]
 
         def respond(u: np.ndarray) -> BodyResponse:
-            found = [step.respond(v) for step, v in zip(steps, self.split(u), strict=True)]
+            responses = [step.respond(v) for step, v in zip(steps, self.split(u), strict=True)]
 
             def tangent(v: np.ndarray) -> np.ndarray:
-                parts = zip(found, self.split(v), strict=True)
+                parts = zip(responses, self.split(v), strict=True)
                 return join([response.tangent(part) for response, part in parts])
 
             return BodyResponse(
-                join([response.force for response in found]),
+                join([response.force for response in responses]),
                 tangent,
-                min(response.least_dilatation for response in found),
-                float(np.average([response.flowing for response in found], weights=sizes)),
-                found[0].matrix,
+                min(response.least_dilatation for response in responses),
+                float(np.average([response.flowing for response in responses], weights=sizes)),
+                responses[0].matrix,
             )
 
         def finish(u: np.ndarray) -> tuple[Any, ...]:

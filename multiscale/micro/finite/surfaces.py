@@ -92,25 +92,25 @@ def _locate(  # type: ignore[no-untyped-def]
     nx, _, ny = field.shape
     for node in range(begin, end):
         wx, wy = np.empty((3, 4)), np.empty((3, 4))
-        x, y, found = place[0, node], place[1, node], values[node]
-        i, j = _sample(field, dx, dy, x, y, wx, wy, found)
+        x, y, here = place[0, node], place[1, node], values[node]
+        i, j = _sample(field, dx, dy, x, y, wx, wy, here)
         off = 0.0
         for _ in range(SEARCHES if search else 0):
-            rx, ry = target[0, node] - found[0, 0], target[1, node] - found[0, 1]
+            rx, ry = target[0, node] - here[0, 0], target[1, node] - here[0, 1]
             off = max(abs(rx) / dx, abs(ry) / dy)
             if not off > CLOSE * (1.0 + abs(x) + abs(y)):
                 off = 0.0
                 break
-            det = found[1, 0] * found[2, 1] - found[1, 1] * found[2, 0]
-            sx = (rx * found[2, 1] - ry * found[2, 0]) / det
-            sy = (ry * found[1, 0] - rx * found[1, 1]) / det
+            det = here[1, 0] * here[2, 1] - here[1, 1] * here[2, 0]
+            sx = (rx * here[2, 1] - ry * here[2, 0]) / det
+            sy = (ry * here[1, 0] - rx * here[1, 1]) / det
             cut = min(1.0, 1.0 / max(abs(sx), abs(sy), 1e-300))
             x, y = x + cut * sx, y + cut * sy
             if not np.isfinite(x + y):
                 break
-            i, j = _sample(field, dx, dy, x, y, wx, wy, found)
+            i, j = _sample(field, dx, dy, x, y, wx, wy, here)
         if not off < 1e-6:  # no place above the target: the surface has folded
-            found[:] = np.nan
+            here[:] = np.nan
         place[0, node], place[1, node] = x, y
         for a in range(4):
             for b in range(4):
@@ -166,14 +166,12 @@ class Projection:
     def carry(self, field: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Interpolate a nodal field of the opposite surface, or its derivative by place 1 or 2."""
         flat = np.moveaxis(field, 1, -1).reshape(-1, 3)
-        found = self._matrices[derivative] @ flat
-        return np.moveaxis(found.reshape(*self.grid, 3), -1, 1)
+        return np.moveaxis((self._matrices[derivative] @ flat).reshape(*self.grid, 3), -1, 1)
 
     def spread(self, force: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Distribute forces at the points, N, to the nodes, as the transpose of :meth:`carry`."""
         flat = np.moveaxis(force, 1, -1).reshape(-1, 3)
-        found = self._matrices[derivative].T @ flat
-        return np.moveaxis(found.reshape(*self.points, 3), -1, 1)
+        return np.moveaxis((self._matrices[derivative].T @ flat).reshape(*self.points, 3), -1, 1)
 
 
 @dataclass(frozen=True, eq=False)
