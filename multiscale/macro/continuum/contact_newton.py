@@ -22,6 +22,7 @@ References
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import norm
@@ -89,16 +90,11 @@ class ContactEquilibrium:
     unbalance: np.ndarray
 
 
-@dataclass(frozen=True)
-class LocalLaw:
-    """Residual of the contact law and its derivatives.
+class LocalLaw(NamedTuple):
+    """Residual of the contact law, Pa, shape (nodes, c), and its derivatives, (nodes, c, c).
 
-    Attributes
-    ----------
-    residual : ndarray, shape (nodes, c), Pa; zero where the law holds
-    by_reaction : ndarray, shape (nodes, c, c), derivative by the reaction, dimensionless
-    by_jump : ndarray, shape (nodes, c, c)
-        Derivative by the jump, Pa/m. Zero rows where the node is open.
+    The derivative by the jump, Pa/m, has zero rows where the node is open; the derivative by the
+    reaction is dimensionless.
     """
 
     residual: np.ndarray
@@ -291,9 +287,7 @@ class _Step:
         if not closed.any():
             return None
         rho = trial.rho
-        residual, by_reaction, by_jump = (
-            np.array(part) for part in (law.residual, law.by_reaction, law.by_jump)
-        )
+        residual, by_reaction, by_jump = (np.array(part) for part in law)
         residual[closed] = trial.end.reaction[closed]
         residual[closed, 0] = rho[closed] * jump[closed, 0]
         by_reaction[closed, 0, 0] = 0.0
