@@ -11,13 +11,13 @@ from multiscale.needs import Choice
 if TYPE_CHECKING:
     from multiscale.micro.layer import PeriodicLayer
 
-__all__ = ["MEAN", "CellPart", "cell_choices", "layer_memory", "layer_unknowns"]
+__all__ = ["AVERAGES", "CellPart", "cell_choices", "layer_memory", "layer_unknowns"]
 
 _LANES = 32  # elements along y in one batch of the kernels
 _KRYLOV = 15  # directions, each with its image
 _VECTORS = 4  # displacement-sized arrays alive at the peak of a contact solve, the last step's too
 
-MEAN = "averages the change of volume over an element, which is too stiff otherwise ({})"
+AVERAGES = "averages the change of volume over an element, which is too stiff otherwise ({})"
 
 
 class CellPart(StrEnum):
@@ -68,7 +68,7 @@ class CellPart(StrEnum):
     )
     MEAN_DILATATION = (
         "mean dilatation",
-        MEAN.format("B-bar"),
+        AVERAGES.format("B-bar"),
         "Poisson's ratio below 0.4, or no elements",
     )
     TILT = (

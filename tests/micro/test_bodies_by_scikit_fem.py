@@ -9,7 +9,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.laws.bulk.moduli import lame_parameters
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.elastic.flat_reference import surface_slopes
-from multiscale.micro.flat.contact import solve_flat
+from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, moduli_by_layer
 from multiscale.numerics.factorisation import factorise
 from tests.support import rough_square

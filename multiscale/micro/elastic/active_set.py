@@ -20,7 +20,7 @@ import numpy as np
 
 from multiscale.convergence import Status, check_limits
 from multiscale.micro.elastic_cell import ContactState, untouched
-from multiscale.micro.flat.contact import solve_flat
+from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.numerics.krylov import conjugate_gradients
 from multiscale.numerics.vectors import advance, dot, turn
 

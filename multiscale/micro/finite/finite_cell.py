@@ -9,7 +9,13 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro.averages import ContactSurface
-from multiscale.micro.cell_needs import MEAN, CellPart, cell_choices, layer_memory, layer_unknowns
+from multiscale.micro.cell_needs import (
+    AVERAGES,
+    CellPart,
+    cell_choices,
+    layer_memory,
+    layer_unknowns,
+)
 from multiscale.micro.contact_area import EdgeLayer, element_edges
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, SecondBody
 from multiscale.micro.path import Path, Target
@@ -129,7 +135,9 @@ class FiniteCell(PeriodicLayer):
                     CellPart.ELEMENT_MODULI: self.heterogeneous,
                     CellPart.COATING: any(body.coating for body in self.bodies),
                 },
-                {CellPart.MEAN_DILATATION: MEAN.format("pressures are unknowns")} if large else {},
+                {CellPart.MEAN_DILATATION: AVERAGES.format("pressures are unknowns")}
+                if large
+                else {},
             ),
             state_variables=tuple(name for law in laws for name in law.history),
             libraries=("numba",),

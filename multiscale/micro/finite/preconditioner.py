@@ -48,7 +48,7 @@ from multiscale.micro.finite.large_strain import pressure_scale
 from multiscale.micro.finite.scene import join
 from multiscale.micro.finite.strain import kernel
 from multiscale.micro.finite.surfaces import MIRROR, Meeting
-from multiscale.micro.flat.contact import solve_flat
+from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
 from multiscale.numerics.krylov import conjugate_gradients, minimal_residual
 

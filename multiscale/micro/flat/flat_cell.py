@@ -176,7 +176,7 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
     """Set up the contact of a cell with roughness as gap, on a flat elastic layer."""
     from multiscale.micro.elastic.lateral_fft import SurfaceFilter
     from multiscale.micro.flat.compliance import expanded_compliance
-    from multiscale.micro.flat.contact import coarse_start, solve_flat
+    from multiscale.micro.flat.flat_contact import coarse_start, solve_flat
 
     heights = cell.surface.heights
     nx, ny = heights.shape

@@ -9,7 +9,7 @@ import numpy as np
 from multiscale.errors import CaseError, listed
 from multiscale.laws.bulk import J2
 from multiscale.laws.bulk.moduli import check_moduli
-from multiscale.micro.cell_needs import MEAN, CellPart, cell_choices
+from multiscale.micro.cell_needs import AVERAGES, CellPart, cell_choices
 from multiscale.micro.layer import Linear, PeriodicLayer, statistics_of
 from multiscale.micro.path import Path
 from multiscale.needs import Needs
@@ -210,7 +210,7 @@ class MeshCell:
                     if self.remembers
                     else CellPart.FACTORS.why,
                     CellPart.TANGENT: "of the elements as they are strained, as a matrix",
-                    CellPart.MEAN_DILATATION: MEAN.format("in the energy"),
+                    CellPart.MEAN_DILATATION: AVERAGES.format("in the energy"),
                 },
                 {
                     CellPart.LAYER_FACTORS: "a matrix is at hand, and has another way to speed up "

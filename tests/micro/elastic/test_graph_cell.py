@@ -17,7 +17,7 @@ from multiscale.micro.elastic.active_set import (
 )
 from multiscale.micro.elastic.graph_cell import assemble_graph_cell
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
-from multiscale.micro.flat.contact import solve_flat
+from multiscale.micro.flat.flat_contact import solve_flat
 from multiscale.micro.layer import GraphMesh, graded_planes
 from tests.support import egg_box, rough_square
 

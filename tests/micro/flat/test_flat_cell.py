@@ -7,9 +7,9 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
-from multiscale.micro.flat import contact
-from multiscale.micro.flat.contact import coarse_start
+from multiscale.micro.flat import flat_contact
 from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_gap
+from multiscale.micro.flat.flat_contact import coarse_start
 from tests.closed_forms import westergaard
 from tests.support import rough_square, wave
 
@@ -145,13 +145,13 @@ def _start_at_random(_compliance, gap, _closing, *, load, cap):
 def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(
     monkeypatch, hardness, start
 ):
-    monkeypatch.setattr(contact, "_FINE", 16)
+    monkeypatch.setattr(flat_contact, "_FINE", 16)
     cell = Cell(rough(64, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=hardness)
     problem, scale = assemble_flat_cell(cell), float(np.ptp(cell.surface.heights))
     pressed = {"load": 0.01, "approach": None, "start": None, "tolerance": 1e-6}
     guessed = problem.solve(**pressed)
     with monkeypatch.context() as patch:
-        patch.setattr(contact, "coarse_start", start)
+        patch.setattr(flat_contact, "coarse_start", start)
         elsewhere = assemble_flat_cell(cell)
     other = elsewhere.solve(**pressed)
     assert guessed.linear_iterations < 0.95 * other.linear_iterations
