@@ -249,22 +249,17 @@ def grain_needs(
     """
     friction = max(law.friction, wall_friction) > 0.0
     parts = (
-        ("sweeps", True, "over the contacts, one after the other, again and again", ""),
+        ("sweeps", True, "over the contacts, one after the other", ""),
         ("friction", friction, "Coulomb's limit at each contact", "no friction is given"),
         ("rotation", friction, "spins and moments of inertia", "nothing turns the grains"),
-        (
-            "cell strain",
-            strained,
-            "rates along the axes, branch of each contact",
-            "no cell strains",
-        ),
+        ("cell strain", strained, "rates along the axes, branches", "no cell strains"),
         ("springs", law.compliance > 0.0, "of compliant contacts", "contacts are rigid"),
         ("restitution", law.restitution > 0.0, "of pairs that meet fast", "no pair bounces"),
         (
             "assembled problem",
             solver.most_assembled > 0 and not strained,
             f"all contacts at once, where sweeps fail on at most {solver.most_assembled} of them",
-            "sweeps alone",
+            "only sweeps",
         ),
     )
     spin = ("spin",) if friction else ()

@@ -42,7 +42,7 @@ class GrainState:
     position : ndarray, shape (grains, 3), centres, m
     velocity : ndarray, shape (bodies, 4 or 8)
         Velocities and radius times spin, as in :mod:`~multiscale.macro.granulate.contact_solver`.
-    point : ndarray, shape (walls, 3), A point on each wall, m
+    point : ndarray, shape (walls, 3), point on each wall, m
     period : ndarray, shape (3,), periods of the cell, m; infinite along axes without a period
     pairs : ndarray of int32, shape (pairs, 2)
         Neighbours: two grains, or a grain and a wall, numbered after the grains.
@@ -161,10 +161,8 @@ def step_grains(
     began = perf_counter()
     state, h, acted = _choose_step(model, state, h, accuracy)
     # without impulses: damping, then gravity, forces on walls and the pressure on the cell
-    keep, (inertia, thrust) = (
-        np.exp(-model.damping_rate * acted),
-        _cell_inertia(model, state.period),
-    )
+    keep = np.exp(-model.damping_rate * acted)
+    inertia, thrust = _cell_inertia(model, state.period)
     damped, damped_rate = state.velocity.copy(), state.rate if model.driven else keep * state.rate
     damped[: model.grains.n] *= keep
     damped_rate = np.where(model.free, damped_rate, model.prescribed_rate)
