@@ -56,6 +56,7 @@ __all__ = ["Constraint", "FlatCells", "MixedReference", "join_flat_cells", "mixe
 
 LEAST_SPRING = 0.3 / 1.3  # share of the bound above which the preconditioner has a spring
 KRYLOV_MEMORY = 1e9  # bytes of the directions of one linear problem
+SINGLE = 4e-6  # least relative tolerance of a linear problem, which single precision reaches
 KRYLOV_ITERATIONS = (60, 400)  # bounds on the number of stored directions
 _INNER = 1e-3  # relative tolerance on the surface; the flexible Krylov method allows for it
 _LIMIT = 200  # iterations on the surface
@@ -103,12 +104,12 @@ class FlatCells:
         rest = np.append(-now.residual, weight * now.missing if carries else 0.0) - apply(x)
         weights = now.scene.weights[0] * float(np.linalg.norm(now.distance))
         present = np.hypot(float(np.linalg.norm(now.residual)), weights)
-        goal = max(forcing * present, floor * now.scale)
+        norm = float(np.linalg.norm(rest)) or 1.0
+        goal = max(max(forcing * present, floor * now.scale) / norm, SINGLE)
         room = int(KRYLOV_MEMORY / (2 * x.nbytes))
         limit = min(max(room, KRYLOV_ITERATIONS[0]), KRYLOV_ITERATIONS[1])
-        norm = float(np.linalg.norm(rest)) or 1.0
         unit = (rest / norm).astype(np.float32)  # enough for the tolerance, in half the memory
-        y, iterations = minimal_residual(apply, unit, precondition, goal=goal / norm, room=limit)
+        y, iterations = minimal_residual(apply, unit, precondition, goal=goal, room=limit)
         x += norm * y.astype(float)
         return x[:size], float(x[size]), iterations + 1
 
