@@ -99,6 +99,24 @@ def test_a_kernel_that_was_killed_while_it_compiled_is_compiled_by_the_next(tmp_
     assert second.stdout == "1\n"
 
 
+def test_a_cache_that_names_a_class_which_has_gone_is_written_anew(tmp_path, environment):
+    text = """
+        from typing import NamedTuple
+        from multiscale.numerics.compiled import compiled
+
+        class {0}(NamedTuple):
+            x: float
+
+        value = {0}
+    """
+    program = "import values; from kernel import kernel; print(kernel(values.value(2.0)))"
+    (tmp_path / "kernel.py").write_text(KERNEL.replace("x * x", "x.x * x.x"))
+    for name in ("Pair", "Couple"):
+        lines = text.format(name).splitlines()
+        (tmp_path / "values.py").write_text("\n".join(line[8:] for line in lines))
+        assert run_python(program, env=environment).stdout == "5.0\n"
+
+
 def test_without_a_folder_that_can_be_written_to_kernels_are_compiled_by_each_process(
     tmp_path, environment
 ):

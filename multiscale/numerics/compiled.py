@@ -33,7 +33,12 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
 
     def compile_once(signature: Any) -> Any:
         with _compiling, lock:
-            return compile_kernel(signature)
+            try:
+                return compile_kernel(signature)
+            except (AttributeError, ImportError):  # the cache names a class that has moved
+                for index in Path(kernel.stats.cache_path).glob("*.nbi"):
+                    index.unlink(missing_ok=True)
+                return compile_kernel(signature)
 
     kernel.compile = compile_once
     return kernel

@@ -21,8 +21,8 @@ from multiscale.macro import (
     tensegrity_grid,
 )
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
+from multiscale.macro.granulate.grain_motion import initial_state, step_grains
 from multiscale.macro.granulate.model import grain_needs
-from multiscale.macro.granulate.motion import initial_state, step_grains
 from multiscale.macro.links import dynamics as dynamics_module
 from multiscale.macro.links import limited_motion as motion_module
 from multiscale.macro.links.link_equations import Tangent

@@ -1,12 +1,12 @@
-from .cells import biaxial_cell as biaxial_cell
-from .cells import biaxial_curve as biaxial_curve
-from .cells import compact as compact
-from .cells import shear_layer as shear_layer
-from .cells import shear_response as shear_response
 from .grain_bodies import CylinderWall as CylinderWall
 from .grain_bodies import Grains as Grains
 from .grain_bodies import PlaneWall as PlaneWall
 from .grain_bodies import box as box
+from .grain_cells import biaxial_cell as biaxial_cell
+from .grain_cells import biaxial_curve as biaxial_curve
+from .grain_cells import compact as compact
+from .grain_cells import shear_layer as shear_layer
+from .grain_cells import shear_response as shear_response
 from .model import ContactLaw as ContactLaw
 from .model import Model as Model
 from .model import Solver as Solver

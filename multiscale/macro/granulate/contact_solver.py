@@ -11,13 +11,13 @@ from multiscale.macro.granulate.model import Solver
 from multiscale.nonsmooth import solve_friction, solve_lcp
 from multiscale.numerics.compiled import compiled
 
-__all__ = ["Motion", "solve_velocities"]
+__all__ = ["Velocities", "solve_velocities"]
 
 SWEEPS_PER_CHECK = 10
 """Number of sweeps between two evaluations of the error."""
 
 
-class Motion(NamedTuple):
+class Velocities(NamedTuple):
     """Velocities that impulses change, of grains and then of walls.
 
     Attributes
@@ -37,7 +37,7 @@ class Motion(NamedTuple):
     strain: np.ndarray | None
 
 
-def solve_velocities(solver: Solver, motion: Motion, contacts: Contacts) -> tuple[int, float]:
+def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> tuple[int, float]:
     r"""Solve the contacts of a step in place; return the sweeps and the relative error."""
     arguments = _arguments(contacts, motion)
     scale = _closing_size(*arguments)
@@ -61,7 +61,7 @@ def solve_velocities(solver: Solver, motion: Motion, contacts: Contacts) -> tupl
     return done, error / scale
 
 
-def _arguments(contacts: Contacts, motion: Motion) -> tuple[Any, ...]:
+def _arguments(contacts: Contacts, motion: Velocities) -> tuple[Any, ...]:
     """Return the arguments of the kernels.
 
     Those that can be None stand by themselves: then no code is compiled for them.
@@ -69,7 +69,7 @@ def _arguments(contacts: Contacts, motion: Motion) -> tuple[Any, ...]:
     return contacts._replace(coulomb=None), contacts.coulomb, motion[:2], motion.strain
 
 
-def _solve_assembled(motion: Motion, contacts: Contacts, tolerance: float) -> np.ndarray:
+def _solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
     """Return impulses, N s, of the assembled problem with friction, that may miss the tolerance.
 
     ``motion`` has the velocities before the impulses act.
@@ -98,7 +98,7 @@ def _solve_assembled(motion: Motion, contacts: Contacts, tolerance: float) -> np
     return np.asarray(np.einsum("cab,ca->cb", frames, solution.value.reshape(-1, 3)))
 
 
-def _solve_normal(motion: Motion, contacts: Contacts, tolerance: float) -> np.ndarray:
+def _solve_normal(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
     """Return impulses of contacts without friction: an unknown each, three velocities per body."""
     normal, bodies, m = contacts.normal, len(motion.mobility), len(contacts.ends)
     compliance = contacts.compliance / contacts.mass  # 1/kg

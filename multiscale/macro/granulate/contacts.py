@@ -9,9 +9,9 @@ from multiscale.numerics.compiled import compiled
 
 __all__ = [
     "Contacts",
-    "Increment",
+    "FreeStep",
     "Pairs",
-    "Place",
+    "Positions",
     "Walls",
     "allowed_step",
     "build_contacts",
@@ -41,7 +41,7 @@ class Walls(NamedTuple):
     bore: np.ndarray
 
 
-class Place(NamedTuple):
+class Positions(NamedTuple):
     """Centres (grains, 3), radii (grains,) and periods of space (3,), m, and walls."""
 
     position: np.ndarray
@@ -74,14 +74,14 @@ class Pairs(NamedTuple):
     compliance: np.ndarray
 
 
-class Increment(NamedTuple):
+class FreeStep(NamedTuple):
     """A step before its contacts are known.
 
     Attributes
     ----------
     length : float, s
     before, velocity : ndarray, shape (bodies, 4 or 8), before and after the forces act, m/s
-    mobility : ndarray, shape (bodies, 1 or 3), as of :class:`~.contact_solver.Motion`
+    mobility : ndarray, shape (bodies, 1 or 3), as of :class:`~.contact_solver.Velocities`
     friction : ndarray, coefficients of the grains and of each wall; empty without friction
     strain : ndarray, shape (2, 3)
         Strain rates of the cell, 1/s, and one over the root of its inertia, 1/(kg m2)^.5.

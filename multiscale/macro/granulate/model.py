@@ -190,7 +190,7 @@ class Model:
 
     @cached_property
     def mobility(self) -> np.ndarray:
-        """Mobilities as in :class:`~multiscale.macro.granulate.contact_solver.Motion`, 1/kg."""
+        """Mobilities as in :class:`~multiscale.macro.granulate.contact_solver.Velocities`, 1/kg."""
         grains, turns = self.grains, self.turns
         mobility = np.zeros((grains.n + len(self.walls), 3 if turns else 1))
         mobility[: grains.n, :2] = 1.0 / grains.mass[:, None]

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.macro.granulate.grain_motion import GrainState, initial_state, step_grains
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.macro.granulate.motion import GrainState, initial_state, step_grains
 from multiscale.schema import GRANULATE, Dataset
 
 __all__ = ["Record", "final_grains", "simulate_grains"]

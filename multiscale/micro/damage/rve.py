@@ -42,13 +42,13 @@ import numpy as np
 
 from multiscale.convergence import Solution, Status, check_limits, verdict
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.io.images import VoxelImage
+from multiscale.io.images import VoxelImage as VoxelImage
 from multiscale.laws.bulk.moduli import (
     check_moduli,
     drop_soft_modes,
     lame_parameters,
-    youngs_modulus_along,
 )
+from multiscale.laws.bulk.moduli import youngs_modulus_along as youngs_modulus_along
 from multiscale.micro.damage.sections import Volume, max_damage, section_normals
 from multiscale.schema import RVE, RVE_VOLUMES, Dataset
 
@@ -58,11 +58,9 @@ if TYPE_CHECKING:
 __all__ = [
     "SIDES",
     "STRAINS",
-    "VoxelImage",
     "effective_stiffness",
     "measure_volume",
     "represent",
-    "youngs_modulus_along",
 ]
 
 SIDES = ("traction", "periodic", "displacement")

@@ -14,7 +14,7 @@ from multiscale.macro.granulate import (
     compact,
     simulate_grains,
 )
-from multiscale.macro.granulate.motion import initial_state, step_grains
+from multiscale.macro.granulate.grain_motion import initial_state, step_grains
 from multiscale.nonsmooth import solve_friction
 
 FLOOR = PlaneWall((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.contact_solver import Motion, solve_velocities
+from multiscale.macro.granulate.contact_solver import Velocities, solve_velocities
 from multiscale.macro.granulate.contacts import (
     Contacts,
-    Increment,
+    FreeStep,
     Pairs,
-    Place,
+    Positions,
     Walls,
     allowed_step,
     build_contacts,
@@ -76,11 +76,11 @@ class GrainState:
         """Forces of the contacts on their first bodies in the last step, shape (contacts, 3), N."""
         return self.contacts.vectors / self.force_time
 
-    def place(self, model: Model) -> Place:
+    def place(self, model: Model) -> Positions:
         """Return the place of grains and walls for the kernels."""
         kind, axis, bore = model.shapes
         walls = Walls(kind, self.point, axis, bore)
-        return Place(self.position, model.grains.radius, self.period, walls)
+        return Positions(self.position, model.grains.radius, self.period, walls)
 
 
 def initial_state(model: Model) -> GrainState:
@@ -174,7 +174,7 @@ def step_grains(
     shares = (0.5 * state.step_length / acted, 0.5 * h / acted) if accuracy else (0.0, 0.0)
     law, rest = model.law, 2.0 * acted * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, *shares)
-    step = Increment(h, damped, velocity, model.mobility, model.friction, strain, *constants)
+    step = FreeStep(h, damped, velocity, model.mobility, model.friction, strain, *constants)
     solved = _solve_contacts(model, state, solver, step, acted)
     contacts = solved.contacts
     new = _advance(model, state, (h, acted), solved)
@@ -270,7 +270,7 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
 
 
 def _solve_contacts(
-    model: Model, state: GrainState, solver: Solver, step: Increment, acted: float
+    model: Model, state: GrainState, solver: Solver, step: FreeStep, acted: float
 ) -> _SolvedContacts:
     """Solve (1), and again if other pairs overlap."""
     place, pairs, sweeps = state.place(model), _pairs_of_step(model, state, acted), 0
@@ -280,7 +280,7 @@ def _solve_contacts(
         if not model.frictional:
             contacts = contacts._replace(coulomb=None)
         strain = step.strain.copy()
-        motion = Motion(
+        motion = Velocities(
             step.velocity.copy(), step.mobility, None if model.pressure is None else strain
         )
         done, residual = solve_velocities(solver, motion, contacts)
