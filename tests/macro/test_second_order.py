@@ -18,6 +18,7 @@ from multiscale.macro import (
     solve_assembly,
 )
 from multiscale.macro.bodies.assembly import GROUND
+from multiscale.macro.substructures import cut_assembly
 from tests.closed_forms import hertz
 from tests.contact_scenes import block, graded, moment_radius, near
 
@@ -50,6 +51,7 @@ def sheared_blocks(kinds, orders, elements):
         pytest.param("hh", (2, 2), (FEW, MORE), NewtonSchur((2, 1)), id="nine nodes"),
         pytest.param("hh", ("serendipity",) * 2, (FEW, MORE), AssembledNewton(), id="eight nodes"),
         pytest.param("hh", ("serendipity",) * 2, (FEW, FEW), AssembledNewton(), id="eight, alike"),
+        pytest.param("hh", (2, 2), (FEW, FEW), AssembledNewton(), id="nine, alike"),
         pytest.param("th", (1, 2), (FEW, MORE), AssembledNewton(), id="first below"),
         pytest.param("ht", (2, 1), (FEW, FEW), LatinMethod(), id="first above"),
     ],
@@ -99,3 +101,11 @@ def test_a_bump_on_a_block_is_pressed_as_hertz_has_it(kind):
     assert moment_radius(distance, pressure, area) == pytest.approx(contact, rel=0.03)
     middle = pressure[np.argmin(distance)]
     assert middle == pytest.approx(1.5 * force / (np.pi * contact**2), rel=0.08)
+
+
+@pytest.mark.parametrize(("kind", "order", "points"), [("h", 2, 25), ("t", 2, 9), ("h", 1, 9)])
+def test_nodes_with_an_area_are_points_of_matching_faces(kind, order, points):
+    """Slip begins in a part of a facet: fewer points lose a tenth of the damping of a beam."""
+    mesh = {"t": MeshTet, "h": MeshHex}[kind]
+    assembly, *_ = sheared_blocks((mesh, mesh), (order, order), (FEW, FEW))
+    assert len(cut_assembly(assembly).joints[0].position) == points

@@ -1,14 +1,14 @@
 r"""Points where a law joins bodies: nodes, Gauss points, or averages.
 
-Points are the nodes of matching elements of first order. Where meshes do not match, or elements are
-of second order, they are the corners of the facets of side 2, or of side 1 where the facets of side
-2 are far larger, and the jump is its mean about a corner a: with the mortar rows D and M,
-(1) of :mod:`multiscale.fe.interface`, of that side,
+Points are the nodes of matching facets of first order or with nine nodes. Where meshes do not
+match, or facets have other nodes of second order, the points are the corners of the facets of side
+2, or of side 1 where the facets of side 2 are far larger, and the jump is its mean about a corner
+a: with the mortar rows D and M, (1) of :mod:`multiscale.fe.interface`, of that side,
 
 .. math:: w_a = \sum_b D_{ab}, \qquad
     j_a = \frac{1}{w_a} \sum_b \left(D_{ab} u^2_b - M_{ab} u^1_b\right).    \tag{1}
 
-The nodes of second order have no such area: that of a corner of quadratic triangles is zero.
+A corner of a quadratic triangle has no area as a node, but all nine of a quadrilateral have one.
 """
 
 from collections.abc import Iterator, Sequence
@@ -94,7 +94,8 @@ def cut_interface(
         mate = np.zeros(upper.basis.N, dtype=int)  # node of the lower body at each node
         if match is not None:
             mate[upper.nodes(boundaries[1])] = match[0]
-        by_nodes = joint.quadrature_order is not None or is_first_order(upper.basis)
+        has_areas = is_first_order(upper.basis) or upper.basis.elem.facet_dofs > 0  # nine nodes
+        by_nodes = joint.quadrature_order is not None or has_areas
         of_pairs = _at_points if by_nodes else _average_about_corners
         pieces = [
             _Piece(sides, (lower and _renumber(values, mate, lower), values), area)
