@@ -301,8 +301,8 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     """Cell pressed, sheared and sheared back: worst of balance, contact and Coulomb's law."""
     from multiscale.laws.bulk import J2, NeoHookean
     from multiscale.micro import FiniteCell
+    from multiscale.micro.finite.cell_newton import walk_step
     from multiscale.micro.finite.finite_cell import largest_approach, make_scene
-    from multiscale.micro.finite.newton import walk_step
     from multiscale.micro.finite.scene import rest_state
     from multiscale.micro.path import Target
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
-from multiscale.macro.substructures.needs import cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.rows import Table, list_cycles, list_facts
 from multiscale.pipeline.settings import Case

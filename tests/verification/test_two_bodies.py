@@ -5,8 +5,8 @@ import pytest
 
 from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
+from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.newton import walk_step
 from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.layer import graded_planes
 from multiscale.micro.path import Target

@@ -18,7 +18,12 @@ from multiscale.macro.data_range import (
 )
 from multiscale.macro.substructures.condensed import condense_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
-from multiscale.macro.substructures.path import JointLoading, LoadPath, closed_cycle, cycle_work
+from multiscale.macro.substructures.load_path import (
+    JointLoading,
+    LoadPath,
+    closed_cycle,
+    cycle_work,
+)
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import FollowedPath, Method, PreparedStructure, follow

@@ -18,8 +18,8 @@ from multiscale.macro.bodies.assembly import Assembly
 from multiscale.macro.substructures.condensed import DENSE
 from multiscale.macro.substructures.cut_bodies import cut_assembly
 from multiscale.macro.substructures.latin_solver import LatinMethod
-from multiscale.macro.substructures.needs import PER_UNKNOWN, latin_memory
 from multiscale.macro.substructures.stepping import Method
+from multiscale.macro.substructures.substructure_needs import PER_UNKNOWN, latin_memory
 from multiscale.macro.substructures.whole import AssembledNewton
 from multiscale.schema import Dataset
 

@@ -29,7 +29,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.laws.interface_law import InterfaceLaw, Response
-from multiscale.macro.substructures.path import closed_cycle
+from multiscale.macro.substructures.load_path import closed_cycle
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import sliding_share
 from multiscale.macro.substructures.whole import Assembled, assemble

@@ -18,7 +18,6 @@ from multiscale.io.images import VoxelImage
 
 __all__ = [
     "NEGLIGIBLE",
-    "Bodies",
     "Cavities",
     "Cracks",
     "Ellipsoids",

@@ -180,7 +180,7 @@ class HistoryModel(ABC):
 
     def step(self, state: "CellState", target: Target, tolerance: float) -> "Step[CellState]":
         """Walk from a state to a target, or as far as there is equilibrium."""
-        from multiscale.micro.finite.newton import walk_step
+        from multiscale.micro.finite.cell_newton import walk_step
 
         walk = walk_step(
             self.scene,

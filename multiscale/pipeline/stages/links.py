@@ -11,7 +11,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.io import write_link_fields
 from multiscale.macro import substructures
 from multiscale.macro.links.link_needs import link_needs
-from multiscale.macro.substructures.needs import cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.rows import tabulate_links

@@ -7,7 +7,7 @@ import numpy as np
 from multiscale import macro
 from multiscale.io import write_body_fields
 from multiscale.macro import substructures
-from multiscale.macro.substructures.needs import cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.pipeline.body_settings import Plate
 from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case

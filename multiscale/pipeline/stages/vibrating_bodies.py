@@ -12,7 +12,7 @@ from multiscale.errors import ConvergenceError
 from multiscale.io import write_mode_fields
 from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
-from multiscale.macro.substructures.needs import cut_needs
+from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget

@@ -9,8 +9,8 @@ from multiscale.convergence import Status
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Surface
 from multiscale.micro.finite import newton
+from multiscale.micro.finite.cell_newton import PRESSED, walk_step
 from multiscale.micro.finite.finite_cell import largest_approach, make_scene
-from multiscale.micro.finite.newton import PRESSED, walk_step
 from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.path import Target
 

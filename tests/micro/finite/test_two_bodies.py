@@ -7,9 +7,9 @@ from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.cell_needs import CellPart
+from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.newton import walk_step
 from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.finite.surfaces import MIRROR, DeformedSurface
 from multiscale.micro.path import Target

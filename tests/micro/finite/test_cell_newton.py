@@ -7,8 +7,8 @@ from multiscale.convergence import Status
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, Surface, solve_cell
+from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.finite_cell import current_weight, make_scene
-from multiscale.micro.finite.newton import walk_step
 from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.finite.surfaces import OppositeSide
 from multiscale.micro.path import Target

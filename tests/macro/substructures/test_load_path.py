@@ -8,7 +8,7 @@ from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import AssembledNewton, JointLoading, load_joint
-from multiscale.macro.substructures.path import closed_cycle, cycle_work
+from multiscale.macro.substructures.load_path import closed_cycle, cycle_work
 
 SIDE = 0.02  # m
 
