@@ -60,7 +60,7 @@ def test_preloaded_frequencies_and_the_backbone_are_those_of_the_reference():
     np.testing.assert_allclose(fall[2:], [5.877, 11.828], rtol=0.05)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_frequencies_without_contact_are_those_of_the_reference():
     """Only the bolts join both halves, which may part along them; six modes do not move rigidly."""
     case = load_case("brake_reuss")

@@ -150,7 +150,7 @@ def test_a_scene_imports_the_libraries_it_names_and_no_other(name, tmp_path):
     assert found == set(requirements(load_case(file)).libraries)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LARGE)
 def test_the_memory_said_is_the_memory_taken_within_a_factor_of_two(name, tmp_path):
     code = """

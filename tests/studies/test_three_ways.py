@@ -91,8 +91,13 @@ def check_parts(table):
     assert np.all(table["gap_error_uncertainty"] > 0.0)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("number", range(4), ids=["1/4", "1/8", "1/16", "1/32"])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(0, id="1/4", marks=pytest.mark.slow),
+        *(pytest.param(n, id=f"1/{4 * 2**n}", marks=pytest.mark.long) for n in (1, 2, 3)),
+    ],
+)
 def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(number):
     """Errors within 3 % at a standard error of at most 0.7 %; no order in the ratio is claimed."""
     from multiscale.studies.end_to_end import CASES

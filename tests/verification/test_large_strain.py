@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, cell, solve_cell
+from multiscale.micro import Cell, Path, Surface, layer, solve_cell
 from multiscale.micro.contact_area import HALF_SPACE, element_edges
 from tests.closed_forms import mindlin
 from tests.support import egg_box, observed_rate, rough_square, slow
@@ -14,7 +14,7 @@ from tests.support import egg_box, observed_rate, rough_square, slow
 def uniform_layers(monkeypatch):
     """The tables were made on layers of equal thickness."""
     monkeypatch.setattr(
-        cell, "graded_planes", lambda depth, layers, _: np.linspace(0.0, depth, layers + 1)
+        layer, "graded_planes", lambda depth, layers, _: np.linspace(0.0, depth, layers + 1)
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, cell, solve_cell
+from multiscale.micro import Cell, Path, layer, solve_cell
 from tests.support import egg_box
 
 APPROACH = (0.01, 0.02, 0.03, 0.04)
@@ -48,7 +48,7 @@ def forces(n, layers, bulk=None):
 def same_layers(monkeypatch):
     """Put the layers where the other codes have them."""
     monkeypatch.setattr(
-        cell,
+        layer,
         "graded_planes",
         lambda depth, layers, _: depth * (1.0 - (1.0 - np.arange(layers + 1) / layers) ** 1.6),
     )

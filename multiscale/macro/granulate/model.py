@@ -11,7 +11,7 @@ from multiscale.needs import Needs, choose
 
 __all__ = ["ContactLaw", "Model", "Solver", "grain_needs"]
 
-PER_GRAIN, PER_UNKNOWN, PER_FRAME = 1450, 350, 400
+PER_GRAIN, PER_UNKNOWN, PER_FRAME = 900, 350, 150
 """Peak memory of a dense pile, byte: per grain, per grain and unknown of a contact, and per grain
 and frame."""
 

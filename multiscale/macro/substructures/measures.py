@@ -321,10 +321,10 @@ def _with_amplitudes(
         slipped = lost @ result["point_area"].values  # of first order in the step
         density[level] = (loss[level] / np.where(slipped > 0.0, slipped, 1.0))[:, None] * lost
         if not kept.all():
-            why = run.result.attrs.get(
-                "failure",
+            failure = run.result.attrs.get("failure", "")
+            why = failure.partition(": ")[2] or (  # its step counts from the preload
                 f"more than {100.0 * FAR_SHARE:g} % of the load lies more than a factor of "
-                f"{FAR_FACTOR:g} outside the pressures of the law",
+                f"{FAR_FACTOR:g} outside the pressures of the law"
             )
             cautions.append(
                 f"cycles at the preload {readable(f'{preload:.4g} Pa')} have no answer from the "
