@@ -1,14 +1,15 @@
 from .capacity import require_held as require_held
+from .coarse import homogenise as homogenise
 from .condensed import CondensedProblem as CondensedProblem
 from .condensed import condense_assembly as condense_assembly
 from .cut_bodies import cut_assembly as cut_assembly
 from .cut_bodies import split_boxes as split_boxes
-from .homogenised import homogenise as homogenise
 from .joint_fields import add_body_fields as add_body_fields
 from .joint_fields import element_corners as element_corners
 from .joint_fields import element_stress as element_stress
 from .joint_fields import list_elements as list_elements
 from .latin_solver import LatinMethod as LatinMethod
+from .latin_solver import simulate_latin as simulate_latin
 from .latin_solver import solve_latin as solve_latin
 from .link_substructures import cut_links as cut_links
 from .link_substructures import split_grid as split_grid
@@ -24,7 +25,6 @@ from .methods import JointSize as JointSize
 from .methods import MethodChoice as MethodChoice
 from .methods import choose_method as choose_method
 from .methods import solve_assembly as solve_assembly
-from .motion import simulate_latin as simulate_latin
 from .parallel import Alone as Alone
 from .parallel import ProcessGroup as ProcessGroup
 from .parallel import Ranks as Ranks
