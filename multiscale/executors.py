@@ -224,7 +224,8 @@ def _leaving_the_lost(client: Any) -> Iterator[None]:
     def watch() -> None:
         seen: float | None = None
         while not ended.wait(min(LOST, 10.0) / 4.0):
-            if client.nthreads():
+            events = () if seen else client.get_events("all")
+            if client.nthreads() or any(event["action"] == "add-worker" for _, event in events):
                 seen = monotonic()
             elif seen is not None and monotonic() - seen > LOST:
                 client.cancel([Future(key, client) for key in list(client.futures)])
