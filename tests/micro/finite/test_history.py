@@ -8,7 +8,7 @@ import pytest
 from multiscale.convergence import Status
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Surface
-from multiscale.micro.finite import newton
+from multiscale.micro.finite import cell_newton
 from multiscale.micro.finite.cell_newton import PRESSED, walk_step
 from multiscale.micro.finite.finite_cell import largest_approach, make_scene
 from multiscale.micro.finite.scene import rest_state
@@ -79,7 +79,7 @@ def test_pressed_by_a_load_or_by_an_approach_a_body_that_flows_is_in_the_same_st
 def test_a_load_that_is_not_reached_leaves_the_part_that_was(monkeypatch):
     cell = peaks(second=0.01)
     load = 1.5 * load_of_the_first(cell, 0.0095)
-    monkeypatch.setattr(newton, "MOST", 8)
+    monkeypatch.setattr(cell_newton, "MOST", 8)
     walk = press(cell, load)
     assert walk.state.status is Status.MAX_ITERATIONS
     assert 0.0 < walk.reached < 1.0

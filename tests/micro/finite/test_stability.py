@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, solve_cell
-from multiscale.micro.finite import newton
+from multiscale.micro.finite import cell_newton
 from tests.support import rough_square
 
 RUBBER = NeoHookean(1.0, 0.3)
@@ -66,7 +66,7 @@ def test_a_nearly_incompressible_body_does_not_lock():
 
 
 def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):
-    monkeypatch.setattr(newton, "MOST", 2)
+    monkeypatch.setattr(cell_newton, "MOST", 2)
     path = Path(pressure=(1e-4, 0.02))
     response = press(J2(1.0, 0.3, 0.01, 0.01), path, n=8)
     assert response["converged"].values.tolist() == [[1, 0]]
@@ -75,7 +75,7 @@ def test_a_step_that_creeps_is_given_up_with_what_was_reached(monkeypatch):
 
 
 def test_a_step_that_has_spent_its_linear_iterations_is_given_up(monkeypatch):
-    monkeypatch.setattr(newton, "LINEAR", (0, 20))
+    monkeypatch.setattr(cell_newton, "LINEAR", (0, 20))
     response = press(NeoHookean(1.0, 0.3), Path(pressure=(1e-4, 0.02), increments=4), n=8)
     assert response["converged"].values.tolist() == [[1, 0]]
     assert 20 <= response["linear_iterations"].values[0, 1] < 60
