@@ -50,8 +50,14 @@ def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
             raise MultiscaleError(NOT_DEFINITE) from error
         return lambda rhs: np.asarray(solver.solve(matrix, rhs)) if rhs.size else rhs.copy()
 
-    weakref.finalize(factorise, solver.free_memory, everything=True)
+    weakref.finalize(factorise, _release, solver)
     return factorise
+
+
+def _release(solver: Any) -> None:
+    """Release the memory of PARDISO, which refuses to where it has no factors."""
+    if solver.factorized_A.nnz:
+        solver.free_memory(everything=True)
 
 
 def _superlu(start: np.ndarray, column: np.ndarray) -> Factorise:

@@ -67,7 +67,8 @@ KINDS[1:] = [pytest.param(*one.values, id=one.id, marks=pytest.mark.slow) for on
 @pytest.mark.parametrize(("make", "n", "layers"), KINDS)
 def test_a_cell_takes_the_memory_and_the_libraries_that_it_states(make, n, layers):
     code = CODE.format(make=make, n=n, layers=layers, pressure=0.002)
-    found = json.loads(run_python(code).stdout.splitlines()[-1])
+    # the first process may compile kernels of the larger cell
+    found = [json.loads(run_python(code).stdout.splitlines()[-1]) for _ in range(2)][-1]
     assert found["stated"] / 2.0 < found["taken"] < 2.0 * found["stated"], found["stated"]
     loaded = {name.partition(".")[0] for name in found["modules"]}
     stated = {NAMES.get(name, name) for name in found["libraries"]}
