@@ -56,7 +56,7 @@ def _pardiso(solver: Any, start: np.ndarray, column: np.ndarray) -> Factorise:
 
 def _release(solver: Any) -> None:
     """Release the memory of PARDISO, which refuses to where it has no factors."""
-    if solver.factorized_A.nnz:
+    if getattr(solver.factorized_A, "nnz", True):  # of a large matrix it has a checksum only
         solver.free_memory(everything=True)
 
 
