@@ -260,7 +260,10 @@ def run_ranges(work: Callable[..., Any], items: int, *arguments: Any, least: int
     ``least`` items take about half a millisecond: with fewer of them, a further thread is not worth
     the 50 us that it costs.
     """
-    count = max(1, min(thread_count(), items // least))
+    if items < 2 * least:
+        work(0, items, *arguments)
+        return
+    count = min(thread_count(), items // least)
     first, *others = pairwise(items * k // count for k in range(count + 1))
     futures = [_pool(os.getpid()).submit(work, *bounds, *arguments) for bounds in others]
     work(*first, *arguments)
