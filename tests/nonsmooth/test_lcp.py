@@ -159,14 +159,15 @@ def test_redundant_constraints_share_one_load():
     np.testing.assert_allclose(value.reshape(20, 2).sum(axis=1), single, rtol=1e-8)
 
 
-@pytest.mark.parametrize("length", [2.0**-30, 1.0, 2.0**10])  # which round nothing
-@pytest.mark.parametrize("stress", [1.0, 2.0**30])
+@pytest.mark.parametrize("length", [1e-9, 2.0**-30, 1.0, 1e3, 2.0**10])
+@pytest.mark.parametrize("stress", [1.0, 1e9, 2.0**30])
 def test_units_change_nothing_but_the_units(length, stress):
     matrix, vector = grains(50)
     reference = solve_lcp(matrix, vector)
     force = stress * length**2
     solution = solve_lcp((length / force) * matrix, length * vector)
-    assert solution.trail == reference.trail
+    if np.frexp([length, stress])[0].tolist() == [0.5, 0.5]:  # powers of two round nothing
+        assert solution.trail == reference.trail
     np.testing.assert_allclose(
         solution.unwrap() / force, reference.unwrap(), atol=1e-8 * np.max(reference.value)
     )
