@@ -229,8 +229,8 @@ def test_a_law_of_any_stiffness_is_solved_or_reported(kind, contrast, eccentrici
         law = ConvexDecreasing(np.array([3.0 * length]), np.array([pressure[0] / length**3]))
     joint = steel_joint(elements=(3, 3), eccentricity=eccentricity)
     result = press_blocks(joint, law, pressure)
-    # a joint that is open in part may be lost in round-off where law and blocks differ by 1e6
-    if eccentricity in [None, (0.004, 0.003)] or 1e-4 <= contrast <= 1e4:
+    # a joint that is all but rigid and open in part is lost in round-off from about 1e8
+    if eccentricity in [None, (0.004, 0.003)] or contrast <= 1e6:
         assert result.converged.all()
     # bodies that move far on a soft law round: solve_interface excuses 1e-8
     excused = 1e-10 if contrast >= 1e-2 else 1e-8
