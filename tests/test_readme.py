@@ -17,7 +17,6 @@ from multiscale.micro import self_affine
 from multiscale.pipeline import load_case, load_sweep, run
 from multiscale.pipeline.case import validate_case
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import MACRO_RESULT
 from tests.support import case_of, small_steel
 
@@ -191,15 +190,9 @@ def test_the_tables_of_keys_are_those_of_the_models():
 
 
 def test_every_table_of_a_case_has_its_place_on_one_page():
-    for case in (Case, TyreCase):
-        placed = [
-            name
-            for _, one, models in KEYS["PAGES"].values()
-            if one is case
-            for name in models.split()
-        ]
-        tops = {top.__name__ for top, *_ in KEYS["_tables"](case, ())}
-        assert sorted(placed) == sorted(tops)
+    placed = [name for _, models in KEYS["PAGES"].values() for name in models.split()]
+    tops = {top.__name__ for top, *_ in KEYS["_tables"](Case, ())}
+    assert sorted(placed) == sorted(tops)
 
 
 def test_every_key_is_explained():

@@ -13,4 +13,3 @@ from .stages.cells import run_micro as run_micro
 from .sweep import Sweep as Sweep
 from .sweep import load_sweep as load_sweep
 from .sweep import run_sweep as run_sweep
-from .tyre_settings import TyreCase as TyreCase

@@ -3,18 +3,16 @@
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from multiscale.errors import CaseError, suggest
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.toml_model import Settings, read_toml, validate
-from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.schema import INTERFACE_LAW, RVE, Schema
 
 __all__ = [
-    "AnyCase",
     "case_of_image",
     "find_case",
     "load_case",
@@ -25,9 +23,6 @@ __all__ = [
     "taken_volume",
     "validate_case",
 ]
-
-AnyCase: TypeAlias = Case | TyreCase
-"""A chain, or rubber on a road, whose cells and law have other keys in tables of the same names."""
 
 TAGS: dict[str, type[Settings]] = {
     "synthetic": SyntheticSurface,
@@ -87,8 +82,8 @@ def find_case(case: str | Path) -> Path:
     raise CaseError(f"no case named {str(case)!r}; {hint}")
 
 
-def load_case(case: str | Path) -> AnyCase:
-    """Read a case file of any kind, which its tables tell.
+def load_case(case: str | Path) -> Case:
+    """Read a case file.
 
     Parameters
     ----------
@@ -174,17 +169,14 @@ def _find_file(file: Path, left: Schema | None) -> Path:
 def taken_law(file: Path, quick: bool) -> tuple[Path, Case]:
     """Return the part of a case that makes its law, and its place in another case's run folder."""
     other = load_case(file)
-    if not (isinstance(other, Case) and other.has_cells):
+    if not other.has_cells:
         raise CaseError(f"{file}: the case has no cells, so that there is no law to take of it")
     return _placed("laws", file, other.without_structure(), quick)
 
 
 def taken_volume(file: Path, quick: bool) -> tuple[Path, Case]:
     """Return the part of a case that makes its representative volume, and its place."""
-    other = load_case(file)
-    if not isinstance(other, Case):
-        raise CaseError(f"{file}: the case has no [rve], and so no representative volume")
-    return _placed("volumes", file, other.only_rve(), quick)
+    return _placed("volumes", file, load_case(file).only_rve(), quick)
 
 
 def _placed(kind: str, file: Path, case: Case, quick: bool) -> tuple[Path, Case]:
@@ -193,9 +185,9 @@ def _placed(kind: str, file: Path, case: Case, quick: bool) -> tuple[Path, Case]
     return Path(kind) / f"{file.stem}-{case.checksum()[:8]}", case
 
 
-def taken_cases(case: AnyCase) -> dict[Path, Case]:
+def taken_cases(case: Case) -> dict[Path, Case]:
     """Return the cases whose laws and volumes a case takes, by their places in its run folder."""
-    if not isinstance(case, Case) or case.structure is None:
+    if case.structure is None:
         return {}
     laws, volumes = case.structure.taken_laws(case), case.structure.taken_volumes()
     return dict(
@@ -214,10 +206,8 @@ def _table(content: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return content
 
 
-def validate_case(content: dict[str, Any], path: Path) -> AnyCase:
+def validate_case(content: dict[str, Any], path: Path) -> Case:
     """Turn the content of a case file into settings."""
-    if "rubber" in content:
-        return validate(TyreCase, content, path, TAGS)
     kind = KINDS.get(str(_table(content, ("structure",)).get("kind")))
     case = validate(Case, content, path, TAGS | dict(kind.models if kind else {}))
     stages = stages_of(case.tables)

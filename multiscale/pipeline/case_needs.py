@@ -8,7 +8,7 @@ from pathlib import Path
 from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
 from multiscale.needs import Cost, Needs, join_needs, readable_time
-from multiscale.pipeline.case import AnyCase, taken_cases
+from multiscale.pipeline.case import taken_cases
 from multiscale.pipeline.planner import pilot_cases
 from multiscale.pipeline.run_folder import is_up_to_date
 from multiscale.pipeline.settings import Case
@@ -20,12 +20,12 @@ __all__ = ["refuse_excess", "requirements"]
 LONGEST = 86400.0  # s, of a run that needs no consent
 
 
-def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
+def requirements(case: Case, *, processes: int = 1) -> Needs:
     """Return what the stages of a case need and what they leave out.
 
     Parameters
     ----------
-    case : Case or TyreCase
+    case : Case
     processes : int, that share the substructures of a structure
 
     Examples
@@ -42,7 +42,7 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
     }
     parts |= {stage.name: stage.needs(case) for stage in stages_of(case.tables)}
     costs = [Cost(name, one.memory, one.seconds) for name, one in parts.items()]
-    if isinstance(case, Case) and case.accuracy is not None:
+    if case.accuracy is not None:
         pilots = [CELLS.needs(one) for one in pilot_cases(case)]
         seconds = sum(one.seconds for one in pilots)
         costs.append(Cost("pilot cells", max(one.memory for one in pilots), seconds))
@@ -52,12 +52,12 @@ def requirements(case: AnyCase, *, processes: int = 1) -> Needs:
     return replace(needs, libraries=tuple(sorted({*needs.libraries, "mpi4py"})))
 
 
-def refuse_excess(cases: Iterable[AnyCase], folders: Iterable[Path], *, jobs: int = 0) -> None:
+def refuse_excess(cases: Iterable[Case], folders: Iterable[Path], *, jobs: int = 0) -> None:
     """Refuse cases that do not fit into the memory of this machine, or take more than a day.
 
     Parameters
     ----------
-    cases : iterable of Case or TyreCase
+    cases : iterable of Case
     folders : iterable of Path
         Run folder of each case. What is up to date in it costs nothing.
     jobs : int, worker processes; 0 for one per core

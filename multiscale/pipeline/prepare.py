@@ -1,7 +1,7 @@
 """What is refused of a case before any of its stages is run."""
 
 from multiscale.errors import CaseError
-from multiscale.pipeline.case import AnyCase, taken_law
+from multiscale.pipeline.case import taken_law
 from multiscale.pipeline.joint_settings import LawSource
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages import stages_of
@@ -11,11 +11,11 @@ from multiscale.upscaling import law_from_dataset, read_law
 __all__ = ["prepare"]
 
 
-def prepare(case: AnyCase) -> None:
+def prepare(case: Case) -> None:
     """Refuse a case for its files, and for loads that are far outside the data of its laws."""
     for stage in stages_of(case.tables):
         stage.prepare(case)
-    if isinstance(case, Case) and case.structure is not None and not case.extrapolate:
+    if case.structure is not None and not case.extrapolate:
         for pressed in case.structure.pressed(case):
             if said := tell_far(pressed, *_data_of(case, pressed)):
                 raise CaseError(f"{case.title}: {said}")

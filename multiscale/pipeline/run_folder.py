@@ -6,8 +6,9 @@ from shutil import rmtree
 
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
-from multiscale.pipeline.case import AnyCase, load_case
+from multiscale.pipeline.case import load_case
 from multiscale.pipeline.point_store import STORE
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS
@@ -20,7 +21,7 @@ MOST_KEYS = 4
 """Keys that a message names."""
 
 
-def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
+def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
     """Write the case into its run folder, unless it holds what another one has computed.
 
     A case of the same cells, or of the same structure, may differ in the rest: what its stages
@@ -45,11 +46,11 @@ def claim_folder(out: Path, case: AnyCase, *, force: bool = False) -> None:
     write_bytes(file, case.to_toml().encode())
 
 
-def _difference(file: Path, case: AnyCase) -> str:
+def _difference(file: Path, case: Case) -> str:
     """Report by what the case of a folder differs; empty if its results are of this case, too."""
     try:
         other = load_case(file)
-        if type(other) is type(case) and other.identity() == case.identity():
+        if other.identity() == case.identity():
             return ""
     except MultiscaleError as error:  # of another version, or its files have moved
         return f"with a case that cannot be read any more ({error})"
@@ -62,7 +63,7 @@ def _difference(file: Path, case: AnyCase) -> str:
     return f"{other.title!r}, of {other.scope}, which differs in {where}{more}"
 
 
-def _keys(case: AnyCase) -> dict[str, object]:
+def _keys(case: Case) -> dict[str, object]:
     """Values of a case by table and key."""
     return {
         f"{table}.{key}" if key else table: inner
@@ -71,7 +72,7 @@ def _keys(case: AnyCase) -> dict[str, object]:
     }
 
 
-def is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
+def is_up_to_date(stage: Stage, case: Case, out: Path) -> bool:
     """Whether what a stage has left is what it would compute."""
     try:
         left = open_dataset(out / stage.file, stage.schema)
@@ -80,7 +81,7 @@ def is_up_to_date(stage: Stage, case: AnyCase, out: Path) -> bool:
     return bool(left.attrs.get("identity") == stage.identity(case))
 
 
-def is_whole(out: Path, case: AnyCase) -> bool:
+def is_whole(out: Path, case: Case) -> bool:
     """Whether a run folder has an up-to-date dataset of each stage of a case."""
     return all(is_up_to_date(stage, case, out) for stage in stages_of(case.tables))
 

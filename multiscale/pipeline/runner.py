@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from multiscale.errors import MultiscaleError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.step_loop import WORTH
-from multiscale.pipeline.case import AnyCase, taken_law, taken_volume
+from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.prepare import prepare
 from multiscale.pipeline.run_folder import claim_folder
@@ -78,7 +78,7 @@ class Results(Mapping[str, Dataset]):
 
 
 def run(
-    case: AnyCase,
+    case: Case,
     out: str | Path,
     *,
     executor: Executor | None = None,
@@ -90,7 +90,7 @@ def run(
 
     Parameters
     ----------
-    case : Case or TyreCase
+    case : Case
     out : path
         Run folder; made if needed. Finished cells of the same case found there are kept, and so
         are stages whose tables, and those of the stages that they take from, are the same.
@@ -211,7 +211,7 @@ def _job(
     return Job(out, executor, progress, team, read_law=law_of, read_rve=volume_of)
 
 
-def _compute(stage: Stage, case: AnyCase, found: Datasets, job: Job, file: Path) -> Dataset:
+def _compute(stage: Stage, case: Case, found: Datasets, job: Job, file: Path) -> Dataset:
     """Run a stage and write what it leaves, the dataset last."""
     logger.info("%s: begun", stage.name)
     begin = perf_counter()

@@ -51,9 +51,22 @@ from multiscale.pipeline.link_settings import (
     Statics,
     TensegrityGrid,
 )
-from multiscale.pipeline.rough_bodies import CoatingSettings, InstrumentSurface, RoughBody
+from multiscale.pipeline.rough_bodies import (
+    CoatingSettings,
+    InstrumentSurface,
+    RoughBody,
+    SyntheticSurface,
+)
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
+from multiscale.pipeline.tyre_settings import (
+    QUICK_SAMPLES,
+    Rubber,
+    Slides,
+    Tread,
+    caution_road,
+    check_rubber,
+)
 from multiscale.pipeline.vibration_settings import VibrationSettings
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
@@ -102,6 +115,9 @@ CELLS = ("body_1", "body_2", "cell", "micro")
 OF_CELLS = ("cell", "micro", "law", "slide", "seal", "accuracy")
 """Tables that only a case with cells has."""
 
+OF_RUBBER = ("rubber", "road", "sliding", "tread")
+"""Tables that only a case of rubber on a road has."""
+
 WITH_QUICK = (
     "rve",
     "cell",
@@ -112,6 +128,8 @@ WITH_QUICK = (
     "substructures",
     "grains",
     "motion",
+    "sliding",
+    "tread",
 )
 """Tables that a quick answer has coarser or with fewer parts."""
 
@@ -124,7 +142,8 @@ class Case(Settings):
 
     The tables that are given ask for the stages. Cells take both bodies, cell and micro, and give
     the law of the interfaces of the structure. Without cells the law comes from a file, or the
-    structure has no interfaces. Which further tables a structure takes depends on its kind.
+    structure has no interfaces. Which further tables a structure takes depends on its kind. Rubber
+    slides on a road instead, whose cells and law take fewer keys, and a tread block brakes on it.
     """
 
     title: str = Field(description="Title of report and tables.")
@@ -158,6 +177,10 @@ class Case(Settings):
     fatigue: FatigueSettings = ABSENT
     grains: GrainSettings = ABSENT
     motion: Motion = ABSENT
+    rubber: Rubber = ABSENT
+    road: SyntheticSurface = Field(ABSENT, description="Surface of the road.")
+    sliding: Slides = ABSENT
+    tread: Tread = ABSENT
 
     @model_validator(mode="before")
     @classmethod
@@ -165,7 +188,7 @@ class Case(Settings):
         """Ask for a law wherever there are cells, and for its apertures wherever a ring leaks."""
         if "seal" in given and isinstance(given.get("micro"), dict):
             given = given | {"micro": {"leakage": True} | given["micro"]}
-        return {"law": {}} | given if "micro" in given else given
+        return {"law": {}} | given if {"micro", "rubber"} & given.keys() else given
 
     @field_validator("interface", "statics", "cycles", mode="before")
     @classmethod
@@ -177,6 +200,9 @@ class Case(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if any(self._has(name) for name in OF_RUBBER):
+            check_rubber(self)
+            return self
         if self.growth is not None and self.rve is None:
             raise ValueError("[growth] takes the cracks of [rve], and the case has none; give it")
         asked = [name for name in OF_CELLS if self._has(name)]
@@ -660,6 +686,9 @@ class Case(Settings):
         There is no target. Meshes and links from files stay as they are.
         """
         changes = {name: getattr(self, name).quick() for name in WITH_QUICK if self._has(name)}
+        if self.rubber is not None:
+            samples = min(QUICK_SAMPLES, self.law.samples)
+            changes["law"] = self.law.model_copy(update={"samples": samples})
         changes["slide"] = self.slide and self.slide.quick(self.cell, self.micro)
         if self.has_cells and (shear := changes["micro"].shear) is not None and shear.points:
             grid = zip(shear.points, changes["cell"].points, strict=True)
@@ -677,6 +706,8 @@ class Case(Settings):
 
     def cautions(self) -> list[str]:
         """Return what a user should know before trusting the cells, one sentence each."""
+        if self.rubber is not None:
+            return caution_road(self)
         found, spacing = [], self.cell.spacing
         for number, body in enumerate(self.bodies, start=1):
             cutoff = body.surface.short_cutoff if body.surface else None
@@ -712,7 +743,7 @@ class Case(Settings):
     @property
     def scope(self) -> str:
         """What belongs to one run folder, in a few words."""
-        if self.has_cells:
+        if self.cell is not None:
             return self.cell.scope
         if self.structure is None:
             return "a representative volume"
@@ -724,6 +755,10 @@ class Case(Settings):
         Instrument files count with their content; the number of realisations does not count, and
         cells that are sheared are not those that are pressed.
         """
+        if self.rubber is not None:
+            return self.checksum(
+                include={*OF_RUBBER[:3], "cell"}, exclude={"sliding": {"realisations"}}
+            )
         own = {"structure", "grains"} if self.structure else {"rve"}
         own = set(CELLS) if self.has_cells else own
         beside: dict[str, Any] = {"micro": BESIDE}

@@ -22,10 +22,11 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError, FileError, MultiscaleError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, remove, write_bytes, write_dataset
-from multiscale.pipeline.case import AnyCase, find_case, read_case, validate_case
+from multiscale.pipeline.case import find_case, read_case, validate_case
 from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.runner import run
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Shown, Stage, StageAnswer
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
@@ -45,10 +46,10 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class _Cases(Sequence[AnyCase]):
+class _Cases(Sequence[Case]):
     """Cases that are made when they are asked for: all cases of a sweep would fill the memory."""
 
-    make: Callable[[Any], AnyCase]
+    make: Callable[[Any], Case]
     given: Sequence[Any]
 
     def __len__(self) -> int:
@@ -67,7 +68,7 @@ class Sweep:
     title : str
     parameters : tuple of str
         Keys that vary, such as ``"cell.points"``; none in a file without ``[sweep]``.
-    points : sequence of Case or TyreCase
+    points : sequence of Case
         Every combination of the values, the last key fastest; each is made when it is asked for.
     settings : tuple of tuple of str, for each point the values, as the file says them
     content : dict
@@ -76,7 +77,7 @@ class Sweep:
 
     title: str
     parameters: tuple[str, ...]
-    points: Sequence[AnyCase]
+    points: Sequence[Case]
     settings: tuple[tuple[str, ...], ...]
     content: dict[str, Any] = field(default_factory=dict)
 
@@ -138,7 +139,7 @@ def load_sweep(case: str | Path) -> Sweep:
         )
     parameters = tuple(".".join(key) for key in lists)
 
-    def case_of(values: Sequence[Any]) -> AnyCase:
+    def case_of(values: Sequence[Any]) -> Case:
         point = deepcopy(content)
         for key, value in zip(lists, values, strict=True):
             _set(point, key, value, path)
@@ -263,7 +264,7 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
+def _run_point(case: Case, folder: Path, force: bool, kept: bool) -> Point:
     """Run a point; what is refused is a sentence, not the end."""
     try:
         results = run(case, folder, force=force, sparing=not kept)
@@ -288,7 +289,7 @@ def _run_point(case: AnyCase, folder: Path, force: bool, kept: bool) -> Point:
     return Point(answers, kept_values, caution, missing=missing)
 
 
-def _answering(case: AnyCase) -> Stage:
+def _answering(case: Case) -> Stage:
     """Return the last stage that answers something."""
     return [stage for stage in stages_of(case.tables) if stage.answers][-1]
 

@@ -1,14 +1,13 @@
-"""What a case of rubber that slides on a road may say."""
+"""Tables of a case of rubber that slides on a road."""
 
 from itertools import pairwise
-from typing import Annotated, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.flat.viscoelastic import RelaxingSolid
-from multiscale.pipeline.case_tables import POINTS_PER_WAVE, GridSettings
-from multiscale.pipeline.rough_bodies import SyntheticSurface
+from multiscale.pipeline.case_tables import POINTS_PER_WAVE
 from multiscale.pipeline.structure_kind import Pressed, tell_far
 from multiscale.pipeline.toml_model import (
     Count,
@@ -20,16 +19,29 @@ from multiscale.pipeline.toml_model import (
     Pressure,
     Ratio,
     Settings,
+    list_tables,
     must_rise,
     quantity,
     with_unit,
 )
 from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 
-__all__ = ["RoadCell", "Rubber", "Slides", "Tread", "TyreCase"]
+if TYPE_CHECKING:
+    from multiscale.pipeline.settings import Case
+
+__all__ = ["QUICK_SAMPLES", "Rubber", "Slides", "Tread", "caution_road", "check_rubber"]
 
 FASTEST = 100.0
 """Speed, m/s, beyond which rubber heats more than a steady, even temperature describes."""
+
+QUICK_SAMPLES = 80
+"""Bootstrap samples of a quick friction law, at most."""
+
+TABLES = ("rubber", "road", "cell", "sliding", "tread")
+"""Tables of rubber on a road, which a case has all, beside ``[law]``."""
+
+KEYS = {"cell": ("size", "points"), "law": ("samples", "extrapolate")}
+"""Keys of tables of joints that rubber on a road takes, too."""
 
 Temperature = Annotated[float, quantity("K"), Field(gt=0.0), with_unit("K")]
 Speed = Annotated[float, quantity("m/s"), Field(gt=0.0, le=FASTEST), with_unit("m/s")]
@@ -74,10 +86,6 @@ class Rubber(Settings):
         return wlf_shift(temperature, self.reference_temperature, self.wlf_c1, self.wlf_c2)
 
 
-class RoadCell(GridSettings):
-    """The representative piece of road."""
-
-
 class Slides(Settings):
     """The ensemble of cells: each slides at every pressure, speed and temperature."""
 
@@ -90,6 +98,10 @@ class Slides(Settings):
     seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
 
     _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
+
+    def quick(self) -> Self:
+        """Return four realisations at most."""
+        return self.model_copy(update={"realisations": min(4, self.realisations)})
 
 
 class Tread(Settings):
@@ -106,90 +118,61 @@ class Tread(Settings):
         description="Elements along the motion, across and upwards.",
     )
 
-
-class LawSettings(Settings):
-    """The fit of the friction law."""
-
-    samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
-    extrapolate: bool = Field(
-        False,
-        description="Whether forces stand where more than 5 % of the load lies beyond a factor of "
-        "2 outside the pressures of the cells; they are unknown otherwise.",
-    )
-
-
-class TyreCase(Settings):
-    """One question: how hard a tread block brakes on a road, over speed and temperature."""
-
-    title: str = Field(description="Title of report and tables.")
-    rubber: Rubber
-    road: SyntheticSurface
-    cell: RoadCell
-    sliding: Slides
-    law: LawSettings = LawSettings()
-    tread: Tread
-
-    accuracy: ClassVar[None] = None
-    """No planner: it chooses cells of joints alone."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        coldest = self.rubber.reference_temperature - self.rubber.wlf_c2
-        if self.sliding.temperatures[0] <= coldest:
-            raise ValueError(
-                f"temperatures in [sliding] begin at {self.sliding.temperatures[0]:g} K, where the "
-                f"shift of [rubber] has no meaning; stay above {coldest:g} K"
-            )
-        p, even = self.sliding.pressures, (self.tread.pressure, self.tread.pressure)
-        remedy = "give such pressures in [sliding], or set extrapolate = true in [law]"
-        said = tell_far(
-            Pressed("pressure in [tread] presses the road", [even]),
-            (p[0], p[-1]),
-            "pressures in [sliding]",
-            remedy,
-        )
-        if said and not self.law.extrapolate:
-            raise ValueError(said)
-        return self
-
     def quick(self) -> Self:
-        """Return the same case on a coarser grid with fewer realisations."""
-        fewer = {"realisations": min(4, self.sliding.realisations)}
-        return self.model_copy(
-            update={
-                "title": f"{self.title} (quick)",
-                "cell": self.cell.quick(),
-                "sliding": self.sliding.model_copy(update=fewer),
-                "law": self.law.model_copy(update={"samples": min(80, self.law.samples)}),
-                "tread": self.tread.model_copy(update={"elements": (6, 4, 2)}),
-            }
+        """Return the same block of fewer elements."""
+        return self.model_copy(update={"elements": (6, 4, 2)})
+
+
+def check_rubber(case: "Case") -> None:
+    """Refuse what rubber on a road lacks, and tables and keys that belong to joints."""
+    if missing := [name for name in TABLES if getattr(case, name) is None]:
+        raise ValueError(
+            f"rubber on a road takes {list_tables(TABLES)}, and there is no {list_tables(missing)}"
         )
-
-    def cautions(self) -> list[str]:
-        """Return what a user should know before trusting the results, one sentence each."""
-        found, spacing = [], self.cell.spacing
-        if self.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
-            found.append(
-                f"the shortest wave of the road has {self.road.short_cutoff / spacing:.1f} points; "
-                f"its contact needs {POINTS_PER_WAVE} or more"
+    stray = [name for name, value in case if value and name not in ("title", "law", *TABLES)]
+    if stray:
+        raise ValueError(f"{stray[0]} means nothing to rubber on a road; leave it out")
+    for name, keys in KEYS.items():
+        table = getattr(case, name)
+        defaults = {key: field.default for key, field in type(table).model_fields.items()}
+        strange = [key for key, value in table if key not in keys and value != defaults[key]]
+        if strange:
+            raise ValueError(
+                f"{strange[0]} in [{name}] means nothing to rubber on a road, whose [{name}] takes "
+                f"{' and '.join(keys)}; leave it out"
             )
-        if self.sliding.realisations < FEWEST_REALISATIONS:
-            found.append(
-                f"{self.sliding.realisations} realisation(s) say too little about the scatter: "
-                f"there are no bands below {FEWEST_REALISATIONS}"
-            )
-        wide = [one for one, late in pairwise(self.sliding.speeds) if late > 31.0 * one]
-        if wide:
-            found.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
-        return found
-
-    @property
-    def scope(self) -> str:
-        """What belongs to one run folder, in a few words."""
-        return self.cell.scope
-
-    def identity(self) -> str:
-        """Checksum of everything that a realisation depends on."""
-        return self.checksum(
-            exclude={**dict.fromkeys(("title", "law", "tread"), True), "sliding": {"realisations"}}
+    rubber, slides = case.rubber, case.sliding
+    coldest = rubber.reference_temperature - rubber.wlf_c2
+    if slides.temperatures[0] <= coldest:
+        raise ValueError(
+            f"temperatures in [sliding] begin at {slides.temperatures[0]:g} K, where the shift of "
+            f"[rubber] has no meaning; stay above {coldest:g} K"
         )
+    even = (case.tread.pressure, case.tread.pressure)
+    said = tell_far(
+        Pressed("pressure in [tread] presses the road", [even]),
+        (slides.pressures[0], slides.pressures[-1]),
+        "pressures in [sliding]",
+        "give such pressures in [sliding], or set extrapolate = true in [law]",
+    )
+    if said and not case.extrapolate:
+        raise ValueError(said)
+
+
+def caution_road(case: "Case") -> list[str]:
+    """Return what a user should know before trusting the friction law, one sentence each."""
+    found, spacing, slides = [], case.cell.spacing, case.sliding
+    if case.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
+        found.append(
+            f"the shortest wave of the road has {case.road.short_cutoff / spacing:.1f} points; its "
+            f"contact needs {POINTS_PER_WAVE} or more"
+        )
+    if slides.realisations < FEWEST_REALISATIONS:
+        found.append(
+            f"{slides.realisations} realisation(s) say too little about the scatter: there are no "
+            f"bands below {FEWEST_REALISATIONS}"
+        )
+    wide = [speed for speed, late in pairwise(slides.speeds) if late > 31.0 * speed]
+    if wide:
+        found.append(f"the speeds leave more than 1.5 decades open above {wide[0]:g} m/s")
+    return found

@@ -189,6 +189,16 @@ def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):
             "poissons_ratio = 0.49", "poissons_ratio = 0.6", "poissons_ratio should be", id="nu"
         ),
         pytest.param("[tread]", "[thread]", "has no key 'thread'; did you mean 'tread'", id="key"),
+        pytest.param(
+            "[cell]", "[cell]\nlayers = 4", r"layers in \[cell\] means nothing", id="cell"
+        ),
+        pytest.param(
+            "[cell]",
+            "[body_1]\nyoungs_modulus = '1 GPa'\npoissons_ratio = 0.3\n[cell]",
+            "body_1 means nothing to rubber on a road",
+            id="joint",
+        ),
+        pytest.param(TEXT[TEXT.index("[tread]") :], "", r"there is no \[tread\]", id="tread"),
     ],
 )
 def test_bad_rubber_is_refused_with_its_key(tmp_path, old, new, message):

@@ -20,48 +20,41 @@ from pydantic.fields import FieldInfo
 
 from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.toml_model import OneOf, Settings
-from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.units import readable
 
 CASES = Path(__file__).parents[2] / "microcases"
 BEGIN, END = "<!-- keys: written by workflows/manual/keys.py -->\n", "\n<!-- end of keys -->"
 
-PAGES: dict[str, tuple[str, type[Settings], str]] = {
-    "surfaces": ("bodies and their surfaces", Case, "Case RoughBody"),
+PAGES = {
+    "surfaces": ("bodies and their surfaces", "Case RoughBody"),
     "cells": (
         "cells and their law",
-        Case,
         "CellSettings MicroSettings LawSettings SlideSettings SealSettings AccuracySettings",
     ),
     "joints": (
         "blocks and lap joints",
-        Case,
         "Blocks StackedBlocks LapJoint LawSource RoughInterface RisingPreloads JointPreloads "
         "Cycles",
     ),
     "bodies": (
         "bodies, their vibration and life",
-        Case,
         "Bodies JointLaw LoadSteps LoadCycles VibrationSettings FatigueSettings",
     ),
     "links": (
         "trusses, nets, plates and substructures",
-        Case,
         "TensegrityGrid CableNet LinkTable LinkMesh Plate Statics Dynamics Substructures",
     ),
-    "volumes": ("volumes with pores and cracks", Case, "RveSettings GrowthSettings"),
+    "volumes": ("volumes with pores and cracks", "RveSettings GrowthSettings"),
     "grains": (
         "grains",
-        Case,
         "Deposit Silo ColumnCollapse ShearCell Biaxial GrainSettings Motion",
     ),
     "tyres": (
         "tyres on a road",
-        TyreCase,
-        "TyreCase Rubber SyntheticSurface RoadCell Slides LawSettings Tread",
+        "Rubber SyntheticSurface Slides Tread",
     ),
 }
-"""Content, kind of case and models of the tables of every page."""
+"""Content and models of the tables of every page."""
 
 LISTED = "[]"
 """Ends the names of lists of tables on the way to a key."""
@@ -83,19 +76,19 @@ def key_pages() -> dict[str, str]:
     return {
         f"keys_{name}.md": f"# Keys of {title}\n\n"
         "[Case files](../README.md#keys) explains the columns.\n\n"
-        + "\n\n".join(told for _, told in _sections(case, models))
+        + "\n\n".join(told for _, told in _sections(models))
         + "\n"
-        for name, (title, case, models) in PAGES.items()
+        for name, (title, models) in PAGES.items()
     }
 
 
 def renew(index: str) -> str:
     """Put the list of tables and their pages between its marks."""
     rows = ["| keys of | tables |", "| --- | --- |"]
-    for name, (title, case, models) in PAGES.items():
+    for name, (title, models) in PAGES.items():
         page = f"manual/keys_{name}.md"
         links: dict[str, str] = {}
-        for head, _ in _sections(case, models):
+        for head, _ in _sections(models):
             if "." not in head:
                 short = _short(head)
                 links.setdefault(short, f"[{short}]({page}#{_anchor(head)})")
@@ -115,10 +108,10 @@ def _anchor(heading: str) -> str:
     return re.sub(r"[^\w -]", "", heading).replace(" ", "-").lower()
 
 
-def _sections(case: type[Settings], models: str) -> list[tuple[str, str]]:
+def _sections(models: str) -> list[tuple[str, str]]:
     """Give heading and text of the tables of some models and of the tables in them."""
     found: list[tuple[str, str]] = []
-    for top, head, names, table in _tables(case, ()):
+    for top, head, names, table in _tables(Case, ()):
         if top.__name__ in models.split():
             meaning = _plain((getdoc(table) or "").split("\n\n")[0]) + _beside(table)
             rows = "\n".join([HEAD, *(_row(table, name) for name in names)]) if names else ""

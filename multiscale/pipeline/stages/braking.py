@@ -20,6 +20,7 @@ from multiscale.pipeline.rows import (
     say_total,
     tabulate_budget,
 )
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
     Datasets,
     Section,
@@ -30,7 +31,6 @@ from multiscale.pipeline.stage import (
     with_sample_band,
 )
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
-from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
@@ -60,7 +60,7 @@ MOST_SAMPLES = 20
 """Of the law, that braking forces are computed for."""
 
 
-def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
+def solve_treads(case: Case, response: Dataset, law: Dataset) -> Dataset:
     """Brake a tread block at every temperature and speed."""
     pressure, elements = case.tread.pressure, case.tread.elements
     fewer = tuple(-(-count // 2) for count in elements)
@@ -123,7 +123,7 @@ def solve_treads(case: TyreCase, response: Dataset, law: Dataset) -> Dataset:
     )
 
 
-def _condense(case: TyreCase, elements: tuple[int, ...]) -> "macro.joint.CondensedTread":
+def _condense(case: Case, elements: tuple[int, ...]) -> "macro.joint.CondensedTread":
     block, (nx, ny, nz) = case.tread, elements
     size = (block.length, block.width, block.height)
     rubber = case.rubber
@@ -164,7 +164,7 @@ def _normal_law(response: Dataset, temperature: float, speed: float) -> Exponent
     return law
 
 
-def _needs(case: TyreCase) -> Needs:
+def _needs(case: Case) -> Needs:
     ex, ey, ez = case.tread.elements
     face = 3 * (2 * ex + 1) * (2 * ey + 1) + 1
     steps = len(case.sliding.temperatures) * len(case.sliding.speeds)

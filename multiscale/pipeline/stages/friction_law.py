@@ -8,9 +8,9 @@ import numpy as np
 
 from multiscale.errors import ConvergenceError
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Section, Stage
 from multiscale.pipeline.stages.roads import ROADS
-from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.tyre_figures import plot_friction_bell
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
@@ -41,7 +41,7 @@ FAINT = 0.01
 """Friction over its peak, below which it is not fitted."""
 
 
-def fit_friction(case: TyreCase, response: Dataset) -> Dataset:
+def fit_friction(case: Case, response: Dataset) -> Dataset:
     r"""Fit the friction of all temperatures at once.
 
     Notes
@@ -85,7 +85,7 @@ def fit_friction(case: TyreCase, response: Dataset) -> Dataset:
     )
 
 
-def _needs(case: TyreCase) -> Needs:
+def _needs(case: Case) -> Needs:
     told = "a bell over speed and temperature, with samples for its bands"
     return Needs(choices=(Choice("friction law", told),), seconds=1.0)
 

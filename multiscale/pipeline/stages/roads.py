@@ -11,10 +11,10 @@ from multiscale.convergence import Status
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.flat.viscoelastic import solve_sliding
 from multiscale.needs import Choice, Needs
+from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.toml_model import read_toml, validate
-from multiscale.pipeline.tyre_settings import TyreCase
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.surface_figures import plot_road
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
@@ -26,7 +26,7 @@ __all__ = ["ROADS", "make_roads", "slide_road"]
 STEP_TIME = 5e-6  # s of a point of a road at one pressure, speed and temperature
 
 
-def make_roads(case: TyreCase) -> list[Surface]:
+def make_roads(case: Case) -> list[Surface]:
     """Road of each realisation."""
     return [
         self_affine(case.cell.points, case.cell.size, case.sliding.seed + k, **case.road.options)
@@ -34,7 +34,7 @@ def make_roads(case: TyreCase) -> list[Surface]:
     ]
 
 
-def slide_road(case: TyreCase, road: Surface) -> PlainDataset:
+def slide_road(case: Case, road: Surface) -> PlainDataset:
     """Slide rubber over one road at every temperature, pressure and speed, in this order."""
     slides = case.sliding
     steps = list(product(slides.temperatures, slides.pressures, slides.speeds))
@@ -79,7 +79,7 @@ def slide_road(case: TyreCase, road: Surface) -> PlainDataset:
     )
 
 
-def _run(case: TyreCase, found: Datasets, job: Job) -> Dataset:
+def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     """Slide rubber over all roads; finished roads that are found are kept."""
     identity = case.identity()
     roads = make_roads(case)
@@ -98,7 +98,7 @@ def _run(case: TyreCase, found: Datasets, job: Job) -> Dataset:
     )
 
 
-def _needs(case: TyreCase) -> Needs:
+def _needs(case: Case) -> Needs:
     (nx, ny), told = case.cell.points, case.sliding
     steps = len(told.pressures) * len(told.speeds) * len(told.temperatures) * told.realisations
     return Needs(
@@ -120,14 +120,14 @@ def _needs(case: TyreCase) -> Needs:
     )
 
 
-def _first_road(case: TyreCase) -> Surface:
+def _first_road(case: Case) -> Surface:
     one = case.sliding.model_copy(update={"realisations": 1})
     return make_roads(case.model_copy(update={"sliding": one}))[0]
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     def plot(ax: Axes) -> Axes:
-        case = validate(TyreCase, read_toml(out / "case.toml"), out / "case.toml", {})
+        case = validate(Case, read_toml(out / "case.toml"), out / "case.toml", {})
         return plot_road(_first_road(case), ax=ax)
 
     yield Section("Road", figures={"road": on_axes(plot)})
