@@ -14,8 +14,6 @@ References
 
 import numpy as np
 
-__all__ = ["damage_per_cycle", "plastic_strain_per_cycle", "reversed_life"]
-
 
 def plastic_strain_per_cycle(
     amplitude: float,

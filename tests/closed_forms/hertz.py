@@ -1,37 +1,16 @@
-"""Smooth bodies pressed together without friction: sphere, cylinder and flat punch.
+r"""Smooth bodies pressed together without friction: sphere, cylinder and flat punch.
 
-All lengths in m, forces in N (N/m for the cylinder), pressures and moduli in Pa.
+Lengths in m, forces in N (N/m for the cylinder), pressures and contact moduli E* in Pa; the radius
+of a contact of two spheres is :math:`1/R = \sum 1/R_i`. K. L. Johnson, Contact Mechanics, Cambridge
+University Press, 1985, chapter 4.
 """
 
 import numpy as np
 
-__all__ = [
-    "cylinder_half_width",
-    "cylinder_pressure",
-    "punch_force",
-    "punch_pressure",
-    "sphere_approach",
-    "sphere_pressure",
-    "sphere_radius",
-    "sphere_stiffness",
-]
-
 
 def sphere_radius(force: float, radius: float, modulus: float) -> float:
-    r"""Contact radius :math:`a = (3 F R / 4 E^*)^{1/3}`, m.
+    """Contact radius :math:`a = (3 F R / 4 E^*)^{1/3}`, m.
 
-    Parameters
-    ----------
-    force : float, :math:`F`, N
-    radius : float, :math:`1/R = \sum 1/R_i`, m
-    modulus : float, :math:`E^*` of :func:`~multiscale.laws.bulk.moduli.contact_modulus`, Pa
-
-    References
-    ----------
-    .. [1] K. L. Johnson, Contact Mechanics, Cambridge University Press, 1985, chapter 4.
-
-    Examples
-    --------
     >>> from multiscale.laws.bulk.moduli import contact_modulus
     >>> a = sphere_radius(100.0, 0.01, contact_modulus((210e9, 0.3), (210e9, 0.3)))
     >>> round(1e3 * a, 6)  # mm
@@ -41,7 +20,7 @@ def sphere_radius(force: float, radius: float, modulus: float) -> float:
 
 
 def sphere_approach(force: float, radius: float, modulus: float) -> float:
-    r"""Approach of distant points, :math:`\delta = a^2 / R`, m; arguments as ``sphere_radius``."""
+    r"""Approach of distant points, :math:`\delta = a^2 / R`, m."""
     return sphere_radius(force, radius, modulus) ** 2 / radius
 
 
@@ -53,13 +32,7 @@ def sphere_stiffness(force: float, radius: float, modulus: float) -> float:
 def sphere_pressure(
     distance: np.ndarray, force: float, radius: float, modulus: float
 ) -> np.ndarray:
-    r"""Pressure :math:`p = p_0 \sqrt{1 - r^2/a^2}` with :math:`p_0 = 3F/(2\pi a^2)`, Pa.
-
-    Parameters
-    ----------
-    distance : ndarray, :math:`r` from the axis, m
-    force, radius, modulus : float, as in :func:`sphere_radius`
-    """
+    r"""Pressure at a distance r from the axis, :math:`3F/(2\pi a^2) \sqrt{1 - r^2/a^2}`, Pa."""
     a = sphere_radius(force, radius, modulus)
     peak = 1.5 * force / (np.pi * a**2)
     return np.asarray(peak * np.sqrt(np.maximum(0.0, 1.0 - np.square(distance) / a**2)))
@@ -68,13 +41,6 @@ def sphere_pressure(
 def cylinder_half_width(force: float, radius: float, modulus: float) -> float:
     r"""Half-width of the contact of a cylinder, :math:`a = \sqrt{4 F R / (\pi E^*)}`, m.
 
-    Parameters
-    ----------
-    force : float, :math:`F` per length, N/m
-    radius, modulus : float, as in :func:`sphere_radius`
-
-    Examples
-    --------
     >>> from multiscale.laws.bulk.moduli import contact_modulus
     >>> a = cylinder_half_width(35e6, 0.05, contact_modulus((210e9, 0.3), (70e9, 0.3)))
     >>> round(1e3 * a, 4)  # mm, the cylinder on a block of NAFEMS
@@ -93,14 +59,7 @@ def cylinder_pressure(
 
 
 def punch_force(approach: float, radius: float, modulus: float) -> float:
-    r"""Force on a flat round punch, :math:`F = 2 E^* a \delta`, N.
-
-    Parameters
-    ----------
-    approach : float, :math:`\delta`, m
-    radius : float, :math:`a` of the punch, m
-    modulus : float, :math:`E^*`, Pa
-    """
+    r"""Force on a flat round punch of radius a, :math:`F = 2 E^* a \delta`, N."""
     return 2.0 * modulus * radius * approach
 
 

@@ -1,57 +1,23 @@
 r"""Vertical stress in a silo whose wall bears a share of the weight.
 
 The stress on a slice follows from its balance, :math:`d\sigma/dz = \rho g - 4 \mu_w K \sigma / D`:
-the wall pressure is :math:`K \sigma` and its friction is fully mobilised.
+the wall pressure is :math:`K \sigma` and its friction is fully mobilised. H. A. Janssen,
+Z. Ver. Dtsch. Ing. 39 (1895) 1045-1049.
 """
 
 import numpy as np
 
-__all__ = ["screening_length", "vertical_stress"]
-
 
 def screening_length(diameter: float, wall_friction: float, stress_ratio: float) -> float:
-    r"""Depth over which the stress saturates.
-
-    Parameters
-    ----------
-    diameter : float, :math:`D`, m
-    wall_friction : float, :math:`\mu_w`, dimensionless
-    stress_ratio : float, :math:`K`, horizontal over vertical stress, dimensionless
-
-    Returns
-    -------
-    float, :math:`\ell = D / (4 \mu_w K)`, m
-
-    Examples
-    --------
-    >>> round(screening_length(0.05, 0.5, 0.58), 6)
-    0.043103
-    """
+    r"""Depth over which the stress saturates, :math:`\ell = D / (4 \mu_w K)`, m."""
     return diameter / (4.0 * wall_friction * stress_ratio)
 
 
 def vertical_stress(
     depth: np.ndarray, density: float, length: float, *, gravity: float = 9.81
 ) -> np.ndarray:
-    r"""Mean vertical stress at a depth below the free surface.
+    r"""Mean stress below the free surface, :math:`\rho g \ell \left(1 - e^{-z/\ell}\right)`, Pa.
 
-    Parameters
-    ----------
-    depth : ndarray, :math:`z \ge 0`, m
-    density : float, Of the filling with its voids, :math:`\rho`, kg/m3
-    length : float, :math:`\ell` of :func:`screening_length`, m
-    gravity : float, m/s2
-
-    Returns
-    -------
-    ndarray, :math:`\sigma = \rho g \ell \left(1 - e^{-z/\ell}\right)`, Pa
-
-    References
-    ----------
-    .. [1] H. A. Janssen, Z. Ver. Dtsch. Ing. 39 (1895) 1045-1049.
-
-    Examples
-    --------
     >>> length = screening_length(0.05, 0.5, 0.58)
     >>> vertical_stress(np.array([0.05, 0.1, 0.2, np.inf]), 1500.0, length).round(1)
     array([435.4, 571.9, 628.1, 634.3])

@@ -2,19 +2,11 @@
 
 import numpy as np
 
-__all__ = ["oedometer_compliance", "ratio_bonded", "ratio_frictionless"]
-
 
 def ratio_frictionless(phase: np.ndarray) -> np.ndarray:
-    r"""Compliance of a layer on a rigid frictionless base over that of the half-space.
+    r"""Compliance of a layer on a frictionless base over the half-space, :math:`x = q T > 0`.
 
-    Parameters
-    ----------
-    phase : ndarray, :math:`x = q T > 0`, dimensionless
-
-    Returns
-    -------
-    ndarray, :math:`\sinh^2 x / (\sinh x \cosh x + x)`, dimensionless
+    .. math:: \sinh^2 x / (\sinh x \cosh x + x)
     """
     x = np.asarray(phase, dtype=float)
     # numerator and denominator times 4 exp(-2 x)
@@ -22,42 +14,20 @@ def ratio_frictionless(phase: np.ndarray) -> np.ndarray:
 
 
 def oedometer_compliance(thickness: float, youngs_modulus: float, poissons_ratio: float) -> float:
-    r"""Shortening of a laterally held layer under a unit uniform pressure.
+    r"""Shortening of a laterally held layer by a unit pressure, m/Pa.
 
-    Parameters
-    ----------
-    thickness : float, :math:`T`, m
-    youngs_modulus : float, :math:`E`, Pa
-    poissons_ratio : float, :math:`\nu`, dimensionless
-
-    Returns
-    -------
-    float, :math:`T (1+\nu)(1-2\nu) / (E(1-\nu))`, m/Pa
+    .. math:: T (1+\nu)(1-2\nu) / (E(1-\nu))
     """
     nu = poissons_ratio
     return thickness * (1.0 + nu) * (1.0 - 2.0 * nu) / (youngs_modulus * (1.0 - nu))
 
 
 def ratio_bonded(phase: np.ndarray, poissons_ratio: float) -> np.ndarray:
-    r"""Compliance of a layer bonded to a rigid base over the compliance of the half-space.
+    r"""Compliance of a layer bonded to a rigid base over the half-space, :math:`x = q T > 0`.
 
-    Parameters
-    ----------
-    phase : ndarray
-        :math:`x = q T > 0`, dimensionless.
-    poissons_ratio : float
-        :math:`\nu`, dimensionless.
+    .. math::
+        \frac{(3-4\nu)\sinh 2x - 2x}{(3-4\nu)\cosh 2x + 2x^2 + 5 - 12\nu + 8\nu^2}.
 
-    Returns
-    -------
-    ndarray
-        Dimensionless,
-
-        .. math::
-            \frac{(3-4\nu)\sinh 2x - 2x}{(3-4\nu)\cosh 2x + 2x^2 + 5 - 12\nu + 8\nu^2}.
-
-    Examples
-    --------
     >>> ratio_bonded(2.0 * np.pi * np.array([0.25, 0.5]), 0.3).round(4)
     array([0.632 , 0.9441])
     """

@@ -1,72 +1,34 @@
-r"""Spheres that are pressed together and pulled sideways: partial slip.
+r"""Spheres that are pressed together by F and pulled sideways by T: partial slip.
 
 Like bodies, so that the normal and the tangential problem do not act on each other; the two
-functions for an elastic body on a rigid one say what they assume. The tangential compliance is
-:math:`1/G^* = \sum (2 - \nu_i)/G_i`.
+functions for an elastic body on a rigid one state what they assume. Ratios are :math:`T / \mu F`,
+limits :math:`\mu F`, N, and a is the contact radius, m.
+R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268; R. D. Mindlin and H. Deresiewicz, J. Appl. Mech. 20
+(1953) 327-344; D. A. Spence, Proc. R. Soc. London A 305 (1968) 55-80 and J. Elast. 5 (1975)
+297-319.
 """
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
-__all__ = [
-    "full_stick_load_ratio",
-    "loop_energy",
-    "spence_stick_radius",
-    "stick_radius",
-    "tangential_displacement",
-    "tangential_modulus",
-    "tangential_traction",
-]
-
 
 def tangential_modulus(*bodies: tuple[float, float]) -> float:
-    r"""Tangential modulus, :math:`1/G^* = \sum (2 - \nu_i)/G_i`, Pa.
-
-    Parameters
-    ----------
-    *bodies : tuple of float, Young's modulus (Pa) and Poisson's ratio of each elastic body
-    """
+    r"""Modulus of bodies (E, nu), :math:`1/G^* = \sum (2 - \nu_i)/G_i`, Pa."""
     return 1.0 / sum((2.0 - nu) * 2.0 * (1.0 + nu) / E for E, nu in bodies)
 
 
 def stick_radius(ratio: np.ndarray | float) -> np.ndarray:
-    r"""Radius of the stick zone over that of the contact, :math:`c/a = (1 - T/\mu F)^{1/3}`.
-
-    Parameters
-    ----------
-    ratio : ndarray or float
-        :math:`T / \mu F`, tangential force over the limit of friction, dimensionless.
-
-    References
-    ----------
-    .. [1] R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268.
-
-    Examples
-    --------
-    >>> stick_radius(np.array([0.25, 0.75])).round(5)
-    array([0.90856, 0.62996])
-    """
+    r"""Radius of the stick zone over that of the contact, :math:`c/a = (1 - T/\mu F)^{1/3}`."""
     return np.asarray(np.maximum(0.0, 1.0 - np.asarray(ratio)) ** (1.0 / 3.0))
 
 
 def tangential_displacement(
     ratio: np.ndarray | float, limit: float, radius: float, modulus: float
 ) -> np.ndarray:
-    r"""Tangential displacement of distant points under a first load.
+    r"""Tangential displacement of distant points under a first load, m.
 
     .. math:: \delta_t = \frac{3 \mu F}{16\, a\, G^*} \left(1 - (1 - T/\mu F)^{2/3}\right).
-
-    Parameters
-    ----------
-    ratio : ndarray or float, :math:`T / \mu F`, dimensionless
-    limit : float, :math:`\mu F`, N
-    radius : float, :math:`a` of the contact, m
-    modulus : float, :math:`G^*` of :func:`tangential_modulus`, Pa
-
-    Returns
-    -------
-    ndarray, m
     """
     left = np.maximum(0.0, 1.0 - np.asarray(ratio)) ** (2.0 / 3.0)
     return np.asarray(3.0 * limit / (16.0 * radius * modulus) * (1.0 - left))
@@ -75,19 +37,9 @@ def tangential_displacement(
 def tangential_traction(
     distance: np.ndarray, ratio: float, friction: float, radius: float, peak: float
 ) -> np.ndarray:
-    r"""Tangential traction under a first load.
+    r"""Tangential traction under a first load, Pa; the second root in the stick zone only.
 
     .. math:: q = \mu p_0 \left(\sqrt{1 - r^2/a^2} - \tfrac{c}{a}\sqrt{1 - r^2/c^2}\right)
-
-    with the second root in the stick zone alone, Pa.
-
-    Parameters
-    ----------
-    distance : ndarray, :math:`r` from the axis, m
-    ratio : float, :math:`T / \mu F`, dimensionless
-    friction : float, :math:`\mu`, dimensionless
-    radius : float, :math:`a`, m
-    peak : float, :math:`p_0`, Pa
     """
     c = radius * float(stick_radius(ratio))
     whole = np.sqrt(np.maximum(0.0, 1.0 - np.square(distance) / radius**2))
@@ -98,18 +50,10 @@ def tangential_traction(
 def loop_energy(
     ratio: np.ndarray | float, limit: float, radius: float, modulus: float
 ) -> np.ndarray:
-    r"""Energy lost in one cycle between :math:`\pm T`, J.
+    r"""Energy dissipated in a cycle between :math:`\pm T`, J.
 
     .. math:: \Delta W = \frac{9 \mu^2 F^2}{10\, a\, G^*} \left(1 - (1 - \rho)^{5/3}
         - \frac{5\rho}{6}\bigl(1 + (1 - \rho)^{2/3}\bigr)\right), \qquad \rho = T/\mu F .
-
-    Parameters
-    ----------
-    ratio, limit, radius, modulus, As in :func:`tangential_displacement`
-
-    References
-    ----------
-    .. [1] R. D. Mindlin and H. Deresiewicz, J. Appl. Mech. 20 (1953) 327-344.
     """
     rho = np.asarray(ratio, dtype=float)
     left = 1.0 - rho
@@ -126,22 +70,10 @@ def spence_stick_radius(friction: float, poissons_ratio: float) -> float:
         = \frac{\mu}{\beta}\, K\!\left(\sqrt{1 - c^2/a^2}\right), \qquad
         \beta = \frac{1 - 2\nu}{2(1 - \nu)},
 
-    with the complete elliptic integral :math:`K` of the given modulus. It leaves out the effect of
-    the shear on the pressure, which :func:`tests.closed_forms.spence.punch_with_friction`
-    keeps: at :math:`\nu = 0.3` the radius is then smaller by 11, 2.5 and 0.8 per cent for
-    :math:`\mu = 0.1, 0.3, 0.5`.
+    with the complete elliptic integral :math:`K`. The effect of the shear on the pressure is left
+    out, which :func:`tests.closed_forms.spence.punch_with_friction` keeps: at :math:`\nu = 0.3` the
+    radius is then smaller by 11, 2.5 and 0.8 per cent for :math:`\mu = 0.1, 0.3, 0.5`.
 
-    Parameters
-    ----------
-    friction : float, :math:`\mu > 0`, dimensionless
-    poissons_ratio : float, :math:`0 \le \nu < 1/2` of the elastic body, dimensionless
-
-    References
-    ----------
-    .. [1] D. A. Spence, J. Elast. 5 (1975) 297-319.
-
-    Examples
-    --------
     >>> round(spence_stick_radius(0.3, 0.3), 4)
     0.9186
     """
@@ -158,16 +90,6 @@ def full_stick_load_ratio(poissons_ratio: float) -> float:
 
     .. math:: \frac{(1 - \nu) \ln(3 - 4\nu)}{1 - 2\nu}
 
-    Parameters
-    ----------
-    poissons_ratio : float, :math:`0 \le \nu < 1/2` of the half-space, dimensionless
-
-    References
-    ----------
-    .. [1] D. A. Spence, Proc. R. Soc. London A 305 (1968) 55-80.
-
-    Examples
-    --------
     >>> round(full_stick_load_ratio(0.3), 5)
     1.02863
     """

@@ -8,22 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["NestedRings"]
-
 
 @dataclass(frozen=True)
 class NestedRings:
     r"""Exact solution from Michell's stress functions of orders 0 and 2.
 
-    Parameters
-    ----------
-    radii : tuple of float, :math:`a < b < c`, m
-    youngs_modulus : float, Of both rings, Pa
-    poissons_ratio : float, Of both rings, dimensionless
-    mean, wave : float, :math:`p_0` and :math:`p_2`, Pa
-
-    Notes
-    -----
+    Radii :math:`a < b < c`, m, moduli of both rings, mean and wave :math:`p_0` and :math:`p_2`, Pa.
     In each ring
 
     .. math::

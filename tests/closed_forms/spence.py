@@ -10,8 +10,6 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 
-__all__ = ["punch_with_friction"]
-
 MAX_ITERATIONS = 100
 """Limit of changes of the stick zone."""
 
@@ -19,26 +17,13 @@ MAX_ITERATIONS = 100
 def punch_with_friction(
     friction: float, poissons_ratio: float, *, rings: int = 200, coupled: bool = True
 ) -> tuple[float, float]:
-    r"""Stick radius and force of a flat punch.
+    r"""Stick radius over the radius of a flat punch, and its force over that without friction.
 
-    Parameters
-    ----------
-    friction : float, :math:`\mu \ge 0`, dimensionless
-    poissons_ratio : float, :math:`0 \le \nu < 1/2` of the half-space, dimensionless
-    rings : int, Rings of constant traction on the contact; the radius is known to about their width
-    coupled : bool
-        Whether the shear acts on the pressure. Without, the stick radius is the closed form of
-        :func:`~tests.closed_forms.mindlin.spence_stick_radius`.
-
-    Returns
-    -------
-    radius : float, Of the stick zone over that of the punch
-    force : float, Over that without friction, at the same depth
-
-    Notes
-    -----
-    In units of the radius :math:`a`, the depth and :math:`G/(1-\nu)`, with
-    :math:`\beta = (1-2\nu)/(2(1-\nu))`, pressure :math:`p` and outward shear :math:`q` give
+    Both at the same depth, from rings of constant traction; the radius is accurate to about their
+    width. Uncoupled, the shear does not act on the pressure, and the stick radius is the closed
+    form :func:`~tests.closed_forms.mindlin.spence_stick_radius`. In units of the radius :math:`a`,
+    the depth and :math:`G/(1-\nu)`, with :math:`\beta = (1-2\nu)/(2(1-\nu))`, pressure :math:`p`
+    and outward shear :math:`q` give
 
     .. math::
         w &= \frac{2}{\pi} \int_0^r \frac{P(t)\,\mathrm{d}t}{\sqrt{r^2 - t^2}}
@@ -49,14 +34,8 @@ def punch_with_friction(
             Q(t) = t \int_t^1 \frac{q\, \mathrm{d}s}{\sqrt{s^2 - t^2}},    \tag{2}
 
     where :math:`u = 0` and :math:`|q| \le \mu p` in the stick zone and :math:`q = \mu p`,
-    :math:`u < 0` around it.
+    :math:`u < 0` around it: D. A. Spence, J. Elast. 5 (1975) 297-319.
 
-    References
-    ----------
-    .. [1] D. A. Spence, J. Elast. 5 (1975) 297-319.
-
-    Examples
-    --------
     >>> radius, force = punch_with_friction(0.3, 0.3, rings=100)
     >>> round(radius, 2), round(force, 4)
     (0.9, 1.0243)
