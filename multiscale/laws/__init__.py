@@ -17,8 +17,7 @@ from multiscale.laws.friction_laws import (
 )
 from multiscale.laws.hysteretic import HystereticLaw
 from multiscale.laws.interface_law import GapLaw, InterfaceLaw, NormalLaw, Response, Sliding
-from multiscale.laws.modified import Damaged, StretchedLaw
-from multiscale.laws.normal import ConvexDecreasing, Exponential, PowerLaw, Tabulated
+from multiscale.laws.normal import ConvexDecreasing, Exponential, ModifiedLaw, PowerLaw, Tabulated
 from multiscale.laws.pressure_functions import (
     AreaLaw,
     ErrorFunctionArea,
@@ -35,7 +34,6 @@ __all__ = [
     "BellFriction",
     "ConvexDecreasing",
     "Coulomb",
-    "Damaged",
     "DecayingFriction",
     "ErrorFunctionArea",
     "Exponential",
@@ -43,6 +41,7 @@ __all__ = [
     "GapLaw",
     "HystereticLaw",
     "InterfaceLaw",
+    "ModifiedLaw",
     "NormalLaw",
     "PowerLaw",
     "PowerStiffness",
@@ -53,7 +52,6 @@ __all__ = [
     "Softening",
     "SteadySliding",
     "StiffnessLaw",
-    "StretchedLaw",
     "Tabulated",
     "class_densities",
     "gaussian_asperities",

@@ -7,7 +7,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws.bulk.moduli import mindlin_ratio
-from multiscale.laws.interface_law import Response, check_parameter
+from multiscale.laws.interface_law import Response, check_parameters
 from multiscale.laws.sliders import SliderBed
 
 __all__ = ["Asperities", "AsperityLaw", "class_densities", "gaussian_asperities"]
@@ -83,8 +83,7 @@ class Asperities:
                 f"the densities of asperities must not be negative (1/m^2), and one of them "
                 f"positive, got {n.min(initial=0.0):g} to {n.max(initial=0.0):g}; give the density"
             )
-        check_parameter(self, "radius", "m")
-        check_parameter(self, "youngs_modulus", "Pa")
+        check_parameters(self, radius="m", youngs_modulus="Pa")
         if not 0.0 <= self.poissons_ratio <= 0.5:
             raise CaseError(f"poissons_ratio must be from 0 to 0.5, got {self.poissons_ratio:g}")
         if not self.yield_stress > 0.0:
@@ -259,9 +258,9 @@ class AsperityLaw(SliderBed):
     yields: bool = True
 
     def __post_init__(self) -> None:
-        check_parameter(self, "friction", lowest=0.0)
+        check_parameters(self, lowest=0.0, friction="1")
         if self.stiffness_ratio is not None:
-            check_parameter(self, "stiffness_ratio")
+            check_parameters(self, stiffness_ratio="1")
 
     @property
     def _layout(self) -> tuple[int, int, float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, check_parameter
+from multiscale.laws.interface_law import InterfaceLaw, NormalLaw, Response, check_parameters
 
 __all__ = [
     "BellFriction",
@@ -71,7 +71,7 @@ class Coulomb(FrictionLaw):
     friction_coefficient: float
 
     def __post_init__(self) -> None:
-        check_parameter(self, "friction_coefficient", lowest=0.0)
+        check_parameters(self, lowest=0.0, friction_coefficient="1")
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the constant coefficient in the common shape of the arguments."""
@@ -106,9 +106,8 @@ class DecayingFriction(FrictionLaw):
     decay_speed: float
 
     def __post_init__(self) -> None:
-        check_parameter(self, "static_coefficient", lowest=0.0)
-        check_parameter(self, "kinetic_coefficient", lowest=0.0)
-        check_parameter(self, "decay_speed", "m/s")
+        check_parameters(self, lowest=0.0, static_coefficient="1", kinetic_coefficient="1")
+        check_parameters(self, decay_speed="m/s")
 
     def coefficient(self, pressure: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Evaluate (2)."""
@@ -167,11 +166,9 @@ class BellFriction(FrictionLaw):
     reference_pressure: float
 
     def __post_init__(self) -> None:
-        check_parameter(self, "peak_coefficient", lowest=0.0)
-        for name in ("rise_exponent", "fall_exponent"):
-            check_parameter(self, name)
-        for name, unit in (("peak_speed", "m/s"), ("reference_pressure", "Pa")):
-            check_parameter(self, name, unit)
+        check_parameters(self, lowest=0.0, peak_coefficient="1")
+        check_parameters(self, rise_exponent="1", fall_exponent="1")
+        check_parameters(self, peak_speed="m/s", reference_pressure="Pa")
         for name in ("pressure_exponent", "speed_exponent"):
             if not np.all(np.isfinite(getattr(self, name))):
                 raise CaseError(f"{name} must be finite, got {getattr(self, name)}")

@@ -1,6 +1,7 @@
 """Loading and unloading of plastic contact: hysteresis of the pressure."""
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -8,7 +9,8 @@ from multiscale.laws.interface_law import (
     GapLaw,
     NormalLaw,
     Response,
-    check_parameter,
+    check_parameters,
+    forwarded,
     newton_from_the_left,
 )
 from multiscale.laws.normal import PowerLaw
@@ -74,33 +76,13 @@ class HystereticLaw(GapLaw):
     n_state = 1
 
     def __post_init__(self) -> None:
-        check_parameter(self, "stiffness_ratio", lowest=1.0)
-        check_parameter(self, "exponent", lowest=1.0)
+        check_parameters(self, lowest=1.0, stiffness_ratio="1", exponent="1")
 
-    @property
-    def gap(self) -> float:  # type: ignore[override]
-        """Initial gap, m."""
-        return self.loading.gap
-
-    @property
-    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
-        """Pressures of the data of the loading law, Pa."""
-        return self.loading.pressure_range
-
-    @property
-    def pressure_limit(self) -> float:  # type: ignore[override]
-        """Pressure above which data contradict the loading law, Pa."""
-        return self.loading.pressure_limit
-
-    @property
-    def first_loading(self) -> NormalLaw:
-        """Law of the first loading."""
-        return self.loading
-
-    @property
-    def unloading_ratio(self) -> float:  # type: ignore[override]
-        """Ratio of the stiffnesses at the start of unloading and of loading."""
-        return self.stiffness_ratio
+    gap = forwarded("loading", "gap")
+    pressure_range = forwarded("loading", "pressure_range")
+    pressure_limit = forwarded("loading", "pressure_limit")
+    first_loading = property(attrgetter("loading"))
+    unloading_ratio = property(attrgetter("stiffness_ratio"))
 
     def elastic_curve(self, low: float, high: float) -> tuple[NormalLaw, float, float]:
         r"""Return :math:`\langle 1 - x\rangle_+^n` of (1), and its range between two pressures."""

@@ -5,7 +5,8 @@ Constructors refuse parameters outside their range with a :class:`CaseError`.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +22,8 @@ __all__ = [
     "NormalLaw",
     "Response",
     "Sliding",
-    "check_parameter",
+    "check_parameters",
+    "forwarded",
     "newton_from_the_left",
 ]
 
@@ -323,14 +325,17 @@ def newton_from_the_left(
     )
 
 
-def check_parameter(
-    law: object, name: str, unit: str = "1", *, lowest: float | None = None
-) -> None:
-    """Refuse a parameter of a law outside its range; positive without a lowest value."""
-    value = np.asarray(getattr(law, name), dtype=float)
-    allowed = np.isfinite(value) & (value > 0.0 if lowest is None else value >= lowest)
-    if allowed.all():
-        return
+def check_parameters(law: object, lowest: float | None = None, **units: str) -> None:
+    """Refuse parameters of a law, with their units, outside a range; positive without a lowest."""
     bound = {None: "be positive and", 0.0: "not be negative, but"}
     asked = bound.get(lowest, f"be at least {lowest:g} and" if lowest else "")
-    raise CaseError(f"{name} must {asked} finite ({unit}), got {float(value[~allowed].flat[0]):g}")
+    for name, unit in units.items():
+        value = np.asarray(getattr(law, name), dtype=float)
+        wrong = value[~(np.isfinite(value) & (value > 0.0 if lowest is None else value >= lowest))]
+        if wrong.size:
+            raise CaseError(f"{name} must {asked} finite ({unit}), got {float(wrong.flat[0]):g}")
+
+
+def forwarded(part: str, name: str) -> Any:
+    """Return a property that is an attribute of a part of its object."""
+    return property(attrgetter(f"{part}.{name}"))

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
-from multiscale.laws.interface_law import NormalLaw, check_parameter
+from multiscale.laws.interface_law import NormalLaw, check_parameters, forwarded
 
-__all__ = ["ConvexDecreasing", "Exponential", "PowerLaw", "Tabulated"]
+__all__ = ["ConvexDecreasing", "Exponential", "ModifiedLaw", "PowerLaw", "Tabulated"]
 
 CONCAVE = 1e-9
 """Decrease of the stiffness from chord to chord that counts as round-off, relative to it."""
@@ -48,8 +48,7 @@ class Exponential(NormalLaw):
     pressure_range: tuple[float, float] = (0.0, np.inf)
 
     def __post_init__(self) -> None:
-        check_parameter(self, "pressure_scale", "Pa")
-        check_parameter(self, "decay_length", "m")
+        check_parameters(self, pressure_scale="Pa", decay_length="m")
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""
@@ -102,9 +101,8 @@ class PowerLaw(NormalLaw):
     pressure_range: tuple[float, float] = (0.0, np.inf)
 
     def __post_init__(self) -> None:
-        check_parameter(self, "pressure_scale", "Pa")
-        check_parameter(self, "support", "m")
-        check_parameter(self, "exponent", lowest=1.0)  # a convex law
+        check_parameters(self, pressure_scale="Pa", support="m")
+        check_parameters(self, lowest=1.0, exponent="1")  # a convex law
 
     def pressure(self, gap: np.ndarray) -> np.ndarray:
         """Evaluate (1); the unit is Pa."""
@@ -353,3 +351,73 @@ class ConvexDecreasing(NormalLaw):
         j = np.searchsorted(self.knot, gap, side="right")
         right = self.knot[np.minimum(j, self.knot.size - 1)]
         return np.maximum(0.0, right - gap), self._expansions[:, j]
+
+
+@dataclass(frozen=True)
+class ModifiedLaw(NormalLaw):
+    r"""Another law with damage, or with the gaps of an error of the law.
+
+    Parameters
+    ----------
+    law : NormalLaw, law of the pressure :math:`p_0`, with its gap
+    damage : float, share :math:`D` of the interface without load, from 0 to below 1, dimensionless
+    factor : float, factor :math:`f > 0` of the distance of all gaps to the centre, dimensionless
+    centre, shift : float, gap :math:`g_c` that is not stretched; increase :math:`d` of all gaps, m
+
+    Notes
+    -----
+    .. math:: p(g) = (1 - D)\, p_0(g_c + (g - g_c - d) / f).    \tag{1}
+
+    Examples
+    --------
+    >>> law = Exponential(pressure_scale=1.0e9, decay_length=1.0e-6)
+    >>> ModifiedLaw(law, damage=0.25).pressure(np.array([0.0]))  # Pa
+    array([7.5e+08])
+    >>> float(ModifiedLaw(law, factor=1.1).gap_at(np.array(1.0e9 / np.e)))  # m
+    1.1e-06
+    """
+
+    law: NormalLaw
+    damage: float = 0.0
+    factor: float = 1.0
+    centre: float = 0.0
+    shift: float = 0.0
+
+    gap = forwarded("law", "gap")
+
+    def __post_init__(self) -> None:
+        check_parameters(self, factor="1")
+        if not 0.0 <= self.damage < 1.0:
+            raise CaseError(
+                f"the damage of an interface must lie from 0 to below 1, got {self.damage:g}; "
+                f"remove an interface that is fully damaged"
+            )
+
+    @property
+    def pressure_range(self) -> tuple[float, float]:  # type: ignore[override]
+        """Pressures of the data, Pa."""
+        low, high = self.law.pressure_range
+        return (1.0 - self.damage) * low, (1.0 - self.damage) * high
+
+    @property
+    def pressure_limit(self) -> float:  # type: ignore[override]
+        """Pressure above which data contradict the law, Pa."""
+        return (1.0 - self.damage) * self.law.pressure_limit
+
+    def pressure(self, gap: np.ndarray) -> np.ndarray:
+        """Evaluate (1), Pa."""
+        return np.asarray((1.0 - self.damage) * self.law.pressure(self._gap_before(gap)))
+
+    def stiffness(self, gap: np.ndarray) -> np.ndarray:
+        """Return minus the derivative of (1), Pa/m."""
+        sound = self.law.stiffness(self._gap_before(gap))
+        return np.asarray((1.0 - self.damage) * sound / self.factor)
+
+    def gap_at(self, pressure: np.ndarray) -> np.ndarray:
+        """Return the local gap, m, at a pressure, Pa."""
+        distance = self.law.gap_at(np.asarray(pressure) / (1.0 - self.damage)) - self.centre
+        return np.asarray(self.centre + self.shift + self.factor * distance)
+
+    def _gap_before(self, gap: np.ndarray) -> np.ndarray:
+        """Return the gap of the other law at the same pressure, m."""
+        return np.asarray(self.centre + (np.asarray(gap) - self.centre - self.shift) / self.factor)

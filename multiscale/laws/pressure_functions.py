@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.interface_law import check_parameter
+from multiscale.laws.interface_law import check_parameters
 
 __all__ = ["AreaLaw", "ErrorFunctionArea", "PowerStiffness", "StiffnessLaw"]
 
@@ -124,7 +124,7 @@ class ErrorFunctionArea:
     pressure_scale: float
 
     def __post_init__(self) -> None:
-        check_parameter(self, "pressure_scale", "Pa")
+        check_parameters(self, pressure_scale="Pa")
 
     def contact_fraction(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate (1) at a nominal pressure, Pa; any shape."""
@@ -176,9 +176,8 @@ class PowerStiffness(StiffnessLaw):
     reference_pressure: float
 
     def __post_init__(self) -> None:
-        check_parameter(self, "stiffness_scale", "Pa/m")
-        check_parameter(self, "reference_pressure", "Pa")
-        check_parameter(self, "exponent", lowest=0.0)
+        check_parameters(self, stiffness_scale="Pa/m", reference_pressure="Pa")
+        check_parameters(self, lowest=0.0, exponent="1")
 
     def stiffness_at(self, pressure: np.ndarray) -> np.ndarray:
         """Evaluate (1), Pa/m."""

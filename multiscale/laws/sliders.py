@@ -13,7 +13,7 @@ from multiscale.laws.interface_law import (
     NormalLaw,
     Response,
     Sliding,
-    check_parameter,
+    check_parameters,
 )
 
 __all__ = ["SliderBed", "Sliders"]
@@ -257,8 +257,8 @@ class Sliders(SliderBed):
     slabs: int = 48
 
     def __post_init__(self) -> None:
-        check_parameter(self, "friction", lowest=0.0)
-        check_parameter(self, "stiffness_ratio")
+        check_parameters(self, lowest=0.0, friction="1")
+        check_parameters(self, stiffness_ratio="1")
         if not isinstance(self.normal, GapLaw):
             raise CaseError(
                 f"sliders need a law of the gap only, got the type "

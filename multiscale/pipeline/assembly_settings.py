@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale import macro
 from multiscale.errors import CaseError, suggest
-from multiscale.laws import Damaged, Exponential, InterfaceLaw, Sliders
+from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import (
@@ -378,7 +378,7 @@ class Bodies(StructureKind):
                 continue
             sound = changed.get(number) or law_from_dataset(law)
             damage = one.damage or float(law.get("interface_damage", 0.0))
-            worn = Damaged(sound, damage) if damage else sound
+            worn = ModifiedLaw(sound, damage) if damage else sound
             bed = sliders_from_dataset(law, normal=worn, **beds)
             made.append(replace(bed, **one.over(case.interface).given))
         return made
@@ -401,7 +401,7 @@ class Bodies(StructureKind):
         assert stated is not None
         normal = stated.build()
         return Sliders(
-            Damaged(normal, one.damage) if one.damage else normal,
+            ModifiedLaw(normal, one.damage) if one.damage else normal,
             source.friction,
             source.stiffness_ratio or theory,
             pressures=stated.pressures,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws import NormalLaw, StretchedLaw
+from multiscale.laws import ModifiedLaw, NormalLaw
 from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
@@ -256,8 +256,8 @@ def changed_laws(law: Dataset, pressure: np.ndarray | None = None) -> dict[str, 
     p = data if pressure is None else np.asarray(pressure)
     middle = float(mean_law.gap_at(np.array(np.exp(np.nanmean(np.log(p))))))
     laws: dict[str, NormalLaw] = {
-        "mean_gap": StretchedLaw(mean_law, 1.0, shift=_shift(law)),
-        "stiffness": StretchedLaw(mean_law, 1.0 + STRETCH, centre=middle),
+        "mean_gap": ModifiedLaw(mean_law, shift=_shift(law)),
+        "stiffness": ModifiedLaw(mean_law, factor=1.0 + STRETCH, centre=middle),
     }
     known = law["error_half_width"].notnull().any(("quantity", "step"))
     for term in ERROR_TERMS[:-1]:

@@ -20,7 +20,7 @@ def contact_fraction(relative_pressure: np.ndarray) -> np.ndarray:
 
 
 def largest_pressure(relative_pressure: np.ndarray) -> np.ndarray:
-    r"""Pressure on the crest over p: :math:`2/\sqrt{s}` below, :math:`1 + 1/s` from full contact."""
+    r"""Crest pressure over p: :math:`2/\sqrt{s}` below, :math:`1 + 1/s` in full contact."""
     s = np.asarray(relative_pressure, dtype=float)
     return np.where(s < 1.0, 2.0 / np.sqrt(s), 1.0 + 1.0 / s)
 

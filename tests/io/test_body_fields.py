@@ -9,7 +9,7 @@ import pytest
 from multiscale.errors import CaseError, SchemaError
 from multiscale.fe.boxes import box_mesh
 from multiscale.io import write_body_fields
-from multiscale.laws import Damaged, Exponential, Sliders
+from multiscale.laws import Exponential, ModifiedLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, LatinMethod
 from multiscale.macro.bodies import stacked_blocks
@@ -38,7 +38,7 @@ def volumes(mesh):
 @pytest.fixture(scope="module")
 def result():
     materials = [Elastic((1.0 - DAMAGE) * E, 0.0), Elastic(E, 0.0)]
-    law = Sliders(Damaged(NORMAL, 0.5), 0.2, pressures=(1e6, 1e8))
+    law = Sliders(ModifiedLaw(NORMAL, 0.5), 0.2, pressures=(1e6, 1e8))
     blocks = stacked_blocks((0.02, 0.02, 0.01), (2, 3, 2), materials, [law])
     loaded = load_joint(blocks, JointLoading(PRELOADS), method=LatinMethod(parts=(2, 1)))
     return add_body_fields(loaded, blocks.bodies, damage=(DAMAGE, 0.0))

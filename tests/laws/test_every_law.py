@@ -6,12 +6,11 @@ import pytest
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import (
     ConvexDecreasing,
-    Damaged,
     Exponential,
     InterfaceLaw,
+    ModifiedLaw,
     PowerLaw,
     Response,
-    StretchedLaw,
     Tabulated,
 )
 
@@ -24,8 +23,8 @@ LAWS = [
         ConvexDecreasing(knot=np.array([0.2, 0.7]), coefficient=np.array([3.0, 1.0])), id="convex"
     ),
     pytest.param(SIGNED, id="convex-signed"),
-    pytest.param(Damaged(SIGNED, damage=0.3), id="damaged"),
-    pytest.param(StretchedLaw(Exponential(2.0, 0.4), 1.3, gap=-0.1), id="stretched"),
+    pytest.param(ModifiedLaw(SIGNED, damage=0.3), id="damaged"),
+    pytest.param(ModifiedLaw(Exponential(2.0, 0.4, gap=-0.1), factor=1.3), id="stretched"),
     pytest.param(PowerLaw(pressure_scale=2.0, support=0.9, exponent=2.5, gap=0.1), id="power"),
     pytest.param(Tabulated(np.array([0.0, 0.5, 2.5]), np.array([0.0, -0.5, -0.9])), id="table"),
 ]
@@ -157,8 +156,11 @@ def test_resolvent_refuses_a_direction_that_is_not_stiff():
     [
         (lambda: Exponential(-1.0, 1.0), r"pressure_scale must be positive and finite \(Pa\)"),
         (lambda: Exponential(1.0, 0.0), r"decay_length must be positive and finite \(m\), got 0"),
-        (lambda: Damaged(SIGNED, 1.0), "from 0 to below 1, got 1; remove an interface"),
-        (lambda: StretchedLaw(SIGNED, 0.0), r"factor must be positive and finite \(1\), got 0"),
+        (lambda: ModifiedLaw(SIGNED, 1.0), "from 0 to below 1, got 1; remove an interface"),
+        (
+            lambda: ModifiedLaw(SIGNED, factor=0.0),
+            r"factor must be positive and finite \(1\), got 0",
+        ),
         (lambda: PowerLaw(-1.0, 1.0, 2.0), r"pressure_scale must be positive and finite \(Pa\)"),
         (lambda: PowerLaw(1.0, 0.0, 2.0), r"support must be positive and finite \(m\), got 0"),
         (lambda: PowerLaw(1.0, 1.0, 0.9), "exponent must be at least 1"),

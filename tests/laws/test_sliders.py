@@ -6,13 +6,12 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws import (
     ConvexDecreasing,
-    Damaged,
     Exponential,
     HystereticLaw,
+    ModifiedLaw,
     PowerLaw,
     RigidContact,
     Sliders,
-    StretchedLaw,
 )
 
 MU, KAPPA, LOW, HIGH = 0.3, 0.8, 1e6, 1e8
@@ -26,8 +25,8 @@ NORMALS = {
     "power": PowerLaw(1e9, 1e-6, 2.5),
     "linear": PowerLaw(1e9, 1e-6, 1.0),
     "convex decreasing": SPLINE,
-    "damaged": Damaged(SPLINE, 0.4),
-    "stretched": StretchedLaw(SPLINE, 1.02, centre=0.5e-6),
+    "damaged": ModifiedLaw(SPLINE, 0.4),
+    "stretched": ModifiedLaw(SPLINE, factor=1.02, centre=0.5e-6),
     "flows": HystereticLaw(NORMAL, 2.5, 1.6),
 }
 

@@ -5,7 +5,7 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import open_law, write_dataset
-from multiscale.laws import Damaged
+from multiscale.laws import ModifiedLaw
 from multiscale.micro.damage import max_damage, plane_damage
 from multiscale.schema import DAMAGE_SECTIONS
 from multiscale.upscaling import law_from_dataset, with_damage
@@ -51,7 +51,7 @@ def test_joints_carry_what_the_damage_leaves(sections, tmp_path):
     case = case_of(tmp_path, text)
     bodies, (law,) = joints_of(case)
     (bed,) = bodies.sliders(case, [law])
-    assert isinstance(bed.normal, Damaged)
+    assert isinstance(bed.normal, ModifiedLaw)
     lost, sound = float(law["interface_damage"]), law_from_dataset(law)
     gap = sound.gap_at(np.array(1e7))
     assert float(bed.normal.pressure(gap)) == pytest.approx((1.0 - lost) * 1e7)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.laws import Damaged, Exponential
+from multiscale.laws import Exponential, ModifiedLaw
 from multiscale.macro import Block, RoughJoint, press_joint, soften
 from tests.closed_forms import joint as closed_form
 from tests.closed_forms.elastic_solids import isotropic_stiffness
@@ -27,7 +27,7 @@ def pressed(block, law=LAW):
 @pytest.mark.parametrize("damage", [0.0, 0.3])
 def test_the_joint_is_springs_in_series(damage):
     porous = soften(BLOCK, 0.9)
-    found = pressed(porous, Damaged(LAW, damage))
+    found = pressed(porous, ModifiedLaw(LAW, damage))
     # an exponential law has K = p / u0 whatever share of it is damaged
     modulus = 0.9 * E
     expected = closed_form.series(PRELOAD / DECAY, modulus / HEIGHT, modulus / HEIGHT)
@@ -71,7 +71,7 @@ def test_softening_keeps_everything_but_the_stiffness():
 
 def test_a_damaged_law_carries_less():
     gap = np.array([0.0, 1e-6])
-    np.testing.assert_allclose(Damaged(LAW, 0.4).pressure(gap), 0.6 * LAW.pressure(gap))
+    np.testing.assert_allclose(ModifiedLaw(LAW, 0.4).pressure(gap), 0.6 * LAW.pressure(gap))
 
 
 @pytest.mark.parametrize(
