@@ -8,7 +8,7 @@ from scipy.sparse import csc_array, diags_array, vstack
 from multiscale.laws.link import Bar
 from multiscale.macro import LinkSystem, tensegrity_grid
 from multiscale.macro.links.link_equations import equations
-from multiscale.nonsmooth.jamming import solve_conic
+from multiscale.nonsmooth.refusals import solve_conic
 
 
 def free_module(**options):

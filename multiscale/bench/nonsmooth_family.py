@@ -116,7 +116,7 @@ def lcp_problem(name: str, *, quick: bool) -> Problem:
         LCP_TOLERANCE,
         ("auto", *LCP_METHODS),
         partial(solve_lcp, matrix, vector, tolerance=LCP_TOLERANCE),
-        lambda value: verify_lcp(matrix, vector, value).residual,
+        lambda value: verify_lcp(matrix, vector, value),
     )
 
 

@@ -265,7 +265,7 @@ def complementarity(contrast: float, points: int) -> float:
     from multiscale.nonsmooth import solve_lcp, verify_lcp
 
     matrix, vector = membrane(points, contrast=contrast)
-    return verify_lcp(matrix, vector, solve_lcp(matrix, vector).unwrap()).residual
+    return verify_lcp(matrix, vector, solve_lcp(matrix, vector).unwrap())
 
 
 def rough_cell(slope: float, relative_pressure: float, poissons_ratio: float) -> float:

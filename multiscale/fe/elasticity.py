@@ -8,7 +8,6 @@ from scipy.sparse import csr_array, kron
 
 from multiscale.fe.elements import elements_of_basis, sum_blocks
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.laws.bulk.moduli import lame_parameters
 
 if TYPE_CHECKING:
     from skfem import CellBasis, Element, Mesh
@@ -76,10 +75,8 @@ def elastic_matrix(
 ) -> csr_array:
     r"""Assemble the small-strain elasticity of a law."""
     if isinstance(law, Elastic):
-        lame, shear = lame_parameters(law.youngs_modulus, law.poissons_ratio)
-        if share is None:
-            return assemble_elasticity(basis, lame, shear)
-        return assemble_elasticity(basis, lame * share, shear * share)
+        factor = 1.0 if share is None else share
+        return assemble_elasticity(basis, factor * law.volume_modulus, factor * law.shear_modulus)
     d = basis.mesh.dim()
     products, C = _products(basis, np.ones(1) if share is None else share), law.tensor
     blocks = [
@@ -114,12 +111,6 @@ def mode_stiffness(
     .. [2] R. L. Taylor, P. J. Beresford, E. L. Wilson, Int. J. Numer. Methods Eng. 10 (1976)
        1211-1219, doi:10.1002/nme.1620100602.
     """
-    if isinstance(law, AnisotropicElastic):
-        C = law.tensor
-    else:
-        lame, shear = lame_parameters(law.youngs_modulus, law.poissons_ratio)
-        pairs = np.einsum("ij,kl->ijkl", np.eye(3), np.eye(3))
-        C = lame * pairs + shear * (pairs.transpose(0, 2, 1, 3) + pairs.transpose(0, 2, 3, 1))
     elements = elements_of_basis(basis, mean_volume=False)
     G, w = elements.gradient, elements.weight
     if share is not None:
@@ -131,7 +122,7 @@ def mode_stiffness(
     P = np.einsum("eq,qmr,erj->eqmj", ratio, slope, np.linalg.inv(J))  # (3)
 
     def integrate(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        blocks = np.einsum("eq,eqaj,ijkl,eqbl->eaibk", w, left, C, right, optimize=True)
+        blocks = np.einsum("eq,eqaj,ijkl,eqbl->eaibk", w, left, law.tensor, right, optimize=True)
         return np.asarray(blocks.reshape(len(w), 3 * left.shape[2], 3 * right.shape[2]))
 
     mixed, modes = integrate(G, P), integrate(P, P)

@@ -178,11 +178,6 @@ def class_densities(
     Returns
     -------
     height, density : ndarray, shape (classes,), m and 1/m²
-
-    Raises
-    ------
-    CaseError
-        If the heights do not rise, a weight is negative or all are zero.
     """
     z, w = np.asarray(height, dtype=float), np.asarray(weight, dtype=float)
     if z.ndim != 1 or z.shape != w.shape or z.size < 2 or not np.all(np.diff(z) > 0.0):
@@ -273,11 +268,7 @@ class AsperityLaw(SliderBed):
         return replace(self, friction=0.0)
 
     def shaken_down(self) -> "AsperityLaw":
-        """Return the law of the same state without further yield.
-
-        The asperities stay on their curves of unloading, beyond the largest approach, too: small
-        motions about a preload, after a few cycles.
-        """
+        """Return the law whose asperities stay on their curves of unloading, for small motions."""
         return replace(self, yields=False)
 
     def _press(self, jump: np.ndarray, history: np.ndarray) -> tuple[Response, np.ndarray]:
@@ -309,10 +300,7 @@ class AsperityLaw(SliderBed):
         )
 
     def _resolve_normal(self, source: np.ndarray, k: np.ndarray, history: np.ndarray) -> np.ndarray:
-        """Solve the normal row by Newton's method between bounds of its root.
-
-        The root lies between b/k, as p >= 0, and first contact.
-        """
+        """Solve the normal row by Newton's method between b/k, as p >= 0, and first contact."""
         free: np.ndarray = source / k
         b, k, low = source[0], k[0], free[0]
         high = np.maximum(low, self.asperities.top - self.gap)

@@ -184,7 +184,7 @@ class BellFriction(FrictionLaw):
 
 
 def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float = 51.6) -> float:
-    r"""Return the shift factor of relaxation times by Williams, Landel and Ferry.
+    r"""Return the shift factor of relaxation times by Williams, Landel and Ferry [1]_.
 
     .. math:: \log_{10} a_T = -\frac{c_1 (T - T_r)}{c_2 + T - T_r}
 
@@ -199,22 +199,14 @@ def wlf_shift(temperature: float, reference: float, c1: float = 17.44, c2: float
     -------
     float, ratio :math:`a_T` of the relaxation times at T and at the reference, dimensionless
 
-    Raises
-    ------
-    CaseError
-        If :math:`T \le T_r - c_2`.
-
     References
     ----------
-    .. [1] M. L. Williams, R. F. Landel and J. D. Ferry, J. Am. Chem. Soc. 77 (1955) 3701-3707,
-       doi:10.1021/ja01619a008.
+    .. [1] J. Am. Chem. Soc. 77 (1955) 3701-3707, doi:10.1021/ja01619a008.
 
     Examples
     --------
     >>> wlf_shift(293.0, 293.0)
     1.0
-    >>> wlf_shift(313.0, 293.0) < 1e-3
-    True
     """
     above = temperature - reference
     if not c2 + above > 0.0:
@@ -277,10 +269,7 @@ class SteadySliding(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
-
-        The pressure depends only on the normal jump, and friction only on the pressure.
-        """
+        """Solve the normal row, then the friction that its pressure determines."""
         k = np.broadcast_to(stiffness, source.shape)
         jump = self.normal.resolvent(source, k, state)
         jump[1:] -= self.respond(jump, state).traction[1:] / k[1:]
@@ -362,19 +351,12 @@ class RigidContact(InterfaceLaw):
 def limit_traction(drive: np.ndarray, softness: np.ndarray, limit: np.ndarray) -> np.ndarray:
     r"""Find the tangential traction on a search direction, no larger than a limit.
 
-    Notes
-    -----
     With the least :math:`\sigma \ge 0` that satisfies the limit,
 
     .. math:: t_i = \frac{d_i}{\sigma + a_i}, \qquad |t| \le \ell.    \tag{1}
 
-    Newton's method for :math:`1/|t| = 1/\ell`, nearly linear in :math:`\sigma`, increases
-    monotonically [1]_.
-
-    References
-    ----------
-    .. [1] J. J. Moré, D. C. Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983) 553-572,
-       doi:10.1137/0904038.
+    Newton's method for :math:`1/|t| = 1/\ell` increases monotonically: J. J. Moré, D. C. Sorensen,
+    SIAM J. Sci. Stat. Comput. 4 (1983) 553-572, doi:10.1137/0904038.
     """
     sigma = np.zeros(limit.shape)
     for _ in range(MAX_ITERATIONS):

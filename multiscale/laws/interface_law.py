@@ -145,8 +145,8 @@ class InterfaceLaw(ABC):
     def slipping_load(self, jump: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Share of the pressure of contacts that slip as a shear reaches a jump, from a state.
 
-        The shear has not been larger, and the pressure has been the same. All slips without
-        friction.
+        The shear has not been larger, and the pressure has been the same. Without friction all
+        slips.
         """
         return np.ones(jump.shape[1:])
 
@@ -166,19 +166,14 @@ class InterfaceLaw(ABC):
 
         Returns
         -------
-        ndarray, shape (d, ...), jump, m
-
-        Raises
-        ------
-        ConvergenceError
-            If Newton's method does not reach round-off.
+        ndarray, shape (d, ...), jump, m; a ConvergenceError is raised short of round-off
 
         Notes
         -----
-        Without a tangential traction :math:`[\![u_T]\!] = b_T / k`, and the normal row is a scalar
-        equation. If the pressure is never negative, convex and decreasing, its left-hand
-        side is concave and increasing, so that Newton's method increases monotonically to the root
-        from any start left of it, such as :math:`b_N / k`. Other laws override this method.
+        Without a tangential traction :math:`[\![u_T]\!] = b_T / k`. For a pressure that is never
+        negative, convex and decreasing, Newton's method increases monotonically to the root of the
+        normal row from any start left of it, such as :math:`b_N / k`. Other laws override this
+        method.
         """
         k = np.broadcast_to(stiffness, source.shape)
         return newton_from_the_left(self, source, k, state, self._left_of_root(source[0], k[0]))
@@ -233,18 +228,7 @@ class NormalLaw(GapLaw):
         """Return the local gap, m, at a pressure, Pa: the inverse of :meth:`pressure`."""
 
     def plot(self, pressure: np.ndarray | None = None, *, ax: "Axes | None" = None) -> "Axes":
-        """Plot pressure against local gap.
-
-        Parameters
-        ----------
-        pressure : ndarray, optional, pressures, Pa, by default of the data
-        ax : Axes, optional, the current axes if not given
-
-        Raises
-        ------
-        CaseError
-            If the law has no data and no pressures are given.
-        """
+        """Plot pressure against local gap, at the pressures of the data if none are given, Pa."""
         import matplotlib.pyplot as plt
 
         if pressure is None:

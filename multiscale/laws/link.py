@@ -18,11 +18,8 @@ class LinkResponse:
     Attributes
     ----------
     tension : ndarray, shape (...), tension :math:`\tau`, N, compression negative
-    tangent : ndarray, shape (...)
-        Derivative :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero for slack links.
-    slack : ndarray, shape (...)
-        Slack over the relaxed length, dimensionless, never negative; zero for links that carry
-        force.
+    tangent : ndarray, shape (...), :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero if slack
+    slack : ndarray, shape (...), slack over the relaxed length, dimensionless; zero with a force
     """
 
     tension: np.ndarray
@@ -38,14 +35,10 @@ class LinkLaw(ABC):
     ----------
     rigidity : float, axial rigidity :math:`EA > 0`, N; infinite for a link of fixed length
 
-    Attributes
-    ----------
-    lower, upper : float, range of admissible tensions, N
-
     Notes
     -----
-    With the elastic tension :math:`t = EA\,\varepsilon`, the range :math:`[\tau^-, \tau^+]` and the
-    slack :math:`\lambda`,
+    With the elastic tension :math:`t = EA\,\varepsilon`, the range :math:`[\tau^-, \tau^+]` of
+    admissible tensions, ``lower`` to ``upper``, N, and the slack :math:`\lambda`,
 
     .. math::
         \tau = \min(\max(t, \tau^-), \tau^+), \qquad EA\,\lambda = |\tau - t|,    \tag{1}
@@ -79,13 +72,7 @@ class LinkLaw(ABC):
 
 @dataclass(frozen=True)
 class Bar(LinkLaw):
-    """Link that carries tension and compression.
-
-    Examples
-    --------
-    >>> Bar(rigidity=8e7).respond(np.array([-1e-5, 1e-5])).tension
-    array([-800.,  800.])
-    """
+    """Link that carries tension and compression."""
 
 
 @dataclass(frozen=True)
@@ -103,13 +90,7 @@ class Cable(LinkLaw):
 
 @dataclass(frozen=True)
 class Strut(LinkLaw):
-    """Link that carries compression only.
-
-    Examples
-    --------
-    >>> Strut(rigidity=4e6).respond(np.array([-1e-4, 1e-4])).tension
-    array([-400.,    0.])
-    """
+    """Link that carries compression only."""
 
     upper = 0.0
 

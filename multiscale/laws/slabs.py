@@ -69,10 +69,10 @@ def respond_slabs(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return tangential traction, tangent, new state and energies of a step, (a) to (d).
 
-    ``slope``, shape (3, points), holds the derivatives with respect to the gap of the stiffness of
-    the slab that contains the gap, and of the logarithms of the scales of force and of force over
-    length. The energies, shape (4, points), are work, stored energy before and after, J/m2, and the
-    share of the load that slips.
+    ``slope``, shape (3, points), holds the derivatives by the gap of the stiffness of the slab that
+    contains the gap, and of the logarithms of the scales of force and of force over length.
+    Energies, shape (4, points), are work, stored energy before and after, J/m2, and the share that
+    slips.
     """
     points = jump.shape[1]
     traction, tangent = np.empty((2, points)), np.empty((2, 3, points))
@@ -170,9 +170,9 @@ def resolve(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the tangential jump on the law and on a search direction, and the failed points.
 
-    The forces (c) and k x are the gradient of a strictly convex function, whose minimum is found by
-    Newton's method with the step halved until the slope along it is small enough. If all forces
-    have one direction the function is piecewise quadratic and the last step is exact.
+    The minimum of the convex function with gradient (c) + k x is found by Newton's method with
+    halved steps. If all forces have one direction it is piecewise quadratic and the last step is
+    exact.
     """
     points = source.shape[1]
     jump, failed = np.empty((2, points)), np.zeros(points, dtype=np.bool_)
@@ -231,8 +231,8 @@ def asperity_loads(gap: np.ndarray, peak: np.ndarray, *arguments: Any) -> np.nda
 
     Shape (4, classes, points); Pa and Pa/m. ``peak``, shape (points,), is the largest approach of
     the highest asperities so far, m. Other arguments are whether they yield, their heights and
-    densities, the table of :class:`Asperities` and 4/3 E* sqrt(R). Unless they yield, the curves of
-    unloading, (2) of :class:`Asperities`, continue beyond the largest approach.
+    densities, the table of :class:`Asperities` and 4/3 E* sqrt(R). Unless they yield, the curves
+    (2) continue beyond the largest approach.
     """
     place = np.zeros((4, arguments[1].size, gap.size))
     run_ranges(_unload, gap.size, gap, peak, *arguments, place, least=_least(place[0]))

@@ -141,11 +141,9 @@ class SliderBed(InterfaceLaw):
     def resolvent(
         self, source: np.ndarray, stiffness: float | np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Find the jump on the law and on a search direction; see :class:`InterfaceLaw`.
+        """Solve the normal row, which friction does not change, then the tangential ones.
 
-        The normal row does not depend on the tangential jump. With the gap known, the sliders and
-        the direction are the gradient of a strictly convex function of the tangential jump, which
-        has one root.
+        Sliders and direction are the gradient of a strictly convex function of the tangential jump.
         """
         from multiscale.laws.slabs import resolve
 

@@ -25,11 +25,6 @@ class Softening:
     ----------
     opening : ndarray, shape (n,), rising from 0, m
     stress : ndarray, shape (n,), falling from the tensile strength to 0, Pa
-
-    Raises
-    ------
-    CaseError
-        If openings do not rise from 0 or stresses do not fall to 0.
     """
 
     opening: np.ndarray
@@ -69,9 +64,8 @@ class Softening:
 
         Returns
         -------
-        share : ndarray, shape (count + 1,), falling from 1
-            Stiffness of the element over its first; the last is that of a broken element.
-        strength : ndarray, shape (count + 1,)
+        share : ndarray, shape (count + 1,), stiffness over the first, falling from 1 to a broken
+        element strength : ndarray, shape (count + 1,)
             Tension at which the next share follows, Pa; infinite at the last.
 
         Notes
@@ -88,8 +82,7 @@ class Softening:
 
         References
         ----------
-        .. [1] Z. P. Bazant and B. H. Oh, Mater. Struct. 16 (1983) 155-177,
-           doi:10.1007/BF02486267.
+        .. [1] Z. P. Bazant and B. H. Oh, Mater. Struct. 16 (1983) 155-177, doi:10.1007/BF02486267.
         """
         end = np.interp(-LAST_STRESS * self.strength, -self.stress, self.opening)
         w = np.unique(np.append(np.linspace(0.0, end, FINE), self.opening[self.opening < end]))

@@ -21,21 +21,12 @@ ROUND_OFF = 64.0 * np.finfo(float).eps
 
 
 def project_friction_cone(vector: np.ndarray, friction: np.ndarray | float) -> np.ndarray:
-    r"""Projection onto Coulomb's cone, a second-order cone.
-
-    Notes
-    -----
-    For :math:`K_\mu = \{x : \|x_T\| \le \mu x_N\}`,
+    r"""Projection onto Coulomb's cone :math:`K_\mu = \{x : \|x_T\| \le \mu x_N\}`.
 
     .. math::
         P(x) = x \text{ in } K_\mu, \qquad P(x) = 0 \text{ where } \mu \|x_T\| \le -x_N, \qquad
         P(x)_N = \frac{x_N + \mu \|x_T\|}{1 + \mu^2}, \quad
         P(x)_T = \mu P(x)_N \frac{x_T}{\|x_T\|} \text{ elsewhere.}    \tag{1}
-
-    Examples
-    --------
-    >>> project_friction_cone(np.array([1.0, 3.0, 0.0]), friction=1.0)
-    array([2., 2., 0.])
     """
     normal, tangent = vector[0], vector[1:]
     length = np.sqrt(np.sum(tangent**2, axis=0))
@@ -57,16 +48,12 @@ def shifted_velocity(velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
 def natural_map(
     velocity: np.ndarray, reaction: np.ndarray, friction: np.ndarray, step: np.ndarray | float = 1.0
 ) -> np.ndarray:
-    r"""Residual of Coulomb's law; zero exactly where the law holds.
+    r"""Residual of Coulomb's law as a complementarity over cones; zero exactly where it holds.
 
-    Notes
-    -----
     .. math:: F(u, r) = r - P_{K_\mu}\bigl(r - \rho\,(u + \mu \|u_T\| n)\bigr).    \tag{1}
 
-    References
-    ----------
-    .. [1] V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011)
-       155-175, doi:10.1002/zamm.201000073, for the law as a complementarity problem over cones.
+    V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011) 155-175,
+    doi:10.1002/zamm.201000073.
     """
     ahead = reaction - step * shifted_velocity(velocity, friction)
     return np.asarray(reaction - project_friction_cone(ahead, friction))  # (1)
@@ -78,22 +65,15 @@ class Verdict:
 
     Attributes
     ----------
-    error : float
-        Natural-map error relative to the norm of the data, in the units of the user and in
-        velocities, whichever is larger.
+    error : float, natural-map error relative to the norm of the data, the larger of (1)
     penetration : float, largest approach left at a contact, relative to the norm of the data
-    cone_violation : float
-        Largest distance of an impulse from its cone, relative to the largest impulse.
-    equilibrium : float
-        Error of the equations of motion relative to their largest term; zero if they were not
-        given.
+    cone_violation : float, largest distance of an impulse from its cone over the largest impulse
     tolerance : float, the bound that each of them has to keep
     """
 
     error: float
     penetration: float
     cone_violation: float
-    equilibrium: float
     tolerance: float
 
     @property
@@ -103,9 +83,8 @@ class Verdict:
 
     @property
     def residual(self) -> float:
-        """The worst of the four numbers, NaN if one is."""
-        errors = (self.error, self.penetration, self.cone_violation, self.equilibrium)
-        return float(np.max(errors))
+        """The worst of the three numbers, NaN if one is."""
+        return float(np.max((self.error, self.penetration, self.cone_violation)))
 
 
 def verify_friction(
@@ -115,7 +94,6 @@ def verify_friction(
     reaction: np.ndarray,
     *,
     tolerance: float = 1e-8,
-    motion: tuple[csr_array, csr_array, np.ndarray, np.ndarray] | None = None,
 ) -> Verdict:
     r"""Check an answer of a friction problem from the data only.
 
@@ -127,9 +105,6 @@ def verify_friction(
     friction : ndarray, shape (contacts,), :math:`\mu`, dimensionless
     reaction : ndarray, shape (d * contacts,), the answer :math:`r`, N s
     tolerance : float, bound on every number of the verdict; dimensionless
-    motion : tuple (mass, transfer, momentum, body_velocity), optional
-        :math:`M`, :math:`H`, :math:`f` and :math:`v` of the bodies, in kg, 1, N s and m/s; then
-        :math:`M v = f + H r` is checked too.
 
     Returns
     -------
@@ -145,8 +120,7 @@ def verify_friction(
         \max\Bigl( \|F_1\|, \ \bigl\|\rho^{-1} F_\rho\bigr\| \Bigr) \le
         \mathrm{tolerance} \, \|q\|.    \tag{1}
 
-    All numbers are computed in the units of :func:`natural_units`, so that no square of them
-    underflows or overflows.
+    All numbers are computed in the units of :func:`natural_units`, without under- and overflow.
     """
     check_limits(tolerance)
     contacts = np.size(friction)
@@ -156,7 +130,7 @@ def verify_friction(
         r = (np.asarray(reaction, dtype=float) / speed * mobility).reshape(contacts, -1).T
         u = np.asarray(W @ r.T.ravel() + q).reshape(r.T.shape).T
     if not np.all(np.isfinite(r)) or not np.all(np.isfinite(u)):
-        return Verdict(np.inf, np.inf, np.inf, np.inf, tolerance)
+        return Verdict(np.inf, np.inf, np.inf, tolerance)
     scale = closing_norm(q.reshape(contacts, -1))
 
     step, unit = contact_mass(W.diagonal().reshape(contacts, -1)), unit_step(mobility)
@@ -164,18 +138,11 @@ def verify_friction(
         float(norm(natural_map(u, r, friction, step) / step)),
         float(norm(natural_map(u, r, friction, unit)) - ROUND_OFF * norm(r)) / unit,
     )  # (1)
-    unbalance = 0.0  # of M v = f + H r, relative to its largest term
-    if motion is not None:
-        mass, transfer, momentum, body_velocity = motion
-        terms = (mass @ body_velocity, momentum, transfer @ reaction)
-        largest = max(float(norm(term)) for term in terms) or 1.0
-        unbalance = float(norm(terms[0] - terms[1] - terms[2])) / largest
     outside = norm(r - project_friction_cone(r, friction), axis=0)
     return Verdict(
         error=error / scale,
         penetration=max(0.0, -float(u[0].min(initial=0.0))) / scale,
         cone_violation=float(outside.max(initial=0.0)) / (float(np.abs(r).max(initial=0.0)) or 1.0),
-        equilibrium=unbalance,
         tolerance=tolerance,
     )
 

@@ -17,11 +17,14 @@ from multiscale.nonsmooth.coulomb import (
     verify_friction,
 )
 from multiscale.nonsmooth.friction_interior_point import friction_interior_point
+from multiscale.nonsmooth.friction_methods import BURST, gauss_seidel, semismooth_newton
 from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, scale_friction
-from multiscale.nonsmooth.gauss_seidel import BURST, gauss_seidel
-from multiscale.nonsmooth.jamming import jamming
-from multiscale.nonsmooth.refusals import THOROUGH, refuse_indefinite, refuse_out_of_range
-from multiscale.nonsmooth.semismooth_newton import semismooth_newton
+from multiscale.nonsmooth.refusals import (
+    THOROUGH,
+    jamming,
+    refuse_indefinite,
+    refuse_out_of_range,
+)
 
 __all__ = ["FRICTION_METHODS", "solve_friction"]
 
@@ -93,10 +96,11 @@ def solve_friction(
     velocity : ndarray, shape (d * contacts,)
         :math:`q`, the relative velocity without impulses, m/s; opening positive.
     friction : ndarray, shape (contacts,), :math:`\mu \ge 0`, dimensionless
-    method : str, ``"auto"``, or the only method, one of ``FRICTION_METHODS``
-    tolerance : float
-        Bound on the natural-map error, the penetration and the cone violation, relative to the
-        data as :func:`multiscale.nonsmooth.coulomb.verify_friction` defines it; dimensionless.
+    method : str
+        ``"auto"``: bursts of Gauss-Seidel sweeps, a few Newton steps, and the interior point that
+        treats the normal direction separately, finished by Newton's method, each for as long as it
+        reduces the error; or the only method, one of ``FRICTION_METHODS``.
+    tolerance : float, bound on the numbers of :func:`verify_friction`; dimensionless
     start : ndarray, shape (d * contacts,), optional
         First :math:`r`, N s; zero if not given. Interior points start from their centre.
     max_iterations : int, optional, iteration limit of each method; a default of each if not given
@@ -105,23 +109,14 @@ def solve_friction(
     Returns
     -------
     Solution
-        ``value`` is :math:`r`, shape (d * contacts,), N s: the best answer found, even where
-        the status is not ``CONVERGED``. The status follows the verifier; ``INFEASIBLE`` and
-        ``JAMMED`` come with a certificate in ``detail``.
+        ``value`` is the best :math:`r`, shape (d * contacts,), N s, even where the status, by the
+        verifier, is not ``CONVERGED``; ``INFEASIBLE`` and ``JAMMED`` come with a certificate in
+        ``detail``. Where W is singular the impulses need not be unique: compare velocities.
 
     Raises
     ------
     CaseError
-        If the data do not fit, are not finite, W is indefinite, or the impulses are beyond the
-        floating-point numbers.
-    ValueError
-        If the start has another shape than the velocity.
-
-    Notes
-    -----
-    ``"auto"`` takes bursts of Gauss-Seidel sweeps, a few Newton steps, and the interior point that
-    treats the normal direction separately, finished by Newton's method; each for as long as it
-    reduces the error. Where W is singular the impulses need not be unique: compare velocities.
+        If the data do not fit, are not finite, W is indefinite, or the impulses are out of range.
 
     Examples
     --------

@@ -4,13 +4,13 @@ The cone is :math:`\{x : \|x_T\| \le x_0\}` at every contact; arrays have the sh
 with its axis in column 0.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from multiscale.nonsmooth.friction_problem import Progress, ScaledFriction, factorise_blocks
 from multiscale.nonsmooth.lcp_methods import LONGEST, longest_positive
-from multiscale.numerics.factorisation import Solve
 
 __all__ = ["friction_interior_point"]
 
@@ -20,9 +20,15 @@ REGULARISATION = 1e-12
 PATIENCE = 25
 """Steps in which the mean product has to fall by a tenth."""
 
+SMALLEST_MEAN, SHORTEST_STEP = 1e-16, 1e-6
+"""Mean product that is round-off, and length of a step at which the path ends."""
+
 REFLECTION = np.diag([1.0, -1.0, -1.0])
 
-Change = tuple[np.ndarray, np.ndarray, np.ndarray]
+Point = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Unknowns z, y and g, or their changes."""
+
+Linearised = tuple[Point, np.ndarray, Callable[[np.ndarray, np.ndarray], Point]]
 
 
 def friction_interior_point(
@@ -52,125 +58,104 @@ def friction_interior_point(
     No term is smoothed, as s replaces the norm.
     """
     lorentz, unit = lorentz_problem(problem)
-    contacts = len(unit)
-    point = _Point(centre * axis(contacts), axis(contacts), np.ones(contacts))
-    means: list[float] = []
+    e = axis(len(unit))
+    point, means = (centre * e, e, np.ones(len(unit))), list[float]()
     for _ in range(max_iterations):
-        newton = _newton(lorentz, point)
-        means.append(point.mean)
-        stalled = len(means) > PATIENCE and means[-1] > 0.9 * means[-1 - PATIENCE]
-        if newton is None or stalled:
+        means.append(mean_product(point))
+        if len(means) > PATIENCE and means[-1] > 0.9 * means[-1 - PATIENCE]:
             break
-        change, step = newton.step()
-        if not step > 1e-6:
+        newton = newton_step(lorentz, point)
+        if newton is None or not newton[1] > SHORTEST_STEP:
             break
-        point = point.moved(change, step)
-        if progress.note(unit * point.z):
+        point = _moved(point, *newton)
+        if progress.note(unit * point[0]):
             break
-    return np.asarray(unit * point.z)
+    return np.asarray(unit * point[0])
 
 
-@dataclass(frozen=True)
-class _Point:
-    """Point of the path."""
-
-    z: np.ndarray
-    y: np.ndarray
-    g: np.ndarray
-
-    @property
-    def inside(self) -> bool:
-        """Whether the point is inside its cones by more than round-off."""
-        return bool(np.all(spin(self.z) > 0.0) and np.all(spin(self.y) > 0.0) and self.mean > 1e-16)
-
-    @property
-    def mean(self) -> float:
-        """Mean product m of a pair."""
-        total = np.sum(self.z * self.y) + np.sum(self.z[:, 0] * self.g)
-        return 0.5 * float(total) / len(self.z)
-
-    def moved(self, change: Change, step: float) -> "_Point":
-        """Point a step ahead."""
-        dz, dy, dg = change
-        return _Point(self.z + step * dz, self.y + step * dy, self.g + step * dg)
+def mean_product(point: Point) -> float:
+    """Mean product m of a pair."""
+    z, y, g = point
+    return 0.5 * (float(np.sum(z * y)) + float(np.sum(z[:, 0] * g))) / len(z)
 
 
-@dataclass(frozen=True)
-class _Newton:
-    """Equation (2) at a point."""
-
-    point: _Point
-    scaling: tuple[np.ndarray, np.ndarray, np.ndarray]
-    defect: np.ndarray
-    solve: Solve
-
-    def direction(self, k: np.ndarray, h: np.ndarray) -> Change:
-        """Solve (2) for the changes of z, y and g."""
-        F, _, F2 = self.scaling
-        z0 = self.point.z[:, 0]
-        Fk = apply(F, k)
-        right = Fk - self.defect
-        right[:, 0] = h / z0 - self.defect[:, 0]
-        dz = self.solve(right)
-        dy = Fk - apply(F2, dz)
-        return dz, dy, (h - self.point.g * dz[:, 0]) / z0  # (2)
-
-    def length(self, change: Change) -> float:
-        """Step that stops short of the boundary."""
-        dz, dy, dg = change
-        limits = (
-            longest_step(self.point.z, dz),
-            longest_step(self.point.y, dy),
-            longest_positive(self.point.z[:, 0], dz[:, 0]),
-            longest_positive(self.point.g, dg),
-        )
-        return min(1.0, 0.99 * min(limits))
-
-    def step(self) -> tuple[Change, float]:
-        """Change by Mehrotra's predictor and corrector, and the length of the step."""
-        point, mean = self.point, self.point.mean
-        F, inverse, _ = self.scaling
-        scaled = apply(F, point.z)
-        squared, product = jordan_product(scaled, scaled), point.z[:, 0] * point.g
-        # predictor: no centring
-        change = self.direction(-scaled, -product)
-        if not np.all(np.isfinite(change[0])):
-            return change, 0.0
-        left = point.moved(change, self.length(change)).mean
-        sigma = min(1.0, max((left / mean) ** 3, 1e-6)) if left > 0.0 else 1e-3
-
-        # corrector with second-order terms; towards the centre if its step is short
-        e = axis(len(product))
-        dz, dy, dg = change
-        second = jordan_product(apply(F, dz), apply(inverse, dy))
-        centred = max(sigma, 0.5) * mean
-        for k, h in (
-            (sigma * mean * e - squared - second, sigma * mean - product - dz[:, 0] * dg),
-            (centred * e - squared, centred - product),
-        ):
-            change = self.direction(divide(scaled, k), h)
-            if not np.all(np.isfinite(change[0])):
-                return change, 0.0
-            length = self.length(change)
-            if length >= 0.1:
-                break
-        return change, length
+def _moved(point: Point, change: Point, step: float) -> Point:
+    """Point a step ahead."""
+    z, y, g = (part + step * by for part, by in zip(point, change, strict=True))
+    return z, y, g
 
 
-def _newton(lorentz: ScaledFriction, point: _Point) -> _Newton | None:
-    """Linearise (1) and factorise the matrix of (2); None where that fails."""
-    if not point.inside:
+def _length(point: Point, change: Point) -> float:
+    """Step that stops short of the boundary."""
+    (z, y, g), (dz, dy, dg) = point, change
+    limits = (
+        longest_step(z, dz),
+        longest_step(y, dy),
+        longest_positive(z[:, 0], dz[:, 0]),
+        longest_positive(g, dg),
+    )
+    return min(1.0, 0.99 * min(limits))
+
+
+def linearise_cones(lorentz: ScaledFriction, point: Point) -> Linearised | None:
+    """Scaling, defect and solution of (2) for right-hand sides k and h.
+
+    None where a point leaves its cones by round-off, or the matrix of (2) has no factors.
+    """
+    z, y, g = point
+    within = np.all(spin(z) > 0.0) and np.all(spin(y) > 0.0)
+    if not (within and mean_product(point) > SMALLEST_MEAN):
         return None
-    defect = lorentz.respond(point.z) - np.column_stack([point.g, point.y[:, 1:]])
-    scaling = nesterov_todd(point.z, point.y)
-    added = scaling[2].copy()
+    F, inverse, F2 = nesterov_todd(z, y)
+    added = F2.copy()
     added[:, 0] = 0.0
-    added[:, 0, 0] = point.g / point.z[:, 0]
+    added[:, 0, 0] = g / z[:, 0]
     added += REGULARISATION * np.eye(3)
-    if not np.all(np.isfinite(added)):
+    solve = factorise_blocks(lorentz, added) if np.all(np.isfinite(added)) else None
+    if solve is None:
         return None
-    solve = factorise_blocks(lorentz, added)
-    return None if solve is None else _Newton(point, scaling, defect, solve)
+    defect = lorentz.respond(z) - np.column_stack([g, y[:, 1:]])
+
+    def direction(k: np.ndarray, h: np.ndarray) -> Point:
+        Fk = apply(F, k)
+        right = Fk - defect
+        right[:, 0] = h / z[:, 0] - defect[:, 0]
+        dz = solve(right)
+        return dz, Fk - apply(F2, dz), (h - g * dz[:, 0]) / z[:, 0]  # (2)
+
+    return (F, inverse, F2), defect, direction
+
+
+def newton_step(lorentz: ScaledFriction, point: Point) -> tuple[Point, float] | None:
+    """Change by Mehrotra's predictor and corrector, and the length of the step."""
+    linear = linearise_cones(lorentz, point)
+    if linear is None:
+        return None
+    ((F, inverse, _), _, direction), (z, _, g), mean = linear, point, mean_product(point)
+    # predictor: no centring
+    scaled, product = apply(F, z), z[:, 0] * g
+    squared = jordan_product(scaled, scaled)
+    dz, dy, dg = change = direction(-scaled, -product)
+    if not np.all(np.isfinite(dz)):
+        return None
+    left = mean_product(_moved(point, change, _length(point, change)))
+    sigma = min(1.0, max((left / mean) ** 3, 1e-6)) if left > 0.0 else 1e-3
+
+    # corrector with second-order terms; towards the centre if its step is short
+    e, centred = axis(len(z)), max(sigma, 0.5) * mean
+    second = jordan_product(apply(F, dz), apply(inverse, dy))
+    length = 0.0
+    for k, h in (
+        (sigma * mean * e - squared - second, sigma * mean - product - dz[:, 0] * dg),
+        (centred * e - squared, centred - product),
+    ):
+        change = direction(divide(scaled, k), h)
+        if not np.all(np.isfinite(change[0])):
+            return None
+        length = _length(point, change)
+        if length >= 0.1:
+            break
+    return change, length
 
 
 def lorentz_problem(problem: ScaledFriction) -> tuple[ScaledFriction, np.ndarray]:

@@ -37,8 +37,7 @@ class ScaledFriction:
 
     Attributes
     ----------
-    blocks : ndarray, shape (n, 3, 3)
-        Blocks of :math:`\hat W` row by row; every row has its diagonal block.
+    blocks : ndarray, shape (n, 3, 3), of :math:`\hat W` row by row, each with its diagonal block
     columns, starts : ndarray, shapes (n,) and (contacts + 1,)
         Contact that each block belongs to, ascending in a row, and first block of every row.
     diagonal : ndarray, shape (contacts,), which block is the diagonal one
@@ -46,8 +45,7 @@ class ScaledFriction:
     friction : ndarray, shape (contacts,), :math:`\hat\mu > 0`
     reaction_unit, velocity_unit : ndarray, shape (contacts, 3)
         :math:`r = \hat r` times the first, N s, and :math:`u = \hat u` times the second, m/s.
-    measure : tuple (friction, mass, step)
-        Friction coefficients and contact masses of the given problem, and its step of 1 kg.
+    measure : tuple, given friction coefficients, contact masses and step of 1 kg
     size : float, norm of the given :math:`q` that errors are relative to, m/s
     """
 
@@ -88,18 +86,15 @@ def scale_friction(
 ) -> ScaledFriction:
     r"""Bring a friction problem into dimensionless form.
 
-    Notes
-    -----
     With :math:`D = \mathrm{diag}(D_N, D_T, D_T)` for every contact and a number :math:`s`,
 
     .. math::
         \hat W = D W D, \quad \hat q = D q / s, \quad \hat r = D^{-1} r / s, \quad
         \hat\mu = \mu D_N / D_T,    \tag{1}
 
-    :math:`D_N = W_{NN}^{-1/2}` and :math:`D_T` from the mean of the tangential diagonal: the
-    diagonal of :math:`\hat W` is about one, whatever the units and the masses. A tangential
-    component that cannot carry a force (:math:`\mu = 0`, or the third one of a plane problem)
-    is cut off from the rest: it stays zero, and every method sees a contact with friction.
+    :math:`D_N = W_{NN}^{-1/2}` and :math:`D_T` from the mean of the tangential diagonal. Components
+    that cannot carry a force (:math:`\mu = 0`, or the third one of a plane problem) are cut off
+    from the rest: they stay zero, and every method sees a contact with friction.
     """
     contacts = friction.size
     dim = velocity.size // contacts
@@ -169,8 +164,7 @@ class Progress:
     started : float, start on the clock, s
     residuals, seconds : list of float, error and time, s, of every noted iterate
     trail : list of str, methods in their order
-    best : ndarray, shape (contacts, 3), or None, best iterate so far, dimensionless
-    smallest : float, error of it
+    best, smallest : dimensionless best iterate so far, shape (contacts, 3), and its error
     """
 
     problem: ScaledFriction

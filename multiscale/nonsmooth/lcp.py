@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from time import perf_counter
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -48,13 +47,6 @@ PATIENCE = 100
 """Iterates without a residual cut to a half after which a method asked for by name gives up."""
 
 
-class _Stage(NamedTuple):
-    """A method that ends when no iterate of a window halves the smallest residual before it."""
-
-    method: str
-    window: int
-
-
 @np.errstate(all="ignore")  # overflow makes the residual infinite
 def solve_lcp(
     matrix: csr_array | np.ndarray,
@@ -85,8 +77,7 @@ def solve_lcp(
     start : ndarray, shape (n,), optional, first z, in the unit of z; zero if not given
     max_iterations : int
         Limit on the number of residuals: one per factorisation, or per n / 20 pivots.
-    tolerance : float
-        Bound on the residual of :func:`verify_lcp`, relative to the data; dimensionless.
+    tolerance : float, bound on the error of :func:`verify_lcp`, dimensionless
     callback : callable, optional, called as ``callback(iteration, residual)``
 
     Returns
@@ -98,10 +89,8 @@ def solve_lcp(
     Raises
     ------
     CaseError
-        If the matrix is not square, the vector does not fit, an entry is not finite, the matrix
-        is symmetric but indefinite (``"pivoting"`` takes it), or the method does not exist.
-    ValueError
-        If ``start`` does not fit.
+        If data do not fit or are not finite, or M is symmetric but indefinite (``"pivoting"``
+        takes it).
 
     Examples
     --------
@@ -124,7 +113,7 @@ def solve_lcp(
     for name, x in _iterates(problem, first / problem.unit, stages, residuals):
         last[name] = x
         z = problem.unit * x
-        residuals.append(verify(z).residual)
+        residuals.append(verify(z))
         seconds.append(perf_counter() - started)
         if callback is not None:
             callback(len(residuals) - 1, residuals[-1])
@@ -146,37 +135,36 @@ def solve_lcp(
     return Solution(best, status, tuple(residuals), tuple(seconds), tuple(last), detail)
 
 
-def _stages(problem: ScaledLCP, method: str) -> list[_Stage]:
-    """Methods to take in turn."""
+def _stages(problem: ScaledLCP, method: str) -> list[tuple[str, int]]:
+    """Methods in turn, each until no iterate of a window halves the residual before it."""
     if method != "auto":
         if method not in LCP_METHODS:
             raise CaseError(f"method {method!r} does not exist; known: {['auto', *LCP_METHODS]}")
-        return [_Stage(method, PATIENCE)]
+        return [(method, PATIENCE)]
     # active sets converge from anywhere where all couplings are negative
     stages = [
-        _Stage("newton_min", 20 if problem.has_negative_couplings else 4),
-        _Stage("interior_point", 80),
+        ("newton_min", 20 if problem.has_negative_couplings else 4),
+        ("interior_point", 80),
+        ("pivoting", 1000),
     ]
-    if problem.vector.size <= LARGEST_PIVOTING:
-        stages.append(_Stage("pivoting", 1000))
-    return stages
+    return stages if problem.vector.size <= LARGEST_PIVOTING else stages[:-1]
 
 
 def _iterates(
-    problem: ScaledLCP, start: np.ndarray, stages: list[_Stage], residuals: list[float]
+    problem: ScaledLCP, start: np.ndarray, stages: list[tuple[str, int]], residuals: list[float]
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield method and iterate; the caller appends its residual, which decides on the next one."""
-    yield stages[0].method, start
+    yield stages[0][0], start
     best, smallest = start, residuals[-1]
-    for stage in stages:
+    for method, window in stages:
         entry, before = len(residuals), smallest
-        for x in LCP_METHODS[stage.method](problem, best):
-            yield stage.method, x
+        for x in LCP_METHODS[method](problem, best):
+            yield method, x
             if residuals[-1] < smallest:
                 best, smallest = x, residuals[-1]
             history = [before, *residuals[entry:]]
-            if len(history) > stage.window and not (
-                min(history[-stage.window :]) <= 0.5 * min(history[: -stage.window])
+            if len(history) > window and not (
+                min(history[-window:]) <= 0.5 * min(history[:-window])
             ):
                 break
 

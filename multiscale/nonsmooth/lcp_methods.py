@@ -65,19 +65,15 @@ def iterate_newton_min(
         A_{\mathcal A \mathcal A}\, x_{\mathcal A} = -b_{\mathcal A}, \qquad
         \mathcal A \leftarrow \{i : x_i > (A x + b)_i\}.
 
-    As long as the number of violated signs falls, all of them change the set at once (that is
-    Newton's method). When it does not fall for eight steps, or a set comes back, only the last
-    violated constraint changes, until the number falls below the least one met: for a P-matrix
-    this ends at the solution. The iterates are without their negative parts; the last one has no
-    violation, unless the block was singular: the start gives the parts of its active unknowns
-    that the block does not determine, and the first active set if not given.
+    As long as the number of violated signs falls, all of them change the set at once (Newton's
+    method [1]_). When it does not fall for eight steps, or a set comes back, only the last violated
+    constraint changes [2]_, until the number falls below the least one met: for a P-matrix this
+    ends at the solution. The iterates are without their negative parts; where the block is singular
+    the start gives what it does not determine, and the first active set if not given.
 
-    References
-    ----------
-    .. [1] M. Hintermüller, K. Ito and K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
-       doi:10.1137/S1052623401383558. Newton's method and active sets.
-    .. [2] J. J. Júdice and F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596. The exchange of
-       single constraints.
+    .. [1] M. Hintermüller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888,
+       doi:10.1137/S1052623401383558.
+    .. [2] J. J. Júdice, F. M. Pires, Comput. Oper. Res. 21 (1994) 587-596.
     """
     x = start
     if active is None:
@@ -123,18 +119,14 @@ def iterate_interior_point(problem: ScaledLCP, start: np.ndarray) -> Iterator[np
         \Delta w = c / x - w - T \Delta x.    \tag{1}
 
     The predictor has :math:`c = 0`; its step gives :math:`\sigma = (\mu^a / \mu)^3` and the
-    corrector :math:`c = \sigma\mu - \Delta x^a \Delta w^a`; then products that a longer step
-    would leave far from :math:`\sigma\mu` are drawn back. All share one factorisation, and both
-    unknowns one step length, because the matrix couples them. The iteration ends where the gap
-    :math:`\mu = x^T w / n` or the step vanishes. The problem is monotone: the symmetric part of the
-    matrix has no negative eigenvalue. The start is not used: an iterate near the boundary is a bad
-    start for an interior method.
+    corrector :math:`c = \sigma\mu - \Delta x^a \Delta w^a` [1]_; then products that a longer step
+    would leave far from :math:`\sigma\mu` are drawn back [2]_. All share one factorisation, and
+    both unknowns one step length. The iteration ends where the gap :math:`\mu = x^T w / n` or the
+    step vanishes. The symmetric part of the matrix has no negative eigenvalue; the start is not
+    used.
 
-    References
-    ----------
     .. [1] S. Mehrotra, SIAM J. Optim. 2 (1992) 575-601, doi:10.1137/0802028.
-    .. [2] J. Gondzio, Comput. Optim. Appl. 6 (1996) 137-156, doi:10.1007/BF00249643. The
-       corrections of centrality.
+    .. [2] J. Gondzio, Comput. Optim. Appl. 6 (1996) 137-156, doi:10.1007/BF00249643.
     """
     n, everywhere = start.size, np.ones(start.size, dtype=bool)
     x, w = np.ones(n), np.ones(n)
@@ -214,20 +206,16 @@ def iterate_pivoting(problem: ScaledLCP, start: np.ndarray) -> Iterator[np.ndarr
 
     .. math:: w = A x + b + x_0 e \ge 0, \qquad x \ge 0, \qquad w^T x = 0,
 
-    with :math:`e = 1`, and ends where :math:`x_0 = 0` or on a second ray. Ties of the ratio
-    test, which a degenerate problem has, are broken by the rows of the inverse basis
-    (lexicographically), so that no basis can come back. It ends at a solution for P-matrices,
-    positive semidefinite and copositive matrices, whenever there is an admissible x.
+    with :math:`e = 1`, and ends where :math:`x_0 = 0` or on a second ray [1]_. Ties of the ratio
+    test are broken by the rows of the inverse basis, so that no basis can come back [2]_. It ends
+    at a solution for P-matrices, positive semidefinite and copositive ones, whenever there is an
+    admissible x. Yields x after every n / 20 pivots, then the solution, solved afresh from its
+    active set, or a point far out on the second ray. The start is not used; work and memory grow as
+    n³ and n².
 
-    The start is not used. The method yields x after every n / 20 pivots; in the end the solution,
-    solved afresh from its active set, or a point far out on the second ray. Work and memory grow
-    with the cube and the square of n.
-
-    References
-    ----------
     .. [1] C. E. Lemke, Manage. Sci. 11 (1965) 681-689, doi:10.1287/mnsc.11.7.681.
-    .. [2] R. W. Cottle, J.-S. Pang and R. E. Stone, The Linear Complementarity Problem, SIAM
-       2009, doi:10.1137/1.9780898719000. Sections 4.4 and 4.9.
+    .. [2] R. W. Cottle, J.-S. Pang, R. E. Stone, The Linear Complementarity Problem, SIAM 2009,
+       doi:10.1137/1.9780898719000, sections 4.4 and 4.9.
     """
     n = start.size
     yield np.zeros(n)

@@ -13,7 +13,7 @@ from multiscale.errors import CaseError
 from multiscale.nonsmooth.refusals import refuse_out_of_range
 from multiscale.numerics.factorisation import Solve, symmetric_lu
 
-__all__ = ["ScaledLCP", "Verification", "lcp_verifier", "scale_lcp", "verify_lcp"]
+__all__ = ["ScaledLCP", "lcp_verifier", "scale_lcp", "verify_lcp"]
 
 DENSE = 0.2
 """Fraction of nonzero entries above which a matrix is factorised as a dense matrix."""
@@ -35,13 +35,10 @@ LARGEST_ROUNDING = 1e-6
 class ScaledLCP:
     r"""The problem :math:`0 \le A x + b \perp x \ge 0`, without units.
 
-    A method takes the problem and a start x, shape (n,), and yields its iterates, shape (n,).
-
     Attributes
     ----------
     matrix : csr_array or ndarray, shape (n, n), :math:`A = D M D` with a diagonal of ones
-    vector : ndarray, shape (n,)
-        :math:`b = D q / \delta`, where :math:`\delta` is the size of the data.
+    vector : ndarray, shape (n,), :math:`b = D q / \delta` with the size :math:`\delta` of the data
     unit : ndarray, shape (n,), :math:`\delta D`, so that :math:`z = \delta D x`
     is_symmetric : bool, whether mirrored entries of A agree
     """
@@ -99,32 +96,7 @@ def scale_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray) -> ScaledLCP:
     return ScaledLCP(scaled, scale * vector / size, size * scale, bool(asymmetry <= SYMMETRY))
 
 
-@dataclass(frozen=True)
-class Verification:
-    """Errors of a solution, measured from the data only.
-
-    Attributes
-    ----------
-    error : float, largest natural-map error relative to the data, dimensionless
-    worst : int, constraint with that error; -1 if there are no constraints
-    penetration : float, largest negative part of w = M z + q, in the unit of q
-    adhesion : float, largest negative part of z, in the unit of z
-    """
-
-    error: float
-    worst: int
-    penetration: float
-    adhesion: float
-
-    @property
-    def residual(self) -> float:
-        """Number to compare with a tolerance, dimensionless."""
-        return self.error
-
-
-def verify_lcp(
-    matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.ndarray
-) -> Verification:
+def verify_lcp(matrix: csr_array | np.ndarray, vector: np.ndarray, value: np.ndarray) -> float:
     r"""Measure how well :math:`z` solves :math:`0 \le M z + q \perp z \ge 0`.
 
     Parameters
@@ -135,12 +107,7 @@ def verify_lcp(
 
     Returns
     -------
-    Verification, its ``residual`` is compared with the tolerance
-
-    Raises
-    ------
-    CaseError
-        If the data are not finite or their shapes do not agree.
+    float, largest error of a row relative to the data, dimensionless, which a tolerance bounds
 
     Notes
     -----
@@ -165,39 +132,31 @@ def verify_lcp(
     Examples
     --------
     >>> verify_lcp(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-2.0, 5.0]), np.array([1.0, 0.0]))
-    Verification(error=0.0, worst=0, penetration=0.0, adhesion=0.0)
+    0.0
     """
     return lcp_verifier(matrix, vector)(value)
 
 
 def lcp_verifier(
     matrix: csr_array | np.ndarray, vector: np.ndarray
-) -> Callable[[np.ndarray], Verification]:
+) -> Callable[[np.ndarray], float]:
     """Prepare :func:`verify_lcp` for many values of one problem."""
     matrix, vector = _checked(matrix, vector)
     scale, absolute = _unit_diagonal(matrix), abs(matrix)
 
-    def verify(value: np.ndarray) -> Verification:
+    def verify(value: np.ndarray) -> float:
         if value.shape != vector.shape:
             raise ValueError(f"value must have shape {vector.shape}, got {value.shape}")
         if value.size == 0:
-            return Verification(0.0, -1, 0.0, 0.0)
-        slack = matrix @ value + vector
-        z, w, q = value / scale, scale * slack, scale * vector
+            return 0.0
+        z, w, q = value / scale, scale * (matrix @ value + vector), scale * vector
         r = scale * (absolute @ np.abs(value))
         size = _data_size(q) or float(np.max(r)) or 1.0  # delta
         row = np.abs(q) + r
         rounding = np.minimum(ROUNDING * row, LARGEST_ROUNDING * size)
         error = np.maximum(0.0, np.abs(np.minimum(z, w)) - rounding)  # (1)
         error /= np.clip(row, SMALLEST_ROW * size, size)
-        error = np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)
-        worst = int(np.argmax(error))
-        return Verification(
-            float(error[worst]),
-            worst,
-            max(0.0, -float(np.min(slack))),
-            max(0.0, -float(np.min(value))),
-        )
+        return float(np.max(np.where(np.isfinite(z) & np.isfinite(w), error, np.inf)))
 
     return verify
 
@@ -243,8 +202,7 @@ def _data_size(vector: np.ndarray) -> float:
 def _unit_diagonal(matrix: csr_array | np.ndarray) -> np.ndarray:
     """Scale d of every unknown that makes the diagonal one.
 
-    An unknown with a zero on the diagonal takes the scale that makes its largest coupling
-    with the others one, and an empty row the median of all.
+    With a zero on the diagonal its largest coupling is made one; empty rows take the median of all.
     """
     diagonal = np.abs(matrix.diagonal())
     with np.errstate(divide="ignore"):

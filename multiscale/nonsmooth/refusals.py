@@ -1,22 +1,27 @@
-"""Problems without an answer: out of range, indefinite, or infeasible with a certificate."""
+"""Problems without an answer: out of range, indefinite, infeasible or jammed with a certificate."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
-from scipy.sparse import csr_array
+from scipy.sparse import bsr_array, csc_array, csr_array, diags_array, eye_array, vstack
 
+from multiscale.convergence import Status
 from multiscale.errors import CaseError
+from multiscale.nonsmooth.friction_problem import ScaledFriction
 
 __all__ = [
-    "FARTHEST",
     "FIRST_LOOK",
     "SMALL",
     "THOROUGH",
     "infeasibility_detail",
+    "jamming",
     "lanczos",
     "refuse_indefinite",
     "refuse_out_of_range",
+    "solve_conic",
 ]
 
 LARGEST_EXPONENT = 300
@@ -36,6 +41,9 @@ FARTHEST = 1e9
 
 LARGEST_PROGRAM = 2000
 """Number of constraints up to which a linear program looks for the certificate."""
+
+LARGEST_CONIC, CONIC_TOLERANCE = 20_000, 1e-12
+"""Blocks of W up to which a conic program looks for the certificate, and its gap."""
 
 
 def refuse_out_of_range(vector: np.ndarray, stiffness: np.ndarray) -> None:
@@ -76,13 +84,8 @@ def lanczos(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ritz values and vectors of a symmetric operator, from a random start.
 
-    References
-    ----------
-    .. [1] C. Lanczos, J. Res. Natl. Bur. Stand. 45 (1950) 255-282, doi:10.6028/jres.045.026; with
-       full orthogonalisation.
+    C. Lanczos, J. Res. Natl. Bur. Stand. 45 (1950) 255-282; with full orthogonalisation.
 
-    Examples
-    --------
     >>> lanczos(lambda v: np.array([1.0, 2.0, 4.0]) * v, 3, 3)[0].round(9)
     array([1., 2., 4.])
     """
@@ -113,9 +116,9 @@ def infeasibility_detail(
 
     .. math:: y \ge 0, \qquad A^T y \le 0, \qquad b^T y < 0.    \tag{1}
 
-    Candidates are directions in which iterates ran away and, for up to 2000 constraints, the
-    answer of a linear program. Every admissible x has a sum of at least
-    :math:`-b^T y / \max(A^T y)`: a candidate counts if this sum is out of reach.
+    Candidates are directions in which iterates ran away and, for small problems, the answer of a
+    linear program. Every admissible x has a sum of at least :math:`-b^T y / \max(A^T y)`: a
+    candidate counts if this sum is out of reach.
     """
     from scipy.optimize import linprog
 
@@ -149,3 +152,105 @@ def infeasibility_detail(
         options={"primal_feasibility_tolerance": 1e-10},
     )
     return judge(answer.x) if answer.x is not None else ""
+
+
+def jamming(problem: ScaledFriction) -> tuple[Status, str] | None:
+    r"""Return why a problem has, or may have, no solution; None without a certificate.
+
+    Let :math:`y \in K_\mu` be impulses that move nothing although their contacts close,
+
+    .. math:: W y = 0, \qquad q^T y < 0.    \tag{1}
+
+    A solution has :math:`\tilde u = W r + q + \mu \|u_T\| n \in K_\mu^*`, so that
+
+    .. math:: 0 \le y^T \tilde u = q^T y + \sum_i \mu_i \|u_{T,i}\|\, y_{N,i}.    \tag{2}
+
+    If y is normal, no solution exists: :math:`u_N = (W r + q)_N \ge 0` fails by (1); by Farkas'
+    lemma such a y exists if and only if no impulses open the contacts. If y has friction, (2)
+    bounds the sliding from below, and the condition of [1]_ for existence fails. Both are conic
+    programs, :math:`\min q^T y` under :math:`W y = 0` and :math:`\sum y_N \le 1`. An answer y
+    counts if the impulses that could undo (1), at least :math:`-q^T y / \max_i (g_N + \mu
+    \|g_T\|)_i` with :math:`g = W y`, are out of reach.
+
+    .. [1] V. Acary, F. Cadoux, C. Lemaréchal and J. Malick, Z. Angew. Math. Mech. 91 (2011)
+       155-175, doi:10.1002/zamm.201000073.
+    """
+    if problem.columns.size > LARGEST_CONIC:
+        return None
+    response = replace(problem, velocity=np.zeros_like(problem.velocity))
+    for rubs, status, impulses, remedy in (
+        (False, Status.INFEASIBLE, "normal impulses", "let a body between them give"),
+        (True, Status.JAMMED, "impulses with friction", "let a body give, or lower the friction"),
+    ):
+        y = _least_work(problem, rubs)
+        g = response.respond(y)
+        undone = float(np.max(g[:, 0] + problem.friction * np.hypot(g[:, 1], g[:, 2])))
+        work = float(np.sum(problem.velocity * y))
+        rounding = float(np.sum(np.abs(problem.velocity * y))) / FARTHEST
+        if -work > max(FARTHEST * undone, rounding):
+            carrying = np.flatnonzero(y[:, 0] > 0.1 * np.max(y[:, 0]))
+            return status, (
+                f"{impulses} at {carrying.size} contacts, contact {carrying[0]} among them, "
+                f"balance each other and move nothing, while these contacts close; {remedy}"
+            )
+    return None
+
+
+def _least_work(problem: ScaledFriction, rubs: bool) -> np.ndarray:
+    """Minimum of q^T y under W y = 0 and sum y_N <= 1 in the cone or on its axis."""
+    n = problem.friction.size
+    W = csc_array(bsr_array((problem.blocks, problem.columns, problem.starts)))
+    carries = np.arange(3 * n) % 3 == 0
+    total = csc_array(carries[None].astype(float))
+    cone = diags_array(-np.where(carries, np.repeat(problem.friction, 3), 1.0))
+    if not rubs:
+        W, total, cone = W[:, carries], total[:, carries], -eye_array(n)
+    constraints = csc_array(vstack([W, total, cone]))
+    limits = np.zeros(constraints.shape[0])
+    limits[3 * n] = 1.0
+    size = constraints.shape[1]
+    velocity = problem.velocity.ravel() if rubs else problem.velocity[:, 0]
+    answer = solve_conic(
+        csc_array((size, size)),
+        velocity,
+        constraints,
+        limits,
+        zero=3 * n,
+        positive=1 if rubs else n + 1,
+        friction=n if rubs else 0,
+    )
+    y = np.zeros((n, 3))
+    y.reshape(-1)[slice(None) if rubs else carries] = answer.x
+    y[:, 0] = np.maximum(y[:, 0], 0.0)
+    return y / (np.max(y[:, 0]) or 1.0)
+
+
+def solve_conic(
+    quadratic: csc_array,
+    linear: np.ndarray,
+    constraints: csc_array,
+    limits: np.ndarray,
+    *,
+    zero: int = 0,
+    positive: int = 0,
+    friction: int = 0,
+    tolerance: float = CONIC_TOLERANCE,
+) -> Any:
+    r"""Return clarabel's answer to a conic program.
+
+    .. math:: \min_x \tfrac12 x^T P x + q^T x, \qquad b - A x \in \{0\} \times R_+ \times K,
+
+    P given by its upper triangle; the first ``zero`` rows are equations, the next ``positive`` ones
+    inequalities, and the rest ``friction`` second-order cones of three rows each.
+    """
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    cones = [clarabel.ZeroConeT(zero)] if zero else []
+    cones += [clarabel.NonnegativeConeT(positive)] if positive else []
+    cones += [clarabel.SecondOrderConeT(3)] * friction
+    return clarabel.DefaultSolver(
+        csc_array(quadratic), linear, csc_array(constraints), limits, cones, settings
+    ).solve()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from multiscale.nonsmooth.coulomb import natural_map, project_friction_cone
+from multiscale.nonsmooth.friction_methods import solve_one_contact
 from multiscale.nonsmooth.friction_problem import natural_map_norms
-from multiscale.nonsmooth.gauss_seidel import solve_one_contact
 from tests.support import alart_curnier
 
 

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
+
 __all__ = [
     "PAIRS",
     "BulkLaw",
     "BulkResponse",
+    "IsotropicLaw",
     "cofactor",
     "cofactor_derivative",
-    "logarithmic_volume",
     "respond_bulk",
     "volume_ratio",
 ]
@@ -52,8 +54,7 @@ class BulkLaw(ABC):
     ----------
     n_state : int, number of internal variables per point
     finite_strain : bool
-        Whether :math:`J = \det F`. Otherwise :math:`J = 1 + \mathrm{tr}(F - I)`, and the law is
-        linear in :math:`F`.
+        Whether :math:`J = \det F`. Otherwise the law is linear, :math:`J = \mathrm{tr} F - 2`.
     flows : bool
         Whether the shape changes for good at constant volume: elements then take the change of
         volume from its mean, and increments are short.
@@ -83,6 +84,38 @@ class BulkLaw(ABC):
         return np.zeros((self.n_state, *shape))
 
 
+@dataclass(frozen=True)
+class IsotropicLaw(BulkLaw):
+    r"""Law of an isotropic solid with the volume energy :math:`\tfrac12 K_v \ln^2 J`.
+
+    Parameters
+    ----------
+    youngs_modulus : float, Young's modulus :math:`E > 0` of the undeformed body, Pa
+    poissons_ratio : float, Poisson's ratio :math:`-1 < \nu < 1/2`, dimensionless
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+
+    def __post_init__(self) -> None:
+        check_moduli(self.youngs_modulus, self.poissons_ratio)
+
+    @property
+    def shear_modulus(self) -> float:
+        """Shear modulus, Pa."""
+        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[1])
+
+    @property
+    def volume_modulus(self) -> float:
+        """Factor of the volume energy, Pa: Lamé's first parameter, unless a law overrides it."""
+        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[0])
+
+    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return U' and U'' of the volume energy, Pa."""
+        log, K = np.log(dilatation), self.volume_modulus
+        return K * log / dilatation, K * (1.0 - log) / dilatation**2
+
+
 def respond_bulk(law: BulkLaw, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
     """Evaluate both parts (1) of a law for deformation gradients, shape (3, 3, ...)."""
     shape = law.respond_shape(gradient, state)
@@ -102,12 +135,6 @@ def volume_ratio(law: BulkLaw, gradient: np.ndarray) -> tuple[np.ndarray, np.nda
     slope = np.zeros_like(gradient)
     slope[0, 0] = slope[1, 1] = slope[2, 2] = 1.0
     return np.trace(gradient) - 2.0, slope
-
-
-def logarithmic_volume(modulus: float, ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives of the energy modulus / 2 ln(J)^2, Pa, at a volume ratio J."""
-    log = np.log(ratio)
-    return modulus * log / ratio, modulus * (1.0 - log) / ratio**2
 
 
 def cofactor(gradient: np.ndarray) -> np.ndarray:

@@ -7,8 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse
-from multiscale.laws.bulk.moduli import VOIGT, check_moduli, lame_parameters
+from multiscale.laws.bulk.bulk_law import BulkLaw, BulkResponse, IsotropicLaw
+from multiscale.laws.bulk.moduli import VOIGT, check_moduli
 
 __all__ = ["AnisotropicElastic", "Elastic", "GradedElastic"]
 
@@ -23,7 +23,7 @@ LEAST_STIFFNESS = 1e-9
 
 
 @dataclass(frozen=True)
-class Elastic(BulkLaw):
+class Elastic(IsotropicLaw):
     r"""Hooke's law, linear in the displacement gradient.
 
     Parameters
@@ -38,28 +38,20 @@ class Elastic(BulkLaw):
 
     .. math:: P_s = 2\mu\,\varepsilon, \qquad U(J) = \tfrac{\lambda}{2}(J-1)^2,
         \qquad J - 1 = \mathrm{tr}\,\varepsilon .    \tag{1}
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from multiscale.laws.bulk import respond_bulk
-    >>> F = np.diag([1.0 + 1e-3, 1.0 - 3e-4, 1.0 - 3e-4])  # uniaxial stress
-    >>> stress = respond_bulk(Elastic(200e9, 0.3), F, np.empty(0)).stress
-    >>> bool(np.allclose(stress, np.diag([200e6, 0.0, 0.0]), atol=1.0))
-    True
     """
 
-    youngs_modulus: float
-    poissons_ratio: float
     finite_strain = False
 
-    def __post_init__(self) -> None:
-        check_moduli(self.youngs_modulus, self.poissons_ratio)
+    @property
+    def tensor(self) -> np.ndarray:
+        """Stiffness with four indices, shape (3, 3, 3, 3), Pa."""
+        pairs = np.einsum("ij,kl->ijkl", np.eye(3), np.eye(3))
+        shear = pairs.transpose(0, 2, 1, 3) + pairs.transpose(0, 2, 3, 1)
+        return np.asarray(self.volume_modulus * pairs + self.shear_modulus * shear)
 
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """Evaluate P_s of (1)."""
-        _, mu = lame_parameters(self.youngs_modulus, self.poissons_ratio)
-        points = gradient.shape[2:]
+        mu, points = self.shear_modulus, gradient.shape[2:]
         eye = np.eye(3).reshape(3, 3, *(1,) * len(points))
         stress = mu * (gradient + gradient.swapaxes(0, 1) - 2.0 * eye)
         tangent = np.zeros((3, 3, *gradient.shape))
@@ -71,15 +63,13 @@ class Elastic(BulkLaw):
 
     def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return U' and U'' of (1), Pa."""
-        lame, _ = lame_parameters(self.youngs_modulus, self.poissons_ratio)
+        lame = self.volume_modulus
         return lame * (dilatation - 1.0), np.full_like(dilatation, lame)
 
 
 @dataclass(frozen=True, eq=False)
 class GradedElastic:
-    r"""Hooke's law with moduli that differ from layer to layer or element to element of a cell.
-
-    This is a field and not a law of a point: the place follows from the cell meshed with it.
+    """Field of Hooke's law in a cell meshed with it.
 
     Parameters
     ----------

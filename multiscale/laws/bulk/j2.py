@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.laws.bulk.bulk_law import PAIRS, BulkLaw, BulkResponse, logarithmic_volume
-from multiscale.laws.bulk.moduli import check_moduli
+from multiscale.laws.bulk.bulk_law import PAIRS, BulkResponse, IsotropicLaw
 
 __all__ = ["J2"]
 
@@ -15,7 +14,7 @@ MAX_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
-class J2(BulkLaw):
+class J2(IsotropicLaw):
     r"""J2 plasticity in logarithmic strain.
 
     Parameters
@@ -52,8 +51,6 @@ class J2(BulkLaw):
        doi:10.1016/0045-7825(92)90123-2: return mapping in principal logarithmic strains.
     """
 
-    youngs_modulus: float
-    poissons_ratio: float
     yield_stress: float
     hardening_modulus: float = 0.0
     saturation_stress: float | None = None
@@ -62,7 +59,7 @@ class J2(BulkLaw):
     flows = True
 
     def __post_init__(self) -> None:
-        check_moduli(self.youngs_modulus, self.poissons_ratio)
+        super().__post_init__()
         if not (self.yield_stress > 0.0 and np.isfinite(self.yield_stress)):
             raise CaseError(f"yield_stress must be positive (Pa), got {self.yield_stress}")
         for name, unit in (("hardening_modulus", "Pa"), ("saturation_rate", "1")):
@@ -81,11 +78,6 @@ class J2(BulkLaw):
     def history(self) -> tuple[str, ...]:
         """Names of the variables kept at every point."""
         return "plastic metric C_p^-1", "accumulated plastic strain"
-
-    @property
-    def shear_modulus(self) -> float:
-        """Shear modulus, Pa."""
-        return self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
 
     @property
     def volume_modulus(self) -> float:
@@ -119,10 +111,6 @@ class J2(BulkLaw):
             np.moveaxis(tangent, 0, 4).reshape(3, 3, 3, 3, *points),
             state_new.reshape(7, *points),
         )
-
-    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return U' and U'' of the logarithmic volume energy, Pa."""
-        return logarithmic_volume(self.volume_modulus, dilatation)
 
     def flow_stress(self, plastic_strain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the yield stress (3) and its derivative, Pa, at an accumulated plastic strain."""

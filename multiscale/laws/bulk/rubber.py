@@ -8,19 +8,17 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import (
     PAIRS,
-    BulkLaw,
     BulkResponse,
+    IsotropicLaw,
     cofactor,
     cofactor_derivative,
-    logarithmic_volume,
 )
-from multiscale.laws.bulk.moduli import check_moduli, lame_parameters
 
 __all__ = ["NeoHookean", "Prony"]
 
 
 @dataclass(frozen=True)
-class NeoHookean(BulkLaw):
+class NeoHookean(IsotropicLaw):
     r"""Neo-Hookean elasticity, which is Hooke's law at small strain.
 
     Parameters
@@ -44,22 +42,6 @@ class NeoHookean(BulkLaw):
        2nd ed., Cambridge University Press, 2008: the compressible neo-Hookean material.
     """
 
-    youngs_modulus: float
-    poissons_ratio: float
-
-    def __post_init__(self) -> None:
-        check_moduli(self.youngs_modulus, self.poissons_ratio)
-
-    @property
-    def shear_modulus(self) -> float:
-        """Shear modulus, Pa."""
-        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[1])
-
-    @property
-    def volume_modulus(self) -> float:
-        """Factor of the volume energy, Pa: Lamé's first parameter."""
-        return float(lame_parameters(self.youngs_modulus, self.poissons_ratio)[0])
-
     def respond_shape(self, gradient: np.ndarray, state: np.ndarray) -> BulkResponse:
         """Evaluate mu (F - F^-T), Pa."""
         mu = self.shear_modulus
@@ -74,13 +56,9 @@ class NeoHookean(BulkLaw):
                 tangent[i, j, i, j] += mu
         return BulkResponse(mu * (gradient - inverse), tangent, state)
 
-    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return U' and U'' of the logarithmic volume energy, Pa."""
-        return logarithmic_volume(self.volume_modulus, dilatation)
-
 
 @dataclass(frozen=True)
-class Prony(BulkLaw):
+class Prony(IsotropicLaw):
     r"""Finite linear viscoelasticity of a neo-Hookean solid.
 
     Parameters
@@ -130,15 +108,13 @@ class Prony(BulkLaw):
     0.2
     """
 
-    youngs_modulus: float
-    poissons_ratio: float
     weights: tuple[float, ...]
     times: tuple[float, ...]
     time_step: float = 0.0
     rate_dependent = True
 
     def __post_init__(self) -> None:
-        _ = self.solid
+        super().__post_init__()
         if len(self.weights) != len(self.times) or not self.weights:
             raise CaseError(
                 f"give one weight for each relaxation time, got {len(self.weights)} weights and "
@@ -168,16 +144,6 @@ class Prony(BulkLaw):
     def solid(self) -> NeoHookean:
         """Instantaneous solid."""
         return NeoHookean(self.youngs_modulus, self.poissons_ratio)
-
-    @property
-    def shear_modulus(self) -> float:
-        """Instantaneous shear modulus, Pa."""
-        return self.solid.shear_modulus
-
-    @property
-    def volume_modulus(self) -> float:
-        """Factor of the volume energy, Pa."""
-        return self.solid.volume_modulus
 
     def over(self, time_step: float) -> Self:
         """Return the law for a step of another duration, s."""
@@ -231,7 +197,3 @@ class Prony(BulkLaw):
         second = np.einsum("ik...,kj...->ij...", inverse, elastic.stress)
         rows = np.stack([second[i, j] for i, j in PAIRS])
         return BulkResponse(stress, tangent, self.advance(state, rows))
-
-    def respond_volume(self, dilatation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return U' and U'' of the solid, Pa."""
-        return self.solid.respond_volume(dilatation)

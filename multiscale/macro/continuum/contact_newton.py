@@ -36,7 +36,7 @@ from multiscale.fe.elements import sum_blocks
 from multiscale.fe.rigid_motion import count_free_motions
 from multiscale.macro.continuum.contact import Coupling
 from multiscale.macro.continuum.finite_assembly import FiniteAssembly
-from multiscale.nonsmooth.semismooth_newton import linearise
+from multiscale.nonsmooth.friction_methods import linearise
 from multiscale.numerics.factorisation import factorise
 from multiscale.numerics.newton import Limits, NewtonRun
 
