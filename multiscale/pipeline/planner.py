@@ -30,7 +30,7 @@ from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job, ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
-from multiscale.pipeline.stages.control_cells import press_control
+from multiscale.pipeline.stages.ensembles import press_control
 from multiscale.pipeline.stages.joint import solve_joint
 from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Surface, rms_height

@@ -11,7 +11,7 @@ from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus
 from multiscale.pipeline.pilots import stored_pilots, surface_at_large
-from multiscale.pipeline.stages import sheared_cells
+from multiscale.pipeline.stages import ensembles
 from multiscale.surfaces.surface import Surface
 from tests.support import case_of
 
@@ -115,7 +115,7 @@ def test_a_coating_thicker_than_the_cells_are_deep_is_refused(tmp_path):
 def test_sheared_cells_have_the_coatings_of_both_bodies(tmp_path):
     shear = '[micro.shear]\nfriction_coefficient = 0.3\npressures = ["40 MPa"]\n[law]'
     case = case_of(tmp_path, TEXT, ("[law]", shear))
-    pair = sheared_cells._pair(case, (flat_surface(case),) * 2)
+    pair = ensembles._pair(case, (flat_surface(case),) * 2)
     assert [body.coating for body in pair.bodies] == [case.body_1.stack, ()]
     assert pair.bodies[0].moduli[1][-1] == pytest.approx(350e9 / 2.5)
 

@@ -10,7 +10,7 @@ from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_cells import make_surfaces
 from multiscale.pipeline.case_needs import requirements
 from multiscale.pipeline.stage import Job
-from multiscale.pipeline.stages.control_cells import CONTROL_CELLS, _best_count
+from multiscale.pipeline.stages.ensembles import CONTROL_CELLS, best_count
 from multiscale.upscaling import normal_observations
 from tests.support import write_scene
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
@@ -151,7 +151,7 @@ def test_their_number_follows_from_the_correlation():
         gap = DECAY * np.log(SCALE / PRESSURE)
         cheap = response_of(gap * scatter)
         dear = response_of(gap * (scatter + noise * random.standard_normal((pairs, 1))))
-        return _best_count(pairs, normal_observations(dear, cheap).control)
+        return best_count(pairs, normal_observations(dear, cheap).control)
 
     count, told = counted(1e-4)
     assert count == 256  # and no more

@@ -13,8 +13,8 @@ from multiscale.micro import FiniteCell
 from multiscale.pipeline import load_case, make_cells, requirements, run, run_macro
 from multiscale.pipeline.case_cells import two_surfaces
 from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.ensembles import SHEARED_CELLS
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
 from multiscale.upscaling import assume_shear, shear_errors, sliders_from_dataset
@@ -254,7 +254,7 @@ def test_bodies_keep_their_own_moduli(finished, monkeypatch, tmp_path):
         made.extend(cells)
         raise CaseError("seen")
 
-    monkeypatch.setattr("multiscale.pipeline.stages.sheared_cells.run_ensemble", note)
+    monkeypatch.setattr("multiscale.pipeline.stages.ensembles.run_ensemble", note)
     with pytest.raises(CaseError, match="seen"):
         SHEARED_CELLS.run(case.model_copy(update={"body_2": soft}), {}, Job(tmp_path))
     assert made[0].law == Elastic(210e9, 0.3)

@@ -18,7 +18,7 @@ import pytest
 from scipy.stats import t
 
 from multiscale.micro import Cell, Path, solve_cell
-from multiscale.pipeline.stages.control_cells import COST
+from multiscale.pipeline.stages.ensembles import COST
 from multiscale.upscaling.control_variates import Control, best_ratio
 from tests.support import rough_square
 

@@ -6,10 +6,14 @@ from multiscale.pipeline.stage import Stage
 from multiscale.pipeline.stages.body_fatigue import BODY_FATIGUE
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
 from multiscale.pipeline.stages.condensed_parts import CONDENSED_PARTS
-from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
 from multiscale.pipeline.stages.cracked_body import CRACKED_BODY_STAGE
+from multiscale.pipeline.stages.ensembles import (
+    COARSER_CELLS,
+    COARSER_SHEAR,
+    CONTROL_CELLS,
+    SHEARED_CELLS,
+)
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.stages.grains import GRAINS
@@ -22,7 +26,6 @@ from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLU
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
 from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
-from multiscale.pipeline.stages.sheared_cells import SHEARED_CELLS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
 

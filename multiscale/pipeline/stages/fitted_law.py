@@ -15,9 +15,13 @@ from multiscale.pipeline.rows import ROUNDING, list_missing, say_beside, say_tot
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.stages.coarser_cells import COARSER_CELLS, COARSER_SHEAR
-from multiscale.pipeline.stages.control_cells import CONTROL_CELLS
-from multiscale.pipeline.stages.sheared_cells import POINT_FRICTION, SHEARED_CELLS
+from multiscale.pipeline.stages.ensembles import (
+    COARSER_CELLS,
+    COARSER_SHEAR,
+    CONTROL_CELLS,
+    POINT_FRICTION,
+    SHEARED_CELLS,
+)
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.law_figures import (
