@@ -33,28 +33,21 @@ class StatedAsperities(Settings):
 
     density: PerArea = Field(description="Asperities per area, 1/m².")
     radius: UncertainLength = Field(description="Composite radius of both surfaces, m.")
-    rms_height: UncertainLength | None = Field(
-        None, description="Root mean square of Gaussian heights about their mean plane, m."
-    )
-    heights: tuple[Height, ...] = Field(
-        (),
-        description="Rising heights of asperities above the plane from which the gap counts, m, "
-        "in place of `rms_height`; contact begins at the highest.",
-    )
-    weights: tuple[Factor, ...] = Field(
-        (), description="Probability density at every one of `heights`, in any unit."
-    )
-    height_factor: UncertainFactor = Field(
-        1.0, description="Factor of all heights, which may have the half-width of the roughness."
-    )
+    rms_height: UncertainLength | None = None
+    """Root mean square of Gaussian heights about their mean plane, m."""
+    heights: tuple[Height, ...] = ()
+    """Rising heights of asperities above the plane from which the gap counts, m, in place of
+    `rms_height`; contact begins at the highest."""
+    weights: tuple[Factor, ...] = ()
+    """Probability density at every one of `heights`, in any unit."""
+    height_factor: UncertainFactor = 1.0
+    """Factor of all heights, which may have the half-width of the roughness."""
     youngs_modulus: UncertainPressure = Field(description="Young's modulus of both bodies, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio of both bodies.")
-    yield_stress: UncertainPressure | None = Field(
-        None, description="Yield stress, Pa; the asperities are elastic if not given."
-    )
-    tangent_modulus: Annotated[Number, quantity("Pa"), Field(ge=0.0), with_unit("Pa")] = Field(
-        0.0, description="Slope of the stress over the strain after yield, Pa."
-    )
+    yield_stress: UncertainPressure | None = None
+    """Yield stress, Pa; the asperities are elastic if not given."""
+    tangent_modulus: Annotated[Number, quantity("Pa"), Field(ge=0.0), with_unit("Pa")] = 0.0
+    """Slope of the stress over the strain after yield, Pa."""
 
     _rise = field_validator("heights")(must_rise)
 

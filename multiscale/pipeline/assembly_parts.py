@@ -97,50 +97,35 @@ class MeshedBody(Material):
     """An elastic body with a mesh of its own."""
 
     name: Name = Field(description="Name of the body, without dots.")
-    mesh: Path = Field(
-        description="Mesh of tetrahedra or hexahedra with named faces: a file of gmsh, of Salome "
-        "(`.med`), of Abaqus or CalculiX (`.inp`), or of another program that meshio or gmsh "
-        "reads; or a geometry of gmsh with physical surfaces, a file `.geo`, which is meshed. "
-        "Groups and surfaces name faces, and a set of nodes names the outer faces with all corners "
-        "in it. Nodes between the corners are dropped; `order` puts them in again, on straight "
-        "edges."
-    )
-    element: Length | None = Field(
-        None,
-        description="Largest edge of the elements of a geometry, m; the error of the mesh comes "
-        "from elements twice as large.",
-    )
-    coarser: Path | None = Field(
-        None,
-        description="Mesh of the same body with about twice the element size, for the error of "
-        "the mesh, which is unknown without it.",
-    )
-    volume: str = Field(
-        "",
-        description='Named volume of the mesh that is the body; or `"tetra"` or `"hexahedron"` in '
-        "a mesh with both; or a face that it names, for the piece with this face in a mesh of "
-        "several pieces. The whole mesh if not given.",
-    )
-    unit: Unit | None = Field(
-        None, description='Length of one unit of the mesh, such as `"mm"`; m if not given.'
-    )
-    order: Literal[1, 2] | None = Field(
-        None,
-        description="Order of the elements: 2 puts nodes between the corners of the mesh, without "
-        "which tetrahedra bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by "
-        "incompatible modes, if not given.",
-    )
-    youngs_modulus: UncertainPressure | None = Field(
-        None,
-        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
-    )
+    mesh: Path
+    """Mesh of tetrahedra or hexahedra with named faces: a file of gmsh, of Salome (`.med`), of
+    Abaqus or CalculiX (`.inp`), or of another program that meshio or gmsh reads; or a geometry of
+    gmsh with physical surfaces, a file `.geo`, which is meshed. Groups and surfaces name faces, and
+    a set of nodes names the outer faces with all corners in it. Nodes between the corners are
+    dropped; `order` puts them in again, on straight edges."""
+    element: Length | None = None
+    """Largest edge of the elements of a geometry, m; the error of the mesh comes from elements
+    twice as large."""
+    coarser: Path | None = None
+    """Mesh of the same body with about twice the element size, for the error of the mesh, which is
+    unknown without it."""
+    volume: str = ""
+    """Named volume of the mesh that is the body; or `"tetra"` or `"hexahedron"` in a mesh with
+    both; or a face that it names, for the piece with this face in a mesh of several pieces. The
+    whole mesh if not given."""
+    unit: Unit | None = None
+    """Length of one unit of the mesh, such as `"mm"`; m if not given."""
+    order: Literal[1, 2] | None = None
+    """Order of the elements: 2 puts nodes between the corners of the mesh, without which tetrahedra
+    bend too stiffly; 2 for tetrahedra and 1 for hexahedra, which bend by incompatible modes, if not
+    given."""
+    youngs_modulus: UncertainPressure | None = None
+    """Young's modulus, Pa; the stiffness of a representative volume if not given."""
     damage: Damage = Field(0.0, description="Damage of the body: it is 1 - D as stiff.")
     quick: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
-    supports: dict[str, Axes] = Field(
-        {},
-        description='Faces that are held: `"clamped"`, or the axes along which they do not move, '
-        'such as `"z"` or `"xy"`.',
-    )
+    supports: dict[str, Axes] = Field({})
+    """Faces that are held: `"clamped"`, or the axes along which they do not move, such as `"z"` or
+    `"xy"`."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -255,9 +240,8 @@ class StatedLaw(Settings):
 
     pressure_scale: UncertainPressure = Field(description="Pressure p_c at zero gap, Pa.")
     decay_length: UncertainLength = Field(description="Decay length u_0 of the pressure, m.")
-    pressures: tuple[Pressure, Pressure] = Field(
-        description="Pressures between which the law is meant to hold, Pa, rising."
-    )
+    pressures: tuple[Pressure, Pressure]
+    """Pressures between which the law is meant to hold, Pa, rising."""
 
     _rise = field_validator("pressures")(must_rise)
 
@@ -282,10 +266,9 @@ class StatedGap(Settings):
     """The initial gap of an interface, beside the gap of its law."""
 
     form: Literal["map"] = Field(description="Where the gap comes from.")
-    file: Path = Field(
-        description="Table with the columns `x`, `y` and `gap`: points in the plane of the "
-        "interface, along the axes of the structure, and gaps, `nan` in holes."
-    )
+    file: Path
+    """Table with the columns `x`, `y` and `gap`: points in the plane of the interface, along the
+    axes of the structure, and gaps, `nan` in holes."""
     unit: Unit = Field(description='Length of one unit of the table, such as `"mm"`.')
 
     def build(self) -> "macro.GapMap":
@@ -302,49 +285,33 @@ class StatedGap(Settings):
 class BodyInterface(Settings):
     """An interface between two named faces, whose meshes need not match."""
 
-    sides: tuple[str, str] = Field(
-        description='Both faces, as `"BODY.FACE"`; the first may be `"ground"`.'
-    )
-    law: Path | None = Field(
-        None,
-        description="Law of this interface: a dataset, the folder of a run, or a case, which is "
-        "run in a folder of its own; or a table of `pressure` and `overclosure` in a `.csv` file; "
-        "if not given, the law of the cells or of `[interface]`.",
-    )
-    law_error: LawError | None = Field(
-        None,
-        description="Half-width of the 95 % interval of overclosure and stiffness of a table, over "
-        'them, such as `"10 %"`; its error is unknown if not given.',
-    )
-    exponential: StatedLaw | None = Field(
-        None, description="Stated normal law, in place of `law`; takes a friction of its own."
-    )
-    linear: LinearLaw | None = Field(
-        None, description="Stated normal law of constant stiffness, as `exponential`."
-    )
-    asperities: StatedAsperities | None = Field(
-        None,
-        description="Statistics of asperities, in place of `law`; they take a friction of their "
-        "own, and yield and slip one height after the other.",
-    )
-    gap: StatedGap | None = Field(
-        None, description="Initial gap over the interface; even if not given."
-    )
+    sides: tuple[str, str]
+    """Both faces, as `"BODY.FACE"`; the first may be `"ground"`."""
+    law: Path | None = None
+    """Law of this interface: a dataset, the folder of a run, or a case, which is run in a folder of
+    its own; or a table of `pressure` and `overclosure` in a `.csv` file; if not given, the law of
+    the cells or of `[interface]`."""
+    law_error: LawError | None = None
+    """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
+    `"10 %"`; its error is unknown if not given."""
+    exponential: StatedLaw | None = None
+    """Stated normal law, in place of `law`; takes a friction of its own."""
+    linear: LinearLaw | None = None
+    """Stated normal law of constant stiffness, as `exponential`."""
+    asperities: StatedAsperities | None = None
+    """Statistics of asperities, in place of `law`; they take a friction of their own, and yield and
+    slip one height after the other."""
+    gap: StatedGap | None = None
+    """Initial gap over the interface; even if not given."""
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
-    friction: UncertainFactor | None = Field(
-        None, description="Coefficient of friction, if not the value of `[interface]` or the law."
-    )
-    stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = Field(
-        None,
-        description="Tangential over normal stiffness, if not the value of `[interface]` or the "
-        "law.",
-    )
+    friction: UncertainFactor | None = None
+    """Coefficient of friction, if not the value of `[interface]` or the law."""
+    stiffness_ratio: Annotated[UncertainNumber, Field(gt=0.0)] | None = None
+    """Tangential over normal stiffness, if not the value of `[interface]` or the law."""
     damage: Damage = Field(0.0, description="Damage of the interface: it carries 1 - D of the law.")
-    surface_damage: bool = Field(
-        False,
-        description="Whether sections of the representative volumes of its bodies, normal to the "
-        "interface, damage it too: it carries 1 - D(n) of the law for each of them.",
-    )
+    surface_damage: bool = False
+    """Whether sections of the representative volumes of its bodies, normal to the interface, damage
+    it too: it carries 1 - D(n) of the law for each of them."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -382,24 +349,19 @@ class BodyBolt(Settings):
     bodies, and bends and shears with them.
     """
 
-    sides: tuple[str, str] = Field(
-        description='Faces under head and nut, as `"BODY.FACE"`, of the size of the washers; or '
-        "both faces of a cut across a shank that is meshed."
-    )
-    meshed: bool = Field(
-        False,
-        description="Whether the meshes of the bodies have the bolt, cut across its shank: there "
-        "both faces move alike but along the axis, where the preload acts and stays as it is.",
-    )
+    sides: tuple[str, str]
+    """Faces under head and nut, as `"BODY.FACE"`, of the size of the washers; or both faces of a
+    cut across a shank that is meshed."""
+    meshed: bool = False
+    """Whether the meshes of the bodies have the bolt, cut across its shank: there both faces move
+    alike but along the axis, where the preload acts and stays as it is."""
     preload: Size = Field(description="Force of the bolt at the factor one of `preload`, N.")
     diameter: Length | None = Field(None, description="Diameter of the shank, m.")
-    length: Length | None = Field(
-        None, description="Length of the shank, m; the distance of its washers if not given."
-    )
+    length: Length | None = None
+    """Length of the shank, m; the distance of its washers if not given."""
     youngs_modulus: Pressure = Field(210e9, description="Young's modulus of the shank, Pa.")
-    stiffness: Stiffness | None = Field(
-        None, description="Axial stiffness of the shank, N/m, in place of its diameter."
-    )
+    stiffness: Stiffness | None = None
+    """Axial stiffness of the shank, N/m, in place of its diameter."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -439,15 +401,12 @@ class NamedLoad(Settings):
 
     name: Name = Field(description="Name of the load.")
     face: str = Field(description='Face that is loaded, as `"BODY.FACE"`.')
-    traction: tuple[Stress, Stress, Stress] | None = Field(
-        None, description="Force per area along x, y and z at the factor one, Pa."
-    )
-    force: tuple[Newton, Newton, Newton] | None = Field(
-        None, description="Resultant along x, y and z, evenly spread, at the factor one, N."
-    )
-    pressure: Stress | None = Field(
-        None, description="Pressure on a plane face at the factor one, Pa."
-    )
+    traction: tuple[Stress, Stress, Stress] | None = None
+    """Force per area along x, y and z at the factor one, Pa."""
+    force: tuple[Newton, Newton, Newton] | None = None
+    """Resultant along x, y and z, evenly spread, at the factor one, N."""
+    pressure: Stress | None = None
+    """Pressure on a plane face at the factor one, Pa."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -58,11 +58,9 @@ STATED_HOW = "half-widths stated with +-"
 class LoadSteps(SolverChoice):
     """Steps over the named loads; see :class:`multiscale.macro.substructures.LoadPath`."""
 
-    steps: tuple[dict[str, Number], ...] = Field(
-        min_length=1,
-        description="Factors of loads at the end of every step, by their names; `preload` is the "
-        "tightening of all bolts. A load that a step does not name keeps its factor, 0 at first.",
-    )
+    steps: tuple[dict[str, Number], ...] = Field(min_length=1)
+    """Factors of loads at the end of every step, by their names; `preload` is the tightening of all
+    bolts. A load that a step does not name keeps its factor, 0 at first."""
     substeps: Positive = Field(1, description="Equal parts into which every step is cut.")
 
 
@@ -70,9 +68,8 @@ class LoadCycles(Settings):
     """One named load to and fro, about its factor at the end of the steps."""
 
     load: str = Field(description="Name of the load.")
-    amplitude: Annotated[Number, Field(gt=0.0)] = Field(
-        1.0, description="By how much its factor rises, then falls."
-    )
+    amplitude: Annotated[Number, Field(gt=0.0)] = 1.0
+    """By how much its factor rises, then falls."""
     cycles: Positive = Field(description="Closed cycles after the first loading.")
     steps: Positive = Field(10, description="Load steps from the middle to the amplitude.")
 

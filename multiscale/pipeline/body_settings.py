@@ -92,24 +92,16 @@ def doubt_density(what: str, density: float | None) -> list[str]:
 class Material(Settings):
     """What an elastic body is made of: moduli or a representative volume."""
 
-    youngs_modulus: Pressure | None = Field(
-        None,
-        description="Young's modulus, Pa; the stiffness of a representative volume if not given.",
-    )
-    poissons_ratio: Ratio | None = Field(
-        None, description="Poisson's ratio; together with the modulus."
-    )
+    youngs_modulus: Pressure | None = None
+    """Young's modulus, Pa; the stiffness of a representative volume if not given."""
+    poissons_ratio: Ratio | None = None
+    """Poisson's ratio; together with the modulus."""
     density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
-    rve: Path | None = Field(
-        None,
-        description="Representative volume: a dataset `rve`, the folder of a run, or a case, which "
-        "is run in a folder of its own; the `[rve]` of this case if not given, nor the moduli.",
-    )
-    rve_axes: tuple[Direction, Direction] | None = Field(
-        None,
-        description="Directions of the x and the y axis of the volume in the body; its own axes if "
-        "not given.",
-    )
+    rve: Path | None = None
+    """Representative volume: a dataset `rve`, the folder of a run, or a case, which is run in a
+    folder of its own; the `[rve]` of this case if not given, nor the moduli."""
+    rve_axes: tuple[Direction, Direction] | None = None
+    """Directions of the x and the y axis of the volume in the body; its own axes if not given."""
 
     @model_validator(mode="after")
     def _check_material(self) -> Self:

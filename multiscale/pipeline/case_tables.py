@@ -113,47 +113,32 @@ class CellPores(Settings):
 class CellSettings(GridSettings):
     """The representative surface element."""
 
-    depth: Length | None = Field(
-        None, description="Depth of the layer, m; the longer edge if not given."
-    )
+    depth: Length | None = None
+    """Depth of the layer, m; the longer edge if not given."""
     layers: Count = Field(12, ge=2, le=1000, description="Layers of elements over the depth.")
-    geometry: Literal["conforming", "flat", "mesh"] = Field(
-        "conforming",
-        description="Whether the mesh follows the surface, or the surface is the gap of a flat "
-        "layer (fast, for small slopes), or the cell is a mesh of finite elements of any kind.",
-    )
-    slope_order: Literal[1, 2] = Field(
-        1,
-        description="Order of the error of flat cells in the slope, against conforming cells: 2 "
-        "expands their compliance, in six transforms instead of two.",
-    )
+    geometry: Literal["conforming", "flat", "mesh"] = "conforming"
+    """Whether the mesh follows the surface, or the surface is the gap of a flat layer (fast, for
+    small slopes), or the cell is a mesh of finite elements of any kind."""
+    slope_order: Literal[1, 2] = 1
+    """Order of the error of flat cells in the slope, against conforming cells: 2 expands their
+    compliance, in six transforms instead of two."""
 
-    element: Literal["hex8", "hex27", "tet4", "tet10"] | None = Field(
-        None,
-        description='Element of a mesh, by its number of nodes; `"hex8"` if not given. Elements of '
-        "second order take points that are multiples of four.",
-    )
-    mesh: Path | None = Field(
-        None,
-        description="File of gmsh, or any that meshio reads, with the mesh of body 1 in place of a "
-        "surface. It fills the cell along x and y; overhangs and pores are allowed.",
-    )
+    element: Literal["hex8", "hex27", "tet4", "tet10"] | None = None
+    """Element of a mesh, by its number of nodes; `"hex8"` if not given. Elements of second order
+    take points that are multiples of four."""
+    mesh: Path | None = None
+    """File of gmsh, or any that meshio reads, with the mesh of body 1 in place of a surface. It
+    fills the cell along x and y; overhangs and pores are allowed."""
     unit: Length | None = Field(None, description="Length of one unit of the file `mesh`, m.")
-    contact_face: str | None = Field(
-        None, description='Name of the contact face in the file `mesh`; `"top"` if not given.'
-    )
-    base_face: str | None = Field(
-        None, description='Name of the clamped face in the file `mesh`; `"bottom"` if not given.'
-    )
-    volumes: dict[str, VolumeSettings] | None = Field(
-        None, description="Moduli of all named volumes in the file `mesh`."
-    )
-    sides: Literal["periodic", "sliding", "displacement", "traction"] | None = Field(
-        None,
-        description="Condition on the sides of a mesh: `periodic` if not given, `sliding` in "
-        "their own planes, or uniform `displacement` or `traction`, an upper and a "
-        "lower bound.",
-    )
+    contact_face: str | None = None
+    """Name of the contact face in the file `mesh`; `"top"` if not given."""
+    base_face: str | None = None
+    """Name of the clamped face in the file `mesh`; `"bottom"` if not given."""
+    volumes: dict[str, VolumeSettings] | None = None
+    """Moduli of all named volumes in the file `mesh`."""
+    sides: Literal["periodic", "sliding", "displacement", "traction"] | None = None
+    """Condition on the sides of a mesh: `periodic` if not given, `sliding` in their own planes, or
+    uniform `displacement` or `traction`, an upper and a lower bound."""
     pores: CellPores | None = None
 
     @property
@@ -223,30 +208,21 @@ class ShearSettings(Settings):
     They have the surfaces of the first realisations, and give the law its tangential branch.
     """
 
-    friction_coefficient: Number = Field(
-        gt=0.0, le=10.0, description="Friction coefficient of points of contact."
-    )
-    pressures: tuple[Pressure, ...] = Field(
-        min_length=1,
-        description="Mean pressures under which they are sheared, Pa, rising, from three times the "
-        "lowest to the highest of the cells.",
-    )
+    friction_coefficient: Number = Field(gt=0.0, le=10.0)
+    """Friction coefficient of points of contact."""
+    pressures: tuple[Pressure, ...] = Field(min_length=1)
+    """Mean pressures under which they are sheared, Pa, rising, from three times the lowest to the
+    highest of the cells."""
     realisations: Positive = Field(3, description="Number of these cells, at most all.")
-    points: tuple[Points, Points] | None = Field(
-        None, description="Their grid points along x and y, as in [cell] if not given."
-    )
-    layers: Annotated[Count, Field(ge=2, le=1000)] | None = Field(
-        None, description="Layers of elements of each body, as in [cell] if not given."
-    )
-    steps: Count = Field(
-        10, ge=3, le=1000, description="Steps from rest to full slip, at each pressure."
-    )
-    cycle: bool = Field(
-        True,
-        description="Whether they also go through a closed cycle of partial slip, in four more "
-        "steps at each pressure and direction; without it the error of the loss of a "
-        "joint is unknown.",
-    )
+    points: tuple[Points, Points] | None = None
+    """Their grid points along x and y, as in [cell] if not given."""
+    layers: Annotated[Count, Field(ge=2, le=1000)] | None = None
+    """Layers of elements of each body, as in [cell] if not given."""
+    steps: Count = Field(10, ge=3, le=1000)
+    """Steps from rest to full slip, at each pressure."""
+    cycle: bool = True
+    """Whether they also go through a closed cycle of partial slip, in four more steps at each
+    pressure and direction; without it the error of the loss of a joint is unknown."""
 
     _rise = field_validator("pressures")(must_rise)
 
@@ -267,36 +243,24 @@ class MicroSettings(Settings):
     realisations: Positive = Field(description="Number of cells.")
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
     seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
-    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = Field(
-        False, description="Whether to unload through the same pressures, or the falling ones, Pa."
-    )
-    coarser: Natural = Field(
-        0,
-        description="Number of the first cells that are also solved on half of their points, "
-        "pressed and, with [micro.shear], sheared, for the error of the grid; each "
-        "costs an eighth of a cell.",
-    )
-    control: Literal["flat", False] | None = Field(
-        None,
-        description="Whether flat cells on the same and on further surfaces are control variates "
-        "of the cells, which takes most of the sampling error out of the law. By "
-        "default cells that are not flat have them, on synthetic surfaces and from 4 "
-        "realisations on, and so does a planner; `false` turns them off.",
-    )
-    control_realisations: Positive | None = Field(
-        None,
-        description="Number of these flat cells. By default the best number for the time, by the "
-        "correlation of both kinds of cells, with at most about the time of the "
-        "cells, and at most 256.",
-    )
-    spots: bool = Field(
-        False, description="Whether the response keeps area and force of every contact spot."
-    )
-    leakage: bool = Field(
-        False,
-        description="Whether the law has the hydraulic aperture of the gap along x and y, at every "
-        "pressure; [seal] asks for it.",
-    )
+    unload: Annotated[bool, Strict()] | tuple[Pressure, ...] = False
+    """Whether to unload through the same pressures, or the falling ones, Pa."""
+    coarser: Natural = 0
+    """Number of the first cells that are also solved on half of their points, pressed and, with
+    [micro.shear], sheared, for the error of the grid; each costs an eighth of a cell."""
+    control: Literal["flat", False] | None = None
+    """Whether flat cells on the same and on further surfaces are control variates of the cells,
+    which takes most of the sampling error out of the law. By default cells that are not flat have
+    them, on synthetic surfaces and from 4 realisations on, and so does a planner; `false` turns
+    them off."""
+    control_realisations: Positive | None = None
+    """Number of these flat cells. By default the best number for the time, by the correlation of
+    both kinds of cells, with at most about the time of the cells, and at most 256."""
+    spots: bool = False
+    """Whether the response keeps area and force of every contact spot."""
+    leakage: bool = False
+    """Whether the law has the hydraulic aperture of the gap along x and y, at every pressure;
+    [seal] asks for it."""
     shear: ShearSettings = ABSENT
 
     _rise = field_validator("pressures")(must_rise)
@@ -386,16 +350,12 @@ class LawSettings(Settings):
 
     terms: Count = Field(40, ge=6, description="Terms of the normal law.")
     samples: Count = Field(200, ge=0, description="Bootstrap samples behind the bands.")
-    apart: bool | None = Field(
-        None,
-        description="Whether the tangential stiffness along x and y are two numbers; if not given, "
-        "where they differ by more than chance.",
-    )
-    extrapolate: bool = Field(
-        False,
-        description="Whether answers stand where more than 5 % of a load lies beyond a factor of 2 "
-        "outside the pressures of the cells; they are unknown otherwise.",
-    )
+    apart: bool | None = None
+    """Whether the tangential stiffness along x and y are two numbers; if not given, where they
+    differ by more than chance."""
+    extrapolate: bool = False
+    """Whether answers stand where more than 5 % of a load lies beyond a factor of 2 outside the
+    pressures of the cells; they are unknown otherwise."""
 
     def quick(self) -> Self:
         """Return the same fit with few samples."""
@@ -408,14 +368,11 @@ class SealSettings(Settings):
     diameter: Length = Field(description="Mean diameter of the ring, m.")
     width: Length = Field(description="Width of its contact, over which the liquid leaks, m.")
     viscosity: Viscosity = Field(description="Dynamic viscosity of the liquid, Pa s.")
-    pressure_difference: Pressure = Field(
-        description="Pressure of the liquid on one side above that on the other, Pa."
-    )
-    direction: Literal["x", "y"] | None = Field(
-        None,
-        description="Axis of the cells across the ring, along which the liquid leaks; both are "
-        "taken as alike if not given.",
-    )
+    pressure_difference: Pressure
+    """Pressure of the liquid on one side above that on the other, Pa."""
+    direction: Literal["x", "y"] | None = None
+    """Axis of the cells across the ring, along which the liquid leaks; both are taken as alike if
+    not given."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -447,12 +404,10 @@ class SlideSettings(Settings):
     """
 
     distance: Length = Field(description="Length of the slide, m; at most 20 lengths of the cell.")
-    friction_coefficient: Number = Field(
-        0.0, ge=0.0, le=10.0, description="Friction coefficient of points of contact."
-    )
-    pressures: tuple[Pressure, ...] = Field(
-        (), description="Mean pressures, Pa, rising; all pressures of the cells if not given."
-    )
+    friction_coefficient: Number = Field(0.0, ge=0.0, le=10.0)
+    """Friction coefficient of points of contact."""
+    pressures: tuple[Pressure, ...] = ()
+    """Mean pressures, Pa, rising; all pressures of the cells if not given."""
     steps: Count = Field(16, ge=1, le=10_000, description="Steps of the result over the distance.")
 
     _rise = field_validator("pressures")(must_rise)
@@ -472,13 +427,12 @@ class SlideSettings(Settings):
 class AccuracySettings(Settings):
     """Target for the error; the other tables are then the start of a planner."""
 
-    target: Number = Field(
-        gt=0.0, le=0.5, description='Largest relative total of the error budget, such as `"2 %"`.'
+    target: Number = Field(gt=0.0, le=0.5)
+    """Largest relative total of the error budget, such as `"2 %"`."""
+    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = (
+        "joint_stiffness"
     )
-    quantity: Literal["joint_stiffness", "mean_gap", "contact_fraction", "stiffness"] = Field(
-        "joint_stiffness",
-        description="Answer with this error, at every preload; the last three at every pressure.",
-    )
+    """Answer with this error, at every preload; the last three at every pressure."""
 
     @field_validator("target", mode="before")
     @classmethod

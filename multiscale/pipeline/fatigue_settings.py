@@ -31,51 +31,36 @@ class FatigueSettings(Settings):
     Inclusions of each element flow above the fatigue limit, are damaged and crack.
     """
 
-    body: str | None = Field(
-        None, description="Name of the body that is followed; needed if there are several."
-    )
-    fatigue_limit: Pressure = Field(
-        description="Yield stress of the inclusions, the amplitude below which nothing cracks, Pa."
-    )
-    strength: Pressure = Field(
-        description="Static strength, Pa; a von Mises stress of an element above it is refused."
-    )
+    body: str | None = None
+    """Name of the body that is followed; needed if there are several."""
+    fatigue_limit: Pressure
+    """Yield stress of the inclusions, the amplitude below which nothing cracks, Pa."""
+    strength: Pressure
+    """Static strength, Pa; a von Mises stress of an element above it is refused."""
     damage_strength: Pressure = Field(description="Strength S of the damage law, Pa.")
-    damage_exponent: Annotated[Number, Field(gt=0.0)] = Field(
-        1.0, description="Exponent s of the damage law."
-    )
+    damage_exponent: Annotated[Number, Field(gt=0.0)] = 1.0
+    """Exponent s of the damage law."""
     hardening: Modulus = Field(0.0, description="Kinematic hardening C of the inclusions, Pa.")
-    threshold: Factor = Field(
-        0.0, description="Accumulated plastic strain p_D at which damage begins."
-    )
-    critical_damage: Annotated[Share, Field(gt=0.0)] = Field(
-        0.3, description="Damage D_c at which an inclusion cracks."
-    )
+    threshold: Factor = 0.0
+    """Accumulated plastic strain p_D at which damage begins."""
+    critical_damage: Annotated[Share, Field(gt=0.0)] = 0.3
+    """Damage D_c at which an inclusion cracks."""
     closure: Share = Field(1.0, description="Share h of the damage that acts in compression.")
-    feedback: bool = Field(
-        True, description="Whether the damage of an inclusion changes its own stress."
-    )
-    scatter: Deviation = Field(
-        0.0,
-        description="Standard deviation of the logarithm of the fatigue limit among the inclusions "
-        "of an element; with 0 an element has one inclusion.",
-    )
-    part_deviation: Deviation | None = Field(
-        None,
-        description="Relative standard deviation of the fatigue limit from part to part, for the "
-        "interval of the next part.",
-    )
-    limit_error: Deviation | None = Field(
-        None, description="Relative standard error of the mean fatigue limit, for both intervals."
-    )
-    tolerance: Tolerance = Field(
-        0.05,
-        description="Bound on the relative error of the change of damage over a jump of cycles "
-        "between two solves of the structure.",
-    )
-    max_cycles: Annotated[Number, Field(ge=1.0, le=1e12)] = Field(
-        1e9, description="Number of cycles up to which the life is followed."
-    )
+    feedback: bool = True
+    """Whether the damage of an inclusion changes its own stress."""
+    scatter: Deviation = 0.0
+    """Standard deviation of the logarithm of the fatigue limit among the inclusions of an element;
+    with 0 an element has one inclusion."""
+    part_deviation: Deviation | None = None
+    """Relative standard deviation of the fatigue limit from part to part, for the interval of the
+    next part."""
+    limit_error: Deviation | None = None
+    """Relative standard error of the mean fatigue limit, for both intervals."""
+    tolerance: Tolerance = 0.05
+    """Bound on the relative error of the change of damage over a jump of cycles between two solves
+    of the structure."""
+    max_cycles: Annotated[Number, Field(ge=1.0, le=1e12)] = 1e9
+    """Number of cycles up to which the life is followed."""
 
     @model_validator(mode="after")
     def _check(self) -> "Self":

@@ -54,15 +54,13 @@ class GrainSettings(Settings):
     """The grains and how they touch."""
 
     number: Positive = Field(description="Number of grains.")
-    radius: tuple[Length, Length] = Field(
-        description="Smallest and largest radius, m; every interval has its share of volume."
-    )
+    radius: tuple[Length, Length]
+    """Smallest and largest radius, m; every interval has its share of volume."""
     density: Density = Field(2600.0, description="Density of the material, kg/m3.")
     friction: Factor = Field(0.5, description="Friction coefficient between grains.")
     restitution: Share = Field(0.0, description="Share of the closing speed given back.")
-    compliance: Factor = Field(
-        0.0, description="Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`."
-    )
+    compliance: Factor = 0.0
+    """Compliance of contacts; see `multiscale.macro.granulate.ContactLaw`."""
     seed: Natural = Field(0, description="Seed of radii and places.")
 
     @model_validator(mode="after")
@@ -94,9 +92,8 @@ class GrainSettings(Settings):
 class Motion(TimeSteps):
     """How the grains are followed; see :func:`multiscale.macro.granulate.simulate_grains`."""
 
-    accuracy: Tolerance | None = Field(
-        None, description="Approach in the step of an impact, over the smaller radius."
-    )
+    accuracy: Tolerance | None = None
+    """Approach in the step of an impact, over the smaller radius."""
     tolerance: Tolerance = Field(1e-4, description="Error of contacts over their velocities.")
     max_iterations: Positive = Field(1000, description="Largest number of sweeps in a step.")
     frames: Count = Field(11, ge=2, description="Instants whose grains and forces are kept.")
@@ -233,9 +230,8 @@ class Biaxial(Granulate):
 
     kind: Literal["biaxial"]
     pressure: Pressure = Field(description="Pressure of the compaction, and then on the sides, Pa.")
-    strain_rate: StrainRate = Field(
-        description="Rate of the axial strain, 1/s; see `multiscale.macro.granulate.biaxial_cell`."
-    )
+    strain_rate: StrainRate
+    """Rate of the axial strain, 1/s; see `multiscale.macro.granulate.biaxial_cell`."""
     planar: bool = Field(False, description="Discs in place of spheres.")
 
     def build(self, grains: GrainSettings, motion: Motion) -> "granulate.Model":

@@ -24,21 +24,16 @@ class GrowthSettings(Settings):
     A structure of one body cracks by their softening law.
     """
 
-    toughness: Toughness = Field(
-        description='Toughness K_Ic where a crack begins to grow, such as `"0.5 MPa*m^0.5"`.'
-    )
-    rise: Factor = Field(
-        0.0, description="Share by which the toughness rises as grains bridge the faces of a crack."
-    )
-    bridging: Length | None = Field(
-        None, description="Growth of a crack over which it rises, m; together with `rise`."
-    )
+    toughness: Toughness
+    """Toughness K_Ic where a crack begins to grow, such as `"0.5 MPa*m^0.5"`."""
+    rise: Factor = 0.0
+    """Share by which the toughness rises as grains bridge the faces of a crack."""
+    bridging: Length | None = None
+    """Growth of a crack over which it rises, m; together with `rise`."""
     pull: Literal["x", "y", "z"] = Field("z", description="Axis of the tension.")
-    through: bool = Field(
-        False,
-        description="Whether a crack that reaches another crack grows on as if it were alone; "
-        "otherwise its volume has no softening law.",
-    )
+    through: bool = False
+    """Whether a crack that reaches another crack grows on as if it were alone; otherwise its volume
+    has no softening law."""
 
     @model_validator(mode="after")
     def _check(self) -> "Self":

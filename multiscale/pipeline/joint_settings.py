@@ -77,19 +77,15 @@ LawError = Annotated[Number, Field(gt=0.0, lt=1.0)]
 class Substructures(Settings):
     """The cut, and the solver of the parts; see :func:`multiscale.macro.solve_latin`."""
 
-    parts: tuple[Positive, Positive] = Field(
-        (1, 1), description="Substructures along x and y, of every body."
-    )
-    coarse: bool = Field(
-        True, description="Whether a coarse problem balances interface resultants."
-    )
+    parts: tuple[Positive, Positive] = (1, 1)
+    """Substructures along x and y, of every body."""
+    coarse: bool = True
+    """Whether a coarse problem balances interface resultants."""
     tolerance: Tolerance = Field(1e-8, description="Relative residual of a solved step.")
     max_iterations: Positive = Field(400, description="Largest number of iterations of a step.")
-    homogenise: bool = Field(
-        False,
-        description="Writes the stiffness of substructures against their interface resultants, "
-        "before and after slackening, to `NAME-homogenised.nc`; see `multiscale.macro.homogenise`.",
-    )
+    homogenise: bool = False
+    """Writes the stiffness of substructures against their interface resultants, before and after
+    slackening, to `NAME-homogenised.nc`; see `multiscale.macro.homogenise`."""
 
     @property
     def count(self) -> int:
@@ -112,33 +108,25 @@ class Substructures(Settings):
 class SolverChoice(Settings):
     """How the bodies of a case are solved."""
 
-    method: Literal["newton", "latin"] | None = Field(
-        None,
-        description='Solver of the bodies: `"newton"` on the whole, or `"latin"` on its parts, '
-        "which `[substructures]` may cut; if not given, what their size makes cheaper.",
-    )
+    method: Literal["newton", "latin"] | None = None
+    """Solver of the bodies: `"newton"` on the whole, or `"latin"` on its parts, which
+    `[substructures]` may cut; if not given, what their size makes cheaper."""
 
 
 class LawSource(Settings):
     """The law of the interface between blocks, if the case has no cells."""
 
-    law: Path | None = Field(
-        None,
-        description="Law: dataset of a run or fit, folder of a run, case, by its file or the "
-        "name of a shipped one, which is run in a folder of its own, or table of `pressure` and "
-        "`overclosure` in a `.csv` file; needless with cells, or if the command names a file.",
-    )
-    law_error: LawError | None = Field(
-        None,
-        description="Half-width of the 95 % interval of overclosure and stiffness of a table, over "
-        'them, such as `"10 %"`; its error is unknown if not given.',
-    )
+    law: Path | None = None
+    """Law: dataset of a run or fit, folder of a run, case, by its file or the name of a shipped
+    one, which is run in a folder of its own, or table of `pressure` and `overclosure` in a `.csv`
+    file; needless with cells, or if the command names a file."""
+    law_error: LawError | None = None
+    """Half-width of the 95 % interval of overclosure and stiffness of a table, over them, such as
+    `"10 %"`; its error is unknown if not given."""
     quick: bool = Field(False, description="Whether a case that `law` names is run `--quick`.")
-    extrapolate: bool = Field(
-        False,
-        description="Whether answers stand where more than 5 % of the load of an interface lies "
-        "beyond a factor of 2 outside the pressures of the law; they are unknown otherwise.",
-    )
+    extrapolate: bool = False
+    """Whether answers stand where more than 5 % of the load of an interface lies beyond a factor of
+    2 outside the pressures of the law; they are unknown otherwise."""
 
     @property
     def source(self) -> Path:
@@ -164,16 +152,12 @@ class LawSource(Settings):
 class JointLaw(LawSource):
     """The law of the interfaces between bodies of the user: a normal law with friction."""
 
-    friction: Factor | None = Field(
-        None,
-        description="Friction coefficient of Coulomb's law; if not given, the law has it, from "
-        "sheared cells, or else from a sliding cell at the last preload.",
-    )
-    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = Field(
-        None,
-        description="Tangential over normal stiffness, of springs slipping in turn; if not given, "
-        "the ratio of the law, or else 2 (1 - nu)/(2 - nu), with a caution.",
-    )
+    friction: Factor | None = None
+    """Friction coefficient of Coulomb's law; if not given, the law has it, from sheared cells, or
+    else from a sliding cell at the last preload."""
+    stiffness_ratio: Annotated[Number, Field(gt=0.0)] | None = None
+    """Tangential over normal stiffness, of springs slipping in turn; if not given, the ratio of the
+    law, or else 2 (1 - nu)/(2 - nu), with a caution."""
 
     @property
     def given(self) -> dict[str, Any]:
@@ -228,17 +212,11 @@ class JointLaw(LawSource):
 class RoughInterface(JointLaw):
     """The law of the interfaces of stacked blocks and lap joints: a normal law with friction."""
 
-    damage: tuple[Damage, ...] = Field(
-        (),
-        description="Damage of interfaces from below: each carries 1 - D of the law; 0 if not "
-        "given.",
-    )
-    damage_file: Path | None = Field(
-        None,
-        description="Dataset `damage_sections` of the material near the surface, instead of "
-        "damage: every interface carries 1 - D of the law, with the mean of D over the sections "
-        "whose normal is z.",
-    )
+    damage: tuple[Damage, ...] = ()
+    """Damage of interfaces from below: each carries 1 - D of the law; 0 if not given."""
+    damage_file: Path | None = None
+    """Dataset `damage_sections` of the material near the surface, instead of damage: every
+    interface carries 1 - D of the law, with the mean of D over the sections whose normal is z."""
 
 
 def _say_lay(law: Dataset) -> list[str]:
@@ -255,9 +233,8 @@ def _say_lay(law: Dataset) -> list[str]:
 class Preloads(Settings):
     """Pressures on the pressed face of stacked blocks and lap joints."""
 
-    preloads: tuple[Pressure, ...] = Field(
-        min_length=1, description="Pressures on the pressed face, Pa; the last one stays."
-    )
+    preloads: tuple[Pressure, ...] = Field(min_length=1)
+    """Pressures on the pressed face, Pa; the last one stays."""
 
     @property
     def joint_pressures(self) -> tuple[float, float]:
@@ -277,9 +254,8 @@ class JointPreloads(SolverChoice, Preloads):
 class RisingPreloads(Preloads):
     """Even pressures between blocks."""
 
-    preloads: tuple[Pressure, ...] = Field(
-        min_length=1, description="Nominal pressures, Pa, rising; best within the data of the law."
-    )
+    preloads: tuple[Pressure, ...] = Field(min_length=1)
+    """Nominal pressures, Pa, rising; best within the data of the law."""
 
     _rise = field_validator("preloads")(must_rise)
 
@@ -288,11 +264,9 @@ class Cycles(Settings):
     """Shear to and fro after preloads; see :class:`multiscale.macro.substructures.JointLoading`."""
 
     shear: Pressure = Field(description="Amplitude of the shear on the sheared face, Pa.")
-    amplitudes: tuple[Pressure, ...] = Field(
-        (),
-        description="Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle "
-        "are solved at these and at `shear`, at every preload.",
-    )
+    amplitudes: tuple[Pressure, ...] = ()
+    """Smaller amplitudes, Pa, rising: secant stiffness and loss of a closed cycle are solved at
+    these and at `shear`, at every preload."""
     cycles: Positive = Field(description="Closed cycles after the first loading.")
     steps: Positive = Field(10, description="Load steps from zero to the amplitude.")
 

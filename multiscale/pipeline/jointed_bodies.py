@@ -71,9 +71,8 @@ class RoughBodies(StructureKind, Material):
     mesher: ClassVar[tuple[str, ...]] = ()
     """Library that meshes the bodies."""
 
-    damage: tuple[Damage, ...] = Field(
-        (), description="Damage of bodies from below: each is 1 - D as stiff; sound if not given."
-    )
+    damage: tuple[Damage, ...] = ()
+    """Damage of bodies from below: each is 1 - D as stiff; sound if not given."""
     quick_rve: bool = Field(False, description="Whether a case that `rve` names is run `--quick`.")
 
     @property
@@ -314,11 +313,9 @@ class LapJoint(RoughBodies):
     overlap: Length = Field(description="Length over which the plates lie on each other, m.")
     hole: Length = Field(description="Diameter of the hole, m.")
     washer: Length = Field(description="Diameter of the washer, m.")
-    bolt: Length | None = Field(
-        None,
-        description="Diameter of the shank of a bolt of the modulus of the plates, m: its force "
-        "changes with the load; the force is constant if not given.",
-    )
+    bolt: Length | None = None
+    """Diameter of the shank of a bolt of the modulus of the plates, m: its force changes with the
+    load; the force is constant if not given."""
     element: Length = Field(description="Edge of an element in plan, m.")
     layers: Positive = Field(2, description="Elements through each thickness.")
 

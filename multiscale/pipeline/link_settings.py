@@ -75,15 +75,12 @@ Mass = Annotated[float, quantity("kg"), Field(gt=0.0), with_unit("kg")]
 class Statics(Settings):
     """Loads on bars, cables and plates; see :func:`multiscale.macro.solve_static`."""
 
-    load_factors: tuple[Number, ...] = Field(
-        min_length=1, description="Load of every step over the whole load."
-    )
-    exact: bool = Field(
-        False, description="Whether elongations and directions follow the moved nodes exactly."
-    )
-    stability: bool = Field(
-        False, description="Whether to add smallest eigenvalues of the tangent."
-    )
+    load_factors: tuple[Number, ...] = Field(min_length=1)
+    """Load of every step over the whole load."""
+    exact: bool = False
+    """Whether elongations and directions follow the moved nodes exactly."""
+    stability: bool = False
+    """Whether to add smallest eigenvalues of the tangent."""
 
     def refuse_large(self) -> None:
         """Refuse what substructures do not solve."""
@@ -127,9 +124,8 @@ class TensegrityGrid(LinkStructure):
     kind: Literal["tensegrity_grid"]
     n: Modules = Field(description="Modules along x.")
     m: Modules | None = Field(None, description="Modules along y; n if not given.")
-    prestress: Prestress = Field(
-        2550.0, description="Tension of the upper cables at load factor 0, N."
-    )
+    prestress: Prestress = 2550.0
+    """Tension of the upper cables at load factor 0, N."""
     size: Length = Field(1.0, description="Edge of a module, m.")
     height: Length = Field(0.5, description="Height of a module, m.")
     cable_rigidity: Rigidity = Field(4e6, description='EA of the cables, N, or `"inextensible"`.')
@@ -162,13 +158,11 @@ class CableNet(LinkStructure):
     m: Several | None = Field(None, description="Meshes along y; n if not given.")
     mesh: Length = Field(1.0, description="Distance of the cables in plan, m.")
     rise: Length = Field(1.0, description="Height of the saddle, m.")
-    prestress: Size = Field(
-        10e3, description="Horizontal part of every tension at load factor 0, N."
-    )
+    prestress: Size = 10e3
+    """Horizontal part of every tension at load factor 0, N."""
     cable_rigidity: Rigidity = Field(1e7, description='EA of the cables, N, or `"inextensible"`.')
-    nodal_load: Force = Field(
-        100.0, description="Weight on every inner node at load factor one, N."
-    )
+    nodal_load: Force = 100.0
+    """Weight on every inner node at load factor one, N."""
 
     def build(self) -> "macro.LinkSystem":
         """Build the net."""
@@ -184,9 +178,8 @@ class CableNet(LinkStructure):
 class LinkLawSettings(Settings):
     """The law of some links."""
 
-    kind: Literal["bar", "cable", "strut"] = Field(
-        description="Kind of link: bars pull and push, cables only pull, struts only push."
-    )
+    kind: Literal["bar", "cable", "strut"]
+    """Kind of link: bars pull and push, cables only pull, struts only push."""
     rigidity: Rigidity = Field(description='EA, N, or `"inextensible"`.')
 
     def build(self) -> LinkLaw:
@@ -211,14 +204,11 @@ class LinkTable(LinkStructure):
     nodes: Path = Field(description="Table of nodes.")
     links: Path = Field(description="Table of links.")
     laws: Laws
-    self_stress: bool = Field(
-        False,
-        description="Whether the structure gets a state of self-stress that its links can carry, "
-        "not a column `prestress`; see `multiscale.macro.prestress_by_itself`.",
-    )
-    prestress: Size | None = Field(
-        None, description="Largest force in a link at load factor zero, N; with `self_stress`."
-    )
+    self_stress: bool = False
+    """Whether the structure gets a state of self-stress that its links can carry, not a column
+    `prestress`; see `multiscale.macro.prestress_by_itself`."""
+    prestress: Size | None = None
+    """Largest force in a link at load factor zero, N; with `self_stress`."""
 
     _check = model_validator(mode="after")(_check_self_stress)
 
@@ -234,15 +224,13 @@ class LinkMesh(LinkStructure):
     """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`."""
 
     kind: Literal["mesh"]
-    file: Path = Field(
-        description="Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."
-    )
+    file: Path
+    """Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."""
     unit: Length = Field(description="Length of one unit of the file, m.")
     laws: Laws
     supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are held.")
-    load: tuple[Force, Force, Force] = Field(
-        description="Force on every free node at load factor one, N."
-    )
+    load: tuple[Force, Force, Force]
+    """Force on every free node at load factor one, N."""
     self_stress: bool = Field(False, description="Self-stress, as for two tables.")
     prestress: Size | None = Field(None, description="Largest force, as for two tables, N.")
 
@@ -262,15 +250,10 @@ class Dynamics(TimeSteps):
 
     mass: Mass = Field(description="Mass of each node, kg.")
     start_load_factor: Number = Field(0.0, description="Load factor of the first equilibrium.")
-    load_history: tuple[tuple[Instant, Number], ...] = Field(
-        min_length=1, description="Time, s, and load factor; straight between, constant outside."
-    )
-    theta: Number = Field(
-        1.0,
-        ge=0.5,
-        le=1.0,
-        description="Time scheme: 1/2 (no numerical damping) to 1 (fully implicit).",
-    )
+    load_history: tuple[tuple[Instant, Number], ...] = Field(min_length=1)
+    """Time, s, and load factor; straight between, constant outside."""
+    theta: Number = Field(1.0, ge=0.5, le=1.0)
+    """Time scheme: 1/2 (no numerical damping) to 1 (fully implicit)."""
     restitution: Share = Field(0.0, description="Share of speed that inextensible links give back.")
 
     @field_validator("load_history")

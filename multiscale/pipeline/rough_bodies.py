@@ -46,36 +46,28 @@ UnitOfLength = Annotated[
 class AnisotropySettings(Settings):
     """Lay of a synthetic surface, along which its waves are longer."""
 
-    ratio: Annotated[Number, Field(ge=1.0, le=100.0)] = Field(
-        description="Length of the waves along the lay over their length across it."
-    )
-    direction: Angle = Field(
-        0.0, description='Angle of ridges and grooves to the x axis, rad; it may be `"30 deg"`.'
-    )
+    ratio: Annotated[Number, Field(ge=1.0, le=100.0)]
+    """Length of the waves along the lay over their length across it."""
+    direction: Angle = 0.0
+    """Angle of ridges and grooves to the x axis, rad; it may be `"30 deg"`."""
 
 
 class SyntheticSurface(Settings):
     """A self-affine surface; see :func:`multiscale.micro.self_affine`."""
 
-    rms_height: Length | None = Field(
-        None, description="Root mean square height, m; this or `rms_slope`."
-    )
-    rms_slope: Slope | None = Field(
-        None, description="Root mean square slope; this or `rms_height`."
-    )
-    hurst_exponent: Share = Field(
-        description="Hurst exponent: 0 rough at every scale, 1 smooth in the small; often 0.8."
-    )
+    rms_height: Length | None = None
+    """Root mean square height, m; this or `rms_slope`."""
+    rms_slope: Slope | None = None
+    """Root mean square slope; this or `rms_height`."""
+    hurst_exponent: Share
+    """Hurst exponent: 0 rough at every scale, 1 smooth in the small; often 0.8."""
     long_cutoff: Length = Field(description="Longest wave, m; cells should be several wide.")
-    short_cutoff: Length = Field(
-        description="Shortest wave, m; it wants eight grid points or more."
-    )
-    roll_off: Length | None = Field(
-        None, description="Wave above which the spectrum is flat, m; the longest wave if not given."
-    )
-    anisotropy: AnisotropySettings | None = Field(
-        None, description="Lay, across which the wavelengths above hold; none if not given."
-    )
+    short_cutoff: Length
+    """Shortest wave, m; it wants eight grid points or more."""
+    roll_off: Length | None = None
+    """Wave above which the spectrum is flat, m; the longest wave if not given."""
+    anisotropy: AnisotropySettings | None = None
+    """Lay, across which the wavelengths above hold; none if not given."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -103,55 +95,34 @@ class SyntheticSurface(Settings):
 class InstrumentSurface(Settings):
     """A measured map, cut into one window per realisation."""
 
-    file: Path = Field(
-        description="Instrument file of any format that SurfaceTopography reads, a NumPy array, or "
-        "text with a matrix, or with points `x y z`."
-    )
-    channel: int | str | None = Field(
-        None, description="Number, from 0, or name of a channel; the channel of heights if one."
-    )
-    size: tuple[Length, ...] | None = Field(
-        None,
-        min_length=1,
-        max_length=2,
-        description="Edge lengths along x and y, or the length of a line scan, m, in place of the "
-        "size in the file.",
-    )
-    unit: UnitOfLength | None = Field(
-        None,
-        description='Unit of the numbers in the file, such as `"um"`, where the file gives none.',
-    )
-    rotate: Angle = Field(
-        0.0,
-        description="Angle, rad, by which the map is turned counter-clockwise before it is cut; "
-        "exact for multiples of 90 degrees, interpolated otherwise.",
-    )
-    profile: Literal["isotropic", "one_directional"] | None = Field(
-        None,
-        description="Surface made from a line scan: `isotropic` with its spectrum, or grooves "
-        "along y with the scan across them.",
-    )
-    detrend_order: Count = Field(
-        2,
-        ge=0,
-        le=2,
-        description="0 mean, 1 plane, 2 curvature of the map; also the plane of windows.",
-    )
+    file: Path
+    """Instrument file of any format that SurfaceTopography reads, a NumPy array, or text with a
+    matrix, or with points `x y z`."""
+    channel: int | str | None = None
+    """Number, from 0, or name of a channel; the channel of heights if one."""
+    size: tuple[Length, ...] | None = Field(None, min_length=1, max_length=2)
+    """Edge lengths along x and y, or the length of a line scan, m, in place of the size in the
+    file."""
+    unit: UnitOfLength | None = None
+    """Unit of the numbers in the file, such as `"um"`, where the file gives none."""
+    rotate: Angle = 0.0
+    """Angle, rad, by which the map is turned counter-clockwise before it is cut; exact for
+    multiples of 90 degrees, interpolated otherwise."""
+    profile: Literal["isotropic", "one_directional"] | None = None
+    """Surface made from a line scan: `isotropic` with its spectrum, or grooves along y with the
+    scan across them."""
+    detrend_order: Count = Field(2, ge=0, le=2)
+    """0 mean, 1 plane, 2 curvature of the map; also the plane of windows."""
     fill_undefined: bool = Field(False, description="Fills undefined points; refused otherwise.")
-    spikes: Literal["keep", "remove"] = Field(
-        "keep",
-        description="`remove` fills points that stand out of their surroundings, by the median "
-        "test of `multiscale.surfaces.find_spikes`, and says how many.",
-    )
+    spikes: Literal["keep", "remove"] = "keep"
+    """`remove` fills points that stand out of their surroundings, by the median test of
+    `multiscale.surfaces.find_spikes`, and says how many."""
     filled: Share = Field(0.1, description="Largest share of filled points in a window.")
-    periodic: Literal["mirror", "window"] = Field(
-        "mirror", description="Reflects a window (into a quarter of the cell) or fades its edges."
-    )
-    short_cutoff: Length | None = Field(
-        None,
-        description="Shortest wave kept, m; eight points of the cell's grid if not given, so that "
-        "another grid has another surface.",
-    )
+    periodic: Literal["mirror", "window"] = "mirror"
+    """Reflects a window (into a quarter of the cell) or fades its edges."""
+    short_cutoff: Length | None = None
+    """Shortest wave kept, m; eight points of the cell's grid if not given, so that another grid has
+    another surface."""
 
     @model_validator(mode="after")
     def _check_turn(self) -> Self:
@@ -186,11 +157,9 @@ class CoatingSettings(Settings):
     thickness: Length = Field(description="Thickness, m.")
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    hardness: Pressure | None = Field(
-        None,
-        description="Hardness, Pa, the largest local pressure of flat cells; if not given, the "
-        "hardness of the layer below, or of the body, counts.",
-    )
+    hardness: Pressure | None = None
+    """Hardness, Pa, the largest local pressure of flat cells; if not given, the hardness of the
+    layer below, or of the body, counts."""
 
 
 class RoughBody(Settings):
@@ -198,24 +167,18 @@ class RoughBody(Settings):
 
     youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio.")
-    surface: Rough | None = Field(
-        None, description="Synthetic or measured roughness; smooth if not given."
-    )
-    hardness: Pressure | None = Field(
-        None,
-        description="Hardness H of a metal, Pa; the softer body's counts. In flat cells the "
-        "largest local pressure; in conforming ones H/2.8 is the flow stress at a plastic strain "
-        "of .08. Elastic if not given.",
-    )
-    hardening_modulus: Hardening | None = Field(
-        None, description="Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."
-    )
-    thermal_conductivity: Conductivity | None = Field(
-        None, description="Thermal conductivity, W/m/K; with both bodies' the interface conducts."
-    )
-    electrical_conductivity: ElectricalConductivity | None = Field(
-        None, description="Electrical conductivity, S/m; as the thermal one, without films."
-    )
+    surface: Rough | None = None
+    """Synthetic or measured roughness; smooth if not given."""
+    hardness: Pressure | None = None
+    """Hardness H of a metal, Pa; the softer body's counts. In flat cells the largest local
+    pressure; in conforming ones H/2.8 is the flow stress at a plastic strain of .08. Elastic if not
+    given."""
+    hardening_modulus: Hardening | None = None
+    """Slope of the yield stress, Pa, 0 to below H/.224; conforming cells only."""
+    thermal_conductivity: Conductivity | None = None
+    """Thermal conductivity, W/m/K; with both bodies' the interface conducts."""
+    electrical_conductivity: ElectricalConductivity | None = None
+    """Electrical conductivity, S/m; as the thermal one, without films."""
     coating: tuple[CoatingSettings, ...] = ()
 
     @field_validator("hardening_modulus")

@@ -91,22 +91,17 @@ class RecipeSettings(Settings):
 
     porosity: Factor = Field(0.0, description="Volume fraction of spherical pores.")
     pore_radius: Length | None = Field(None, description="Median radius of the pores, m.")
-    pore_spread: Factor = Field(
-        0.0, le=LARGEST_SPREAD, description="Standard deviation of the logarithm of their radii."
-    )
-    overlap: bool = Field(
-        False, description="Whether pores may overlap, as they must above a porosity of about .38."
-    )
-    crack_density: Factor = Field(
-        0.0, description="Number of circular cracks times mean cubed radius, over the volume."
-    )
+    pore_spread: Factor = Field(0.0, le=LARGEST_SPREAD)
+    """Standard deviation of the logarithm of their radii."""
+    overlap: bool = False
+    """Whether pores may overlap, as they must above a porosity of about .38."""
+    crack_density: Factor = 0.0
+    """Number of circular cracks times mean cubed radius, over the volume."""
     crack_radius: Length | None = Field(None, description="Median radius of the cracks, m.")
-    crack_spread: Factor = Field(
-        0.0, le=LARGEST_SPREAD, description="Standard deviation of the logarithm of their radii."
-    )
-    crack_normal: Direction | None = Field(
-        None, description="Normal of all cracks; evenly distributed directions if not given."
-    )
+    crack_spread: Factor = Field(0.0, le=LARGEST_SPREAD)
+    """Standard deviation of the logarithm of their radii."""
+    crack_normal: Direction | None = None
+    """Normal of all cracks; evenly distributed directions if not given."""
     realisations: Positive = Field(6, description="Number of volumes of every size.")
     seed: Natural = Field(0, description="Seed of the first volume; the next ones count on.")
 
@@ -174,15 +169,11 @@ class RecipeSettings(Settings):
 class ImageStack(Settings):
     """A binary image of a volume, by a tomograph."""
 
-    file: Path = Field(
-        description="TIFF file of many pages, or folder of TIFF slices, with two values alone."
-    )
+    file: Path
+    """TIFF file of many pages, or folder of TIFF slices, with two values alone."""
     void_value: Number = Field(0.0, description="Value of voxels without material.")
-    voxel_size: Length | tuple[Length, Length, Length] | None = Field(
-        None,
-        description="Edge of cubic voxels, or edges along x, y and z, m; from the file if "
-        "not given.",
-    )
+    voxel_size: Length | tuple[Length, Length, Length] | None = None
+    """Edge of cubic voxels, or edges along x, y and z, m; from the file if not given."""
 
     def read(self) -> VoxelImage:
         """Read the image."""
@@ -197,34 +188,25 @@ class RveSettings(Settings):
 
     youngs_modulus: Pressure = Field(description="Young's modulus of the solid, Pa.")
     poissons_ratio: Ratio = Field(description="Poisson's ratio of the solid.")
-    size: tuple[Length, Length, Length] | None = Field(
-        None, description="Lengths along x, y and z, m, or one of a cube; an image has its own."
-    )
+    size: tuple[Length, Length, Length] | None = None
+    """Lengths along x, y and z, m, or one of a cube; an image has its own."""
     recipe: RecipeSettings | None = None
     pores: tuple[Pore, ...] = ()
     cracks: tuple[Crack, ...] = ()
     image: ImageStack | None = None
-    voxels: Voxels = Field(
-        48,
-        description="Voxels along the longest edge, for the stiffness; a crack is a voxel thick.",
-    )
-    parts: tuple[Part, ...] = Field(
-        (0.5,), description="Sizes of smaller volumes over `size`, rising, of the size study."
-    )
-    level: Annotated[Natural, Field(le=4)] = Field(
-        2, description="Refinement of the sphere of normals: 1, 2, 3 give about 30, 90, 330."
-    )
+    voxels: Voxels = 48
+    """Voxels along the longest edge, for the stiffness; a crack is a voxel thick."""
+    parts: tuple[Part, ...] = (0.5,)
+    """Sizes of smaller volumes over `size`, rising, of the size study."""
+    level: Annotated[Natural, Field(le=4)] = 2
+    """Refinement of the sphere of normals: 1, 2, 3 give about 30, 90, 330."""
     sections: Positive = Field(33, description="Plane sections for each normal.")
-    slab: Annotated[Coordinate, Field(ge=0.0)] = Field(
-        0.0,
-        description="Thickness about a section in which cracks count, m; with 0 only cracks "
-        "cut by the section count.",
-    )
-    accept: Annotated[Number, Field(gt=0.0, lt=1.0)] = Field(
-        0.05,
-        description="Largest distance of the bounds, and largest scatter, of a representative "
-        "volume, over its stiffness.",
-    )
+    slab: Annotated[Coordinate, Field(ge=0.0)] = 0.0
+    """Thickness about a section in which cracks count, m; with 0 only cracks cut by the section
+    count."""
+    accept: Annotated[Number, Field(gt=0.0, lt=1.0)] = 0.05
+    """Largest distance of the bounds, and largest scatter, of a representative volume, over its
+    stiffness."""
 
     @model_validator(mode="before")
     @classmethod

@@ -147,14 +147,10 @@ class Case(Settings):
     """
 
     title: str = Field(description="Title of report and tables.")
-    elastic: bool = Field(
-        False,
-        description="Confirms an elastic answer at real contact pressures above the strength of "
-        "metals.",
-    )
-    strict: bool = Field(
-        False, description="Refuses joints with an assumed friction or stiffness ratio."
-    )
+    elastic: bool = False
+    """Confirms an elastic answer at real contact pressures above the strength of metals."""
+    strict: bool = False
+    """Refuses joints with an assumed friction or stiffness ratio."""
     body_1: RoughBody = ABSENT
     body_2: RoughBody = ABSENT
     cell: CellSettings = ABSENT
@@ -162,9 +158,8 @@ class Case(Settings):
     law: LawSettings = ABSENT
     slide: SlideSettings = Field(ABSENT, description="Slide of the bodies over each other.")
     seal: SealSettings = ABSENT
-    accuracy: AccuracySettings = Field(
-        ABSENT, description="Target of a planner, which then chooses the cells."
-    )
+    accuracy: AccuracySettings = ABSENT
+    """Target of a planner, which then chooses the cells."""
     rve: RveSettings = ABSENT
     growth: GrowthSettings = ABSENT
     structure: Structure | None = Field(None, discriminator="kind")

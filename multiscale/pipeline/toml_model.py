@@ -140,7 +140,10 @@ def must_rise(values: tuple[float, ...]) -> tuple[float, ...]:
 
 
 class Settings(BaseModel):
-    """A table of a file: frozen, and without unknown keys."""
+    """A table of a file: frozen, and without unknown keys.
+
+    The meaning of a key is its description or, where it is longer than a line, the docstring below.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

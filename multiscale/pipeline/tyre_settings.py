@@ -53,12 +53,10 @@ class Rubber(Settings):
     relaxed_modulus: Pressure = Field(description="Young's modulus after a long time, Pa.")
     poissons_ratio: Ratio = Field(0.49, description="Poisson's ratio at all times.")
     moduli: tuple[Pressure, ...] = Field((), description="Young's moduli of the Prony series, Pa.")
-    times: tuple[Duration, ...] = Field(
-        (), description="Relaxation times, s; one for each modulus."
-    )
-    reference_temperature: Temperature = Field(
-        description='Temperature of the times, K, as `"20 degC"`.'
-    )
+    times: tuple[Duration, ...] = ()
+    """Relaxation times, s; one for each modulus."""
+    reference_temperature: Temperature
+    """Temperature of the times, K, as `"20 degC"`."""
     wlf_c1: Number = Field(gt=0.0, description="First constant of Williams, Landel and Ferry.")
     wlf_c2: Temperature = Field(description="Second constant, K; see `multiscale.laws.wlf_shift`.")
 
@@ -92,9 +90,8 @@ class Slides(Settings):
     realisations: Positive = Field(description="Number of cells.")
     pressures: tuple[Pressure, ...] = Field(min_length=3, description="Mean pressures, Pa, rising.")
     speeds: tuple[Speed, ...] = Field(min_length=4, description="Sliding speeds, m/s, rising.")
-    temperatures: tuple[Temperature, ...] = Field(
-        min_length=3, description='Temperatures, K, rising; such as `"20 degC"`.'
-    )
+    temperatures: tuple[Temperature, ...] = Field(min_length=3)
+    """Temperatures, K, rising; such as `"20 degC"`."""
     seed: Natural = Field(0, description="Seed of the first realisation; the next ones count on.")
 
     _rise = field_validator("pressures", "speeds", "temperatures")(must_rise)
@@ -112,11 +109,9 @@ class Tread(Settings):
     height: Length = Field(description="Height from the road to the carcass, m.")
     pressure: Pressure = Field(description="Nominal pressure on the road, Pa.")
     elements: tuple[Annotated[Count, Field(ge=1, le=40)], ...] = Field(
-        (8, 5, 2),
-        min_length=3,
-        max_length=3,
-        description="Elements along the motion, across and upwards.",
+        (8, 5, 2), min_length=3, max_length=3
     )
+    """Elements along the motion, across and upwards."""
 
     def quick(self) -> Self:
         """Return the same block of fewer elements."""

@@ -35,40 +35,25 @@ class VibrationSettings(Settings):
     structure as a whole free.
     """
 
-    modes: tuple[Positive, ...] = Field(
-        (1,),
-        min_length=1,
-        description="Numbers of the modes, from 1, in the order of their frequencies; rigid "
-        "motions do not count.",
-    )
-    amplitudes: tuple[Length, ...] = Field(
-        (), description="Amplitudes as the largest displacement of a node in the mode, m, rising."
-    )
-    modal_amplitudes: tuple[Annotated[Number, Field(gt=0.0)], ...] = Field(
-        (),
-        description="Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or "
-        "`amplitudes` are given.",
-    )
-    material_damping: Share = Field(
-        0.0, description="Share of critical damping that the bodies give every mode."
-    )
-    cycle: Literal["masing", "full"] = Field(
-        "masing",
-        description="Loss of a cycle by Masing's rule from the loading curve, in both directions, "
-        "or from a full cycle at every amplitude. Where contact opens, or the preload "
-        "leaves shear, full cycles are solved in any case.",
-    )
-    steps: Positive = Field(
-        10, description="Steps from the middle of a full cycle to its amplitude."
-    )
-    preload_friction: bool = Field(
-        True, description="Whether interfaces have friction while the preload is brought up."
-    )
-    slabs: Annotated[Count, Field(ge=8, le=10_000)] = Field(
-        512,
-        description="Slabs of the beds of sliders: with few slabs the small slip of small "
-        "amplitudes is lost.",
-    )
+    modes: tuple[Positive, ...] = Field((1,), min_length=1)
+    """Numbers of the modes, from 1, in the order of their frequencies; rigid motions do not
+    count."""
+    amplitudes: tuple[Length, ...] = ()
+    """Amplitudes as the largest displacement of a node in the mode, m, rising."""
+    modal_amplitudes: tuple[Annotated[Number, Field(gt=0.0)], ...] = ()
+    """Amplitudes of shapes of unit modal mass, kg^1/2 m, rising; they or `amplitudes` are given."""
+    material_damping: Share = 0.0
+    """Share of critical damping that the bodies give every mode."""
+    cycle: Literal["masing", "full"] = "masing"
+    """Loss of a cycle by Masing's rule from the loading curve, in both directions, or from a full
+    cycle at every amplitude. Where contact opens, or the preload leaves shear, full cycles are
+    solved in any case."""
+    steps: Positive = 10
+    """Steps from the middle of a full cycle to its amplitude."""
+    preload_friction: bool = True
+    """Whether interfaces have friction while the preload is brought up."""
+    slabs: Annotated[Count, Field(ge=8, le=10_000)] = 512
+    """Slabs of the beds of sliders: with few slabs the small slip of small amplitudes is lost."""
 
     _whole: "VibrationSettings | None" = PrivateAttr(None)
 

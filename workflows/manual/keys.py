@@ -6,11 +6,13 @@ from the root of a checkout renews ``microcases/manual/keys_*.md`` and their lis
 ``microcases/README.md``.
 """
 
+import ast
 import json
 import re
 from collections.abc import Iterator
-from inspect import getdoc
-from itertools import product
+from functools import cache
+from inspect import getdoc, getsource
+from itertools import pairwise, product
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -185,7 +187,28 @@ def _row(model: type[Settings], name: str) -> str:
     field = model.model_fields[name]
     hint = field.rebuild_annotation()
     default = _default(field, _unit(hint))
-    return f"| `{name}` | {_value(hint)} | {default} | {field.description or ''} |"
+    return f"| `{name}` | {_value(hint)} | {default} | {_meaning(model, name)} |"
+
+
+def _meaning(model: type[Settings], name: str) -> str:
+    """Return the meaning of a key: its description, or the docstring below it."""
+    found = [_docstrings(one)[name] for one in model.__mro__ if name in _docstrings(one)]
+    return model.model_fields[name].description or (found[0] if found else "")
+
+
+@cache
+def _docstrings(model: type) -> dict[str, str]:
+    """Docstrings of the keys that a model itself declares."""
+    if model is Settings or not issubclass(model, Settings):
+        return {}
+    body = ast.parse(getsource(model)).body[0].body  # type: ignore[attr-defined]
+    return {
+        key.target.id: " ".join(text.value.value.split())
+        for key, text in pairwise(body)
+        if isinstance(key, ast.AnnAssign)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+    }
 
 
 def _plain(text: str) -> str:
