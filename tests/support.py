@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from textwrap import dedent
 
@@ -129,10 +130,22 @@ def write_scene(folder, text, *pairs):
     """Write a scene or case with some text replaced, and return its path."""
     for old, new in pairs:
         assert old in text
-        text = text.replace(old, new, 1)
+        text = text.replace(old, new, 1) if old else text + new
     path = folder / "scene.toml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def refused_rows(*bases):
+    """Rows of refused cases of some base texts: base, patches (old, new), and the sentence."""
+    file = Path(__file__).parent / "pipeline" / "refused.toml"
+    tables = tomllib.loads(file.read_text(encoding="utf-8"))
+    rows = []
+    for base in bases:
+        for name, (*patches, sentence) in tables[base].items():
+            pairs = [patch.replace("\\n", "\n").split(" -> ", 1) for patch in patches]
+            rows.append(pytest.param(base, pairs, sentence, id=f"{base}: {name}"))
+    return rows
 
 
 def case_of(folder, text, *pairs):

@@ -19,7 +19,7 @@ from multiscale.pipeline import load_case, run, run_macro
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.plotting import load_pictures
 from multiscale.upscaling import error_budget, fit_law, law_from_dataset, with_budget
-from tests.support import small_steel, write_body, write_law, write_scene
+from tests.support import refused_rows, small_steel, write_body, write_law, write_scene
 from tests.upscaling.responses import response_of
 
 LONG, WIDE, HIGH = 0.06, 0.04, 0.01
@@ -130,129 +130,12 @@ WASHERS = [
     SIDE,
     TIGHTEN,
 ]
-REFUSED = {
-    "unknown face": ([('"cover.right"', '"cover.rigth"')], "", "did you mean 'right'"),
-    "unknown face of an interface": (
-        [('"cover.bottom"', '"cover.seat"')],
-        "",
-        "interface 0 names 'cover.seat', and the mesh of cover has no face 'seat'; its faces are",
-    ),
-    "unknown face of a support": ([('bottom = "clamped"', 'foot = "clamped"')], "", "no face"),
-    "unknown body": ([('"cover.right"', '"lid.right"')], "", "there is no body 'lid'"),
-    "no face": ([('"cover.right"', '"right"')], "", 'write "BODY.FACE"'),
-    "apart": (
-        [(COVER, 'mesh = "away.msh"')],
-        "",
-        "housing.top and cover.bottom of a joint do not touch .* 0.005 m apart",
-    ),
-    "little overlap": (
-        [(COVER, 'mesh = "aside.msh"')],
-        "",
-        "housing.top and cover.bottom of a joint overlap on 0.17 of the smaller one",
-    ),
-    "on a support": (
-        [('bottom = "clamped"', 'top = "clamped"')],
-        "",
-        "interface 0 lies on a support: all nodes of the boundary housing.top are held",
-    ),
-    "bolt through nothing": (
-        WASHERS,
-        BOLT.replace("housing.washer_0", "housing.washer_1"),
-        "the bolt from cover.washer_0 to housing.washer_1 goes through nothing",
-    ),
-    "bolt of no stiffness": (
-        WASHERS,
-        BOLT.replace('diameter = "8 mm"', ""),
-        "either the diameter of its shank or its stiffness",
-    ),
-    "bolts not tightened": ([SIDE], BOLT, "must tighten the bolts"),
-    "free": (
-        [("friction = 0.2", "friction = 0")],
-        "",
-        "cover is free to move along x and y and to turn about z: hold each body",
-    ),
-    "not clamped": (
-        [('bottom = "clamped"', 'bottom = "z"')],
-        "",
-        "housing is free to move along x and y and to turn about z, cover is free",
-    ),
-    "not held": (
-        [('bottom = "clamped"', "")],
-        "",
-        "housing is free to move along x, y and z and to turn about x, y and z, cover is free",
-    ),
-    "law of other pressures": (
-        [('["0.1 MPa", "100 MPa"]', '["50 MPa", "100 MPa"]')],
-        "",
-        "by about 10 MPa to .* MPa, more than a factor of 2 outside .* 50 MPa to 100 MPa",
-    ),
-    "no friction": ([("friction = 0.2\n", "")], "", "interface 0 has no friction"),
-    "assumed": (
-        [("stiffness_ratio = 0.8\n", ""), ("title", "strict = true\ntitle")],
-        "",
-        "interface 0 has no stiffness_ratio .* strict = true assumes nothing",
-    ),
-    "no law": (
-        [
-            ("[structure.interfaces.exponential]", "[interface]"),
-            ('pressure_scale = "1 GPa"\ndecay_length = "0.3 um"\n', ""),
-            ('pressures = ["0.1 MPa", "100 MPa"]\n', ""),
-        ],
-        "",
-        "the structure has joints but no law",
-    ),
-    "nameless": ([(COVER, 'mesh = "nameless.msh"')], "", "names no faces"),
-    "unit": (
-        [(COVER + '\nunit = "mm"', COVER)],
-        "",
-        "cover would measure 60 x 40 x 10 m, as the mesh has no unit",
-    ),
-    "folded": (
-        [(COVER, 'mesh = "folded.msh"')],
-        "",
-        "6 of 12 elements have no volume or",
-    ),
-    "flat": ([(COVER, 'mesh = "flat.msh"')], "", "6 of 12 elements have no volume or"),
-    "plane": ([(COVER, 'mesh = "plane.vtk"')], "", "the mesh of cover is plane"),
-    "absent": ([(COVER, 'mesh = "lid.msh"')], "", "no mesh file"),
-    "two kinds": (
-        [(COVER, 'mesh = "tets.msh"')],
-        "",
-        "housing hexahedra and cover tetra",
-    ),
-    "volume": (
-        [(COVER, COVER + '\nvolume = "lid"')],
-        "",
-        "its volumes are solid, its kinds of elements hexahedron",
-    ),
-    "twin bodies": ([('name = "cover"', 'name = "housing"')], "", "give the name 'housing' to one"),
-    "twin loads": ([('name = "pull"', 'name = "press"')], "", "give the name 'press' to one only"),
-    "load named preload": ([('name = "pull"', 'name = "preload"')], "", "rename it"),
-    "twin interfaces": (
-        [],
-        '[[structure.interfaces]]\nsides = ["cover.bottom", "housing.top"]\nfriction = 0.1\n',
-        "cover.bottom and housing.top meet in two interfaces",
-    ),
-    "unknown load": (
-        [("{ pull = 1 }", "{ push = 1 }")],
-        "",
-        "the load 'push', which does not exist",
-    ),
-    "load of two kinds": (
-        [('pressure = "10 MPa"', 'pressure = "10 MPa"\nforce = [0, 0, "1 N"]')],
-        "",
-        "either a traction, a force or a pressure",
-    ),
-    "axes": ([('"clamped"', '"xq"')], "", 'should be "clamped", or the axes'),
-    "misspelt key": ([("stiffness_ratio", "stifness_ratio")], "", "did you mean 'stiffness_ratio'"),
-}
 
 
-@pytest.mark.parametrize(("pairs", "more", "said"), REFUSED.values(), ids=REFUSED.keys())
-def test_what_does_not_fit_is_refused_in_a_sentence(meshes, pairs, more, said):
-    text = TEXT.replace("[[structure.loads]]", f"{more}[[structure.loads]]", 1)
+@pytest.mark.parametrize(("base", "patches", "said"), refused_rows("bodies"))
+def test_what_does_not_fit_is_refused_in_a_sentence(meshes, base, patches, said):
     with pytest.raises((CaseError, ConvergenceError), match=said) as refused:
-        run_macro(load_case(write_scene(meshes, text, *pairs)), meshes / "found.nc")
+        run_macro(load_case(write_scene(meshes, TEXT, *patches)), meshes / "found.nc")
     assert "\n" not in str(refused.value)
 
 

@@ -142,29 +142,4 @@ def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):
     assert stored_pilots(case, large) is None
 
 
-CONFORMING = ('geometry = "flat"\n', "")
 METAL = ("[cell]", 'hardness = "2 GPa"\n[cell]')
-
-
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        pytest.param([CONFORMING, METAL], "conforming cells that flow are of one", id="metal"),
-        pytest.param([('"10 um"', '"0 um"')], "thickness", id="none"),
-        pytest.param([("[micro]", "slope_order = 2\n[micro]")], "of one material", id="order"),
-        pytest.param(
-            [CONFORMING, ("[law]", '[slide]\ndistance = "10 um"\n[law]')],
-            r"\[slide\] moves bodies of one material",
-            id="slide",
-        ),
-        pytest.param(
-            [("0.25\n", '0.25\nhardness = "50 GPa"\n')],
-            "hardness of a coating of body_1 is 50 GPa",
-            id="hardness",
-        ),
-        pytest.param([("thickness", "thicknes")], "did you mean 'thickness'", id="misspelt"),
-    ],
-)
-def test_what_coatings_do_not_go_with_is_refused(tmp_path, changes, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        case_of(tmp_path, TEXT, *changes)

@@ -1,9 +1,7 @@
 """Cases whose bodies conduct: answers with their bands, and what is refused."""
 
 import numpy as np
-import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.bulk.moduli import contact_modulus
 from multiscale.pipeline import run
 from tests.support import case_of
@@ -59,29 +57,3 @@ def test_a_joint_of_bodies_that_conduct_tells_its_conductance(tmp_path):
         again["thermal_conductance"] / h, (1 / 200 + 1 / 50) / (1 / 400 + 1 / 50)
     )
     assert {one: one.stat().st_mtime_ns for one in (tmp_path / "out" / "micro").iterdir()} == cells
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        (
-            [('thermal_conductivity = "50 W/m/K"\n', "")],
-            "body_1 has the thermal_conductivity that body_2 lacks; give both",
-        ),
-        ([('"50 W/m/K"', '"-50 W/m/K"')], "thermal_conductivity.*greater than 0"),
-        ([('"50 W/m/K"', '"50 W/m"')], "thermal_conductivity"),
-        (
-            [
-                (
-                    "\n[body_2]",
-                    '\n[[body_1.coating]]\nthickness = "2 um"\nyoungs_modulus = "300 GPa"\n'
-                    "poissons_ratio = 0.2\n[body_2]",
-                )
-            ],
-            "bodies of one material, and a body has coatings; leave out them or thermal_cond",
-        ),
-    ],
-)
-def test_what_cannot_conduct_is_refused(tmp_path, changes, told):
-    with pytest.raises(CaseError, match=told):
-        case_of(tmp_path, TEXT, *changes)

@@ -5,7 +5,6 @@ from shutil import copytree
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case_cells import make_surfaces
 from multiscale.pipeline.case_needs import requirements
@@ -96,20 +95,6 @@ def test_cells_that_are_there_are_kept_and_more_are_added(written, found):
     assert {file: file.stat().st_mtime_ns for file in written} == written
     (made,) = {file.parent for file in written}
     assert len(list(made.iterdir())) == 3
-
-
-@pytest.mark.parametrize(
-    ("pair", "said"),
-    [
-        (("layers = 4", 'layers = 4\ngeometry = "flat"'), "the cells are flat already"),
-        (("realisations = 5\n", "realisations = 3\ncontrol = 'flat'\n"), "scatter of 4 real"),
-        (("= 40", "= 5"), "the first 5 have the surfaces"),
-        (("= 40", "= 40\ncontrol = false"), "that control = false turns off"),
-    ],
-)
-def test_control_that_cannot_be_is_refused(tmp_path, pair, said):
-    with pytest.raises(CaseError, match=said):
-        load_case(write_scene(tmp_path, TEXT, pair))
 
 
 def test_dearer_cells_have_a_control_unless_it_is_turned_off(tmp_path):

@@ -109,25 +109,6 @@ def test_steps_in_which_pressed_grains_would_pass_each_other_are_refused(tmp_pat
         run_macro(scene, tmp_path / "result.nc")
 
 
-@pytest.mark.parametrize(
-    ("pairs", "message"),
-    [
-        ([('radius = ["1 cm", "1 cm"]', 'radius = ["0 cm", "1 cm"]')], r"\[grains\] radius\[0\]"),
-        ([('radius = ["1 cm", "1 cm"]', 'radius = ["2 cm", "1 cm"]')], "smallest and then the"),
-        ([("friction = 0.5", "frction = 0.5")], "did you mean 'friction'"),
-        ([('step = "2 ms"', 'step = "2 s"')], "must not be longer than duration"),
-        ([('kind = "deposit"', 'kind = "silo"')], "diameter"),
-        (
-            [('step = "2 ms"', 'domains = [2, 2]\nstep = "2 ms"')],
-            r"\[motion\] has no key 'domains' any more: grains are not cut",
-        ),
-    ],
-)
-def test_what_a_scene_may_not_say_is_named(tmp_path, pairs, message):
-    with pytest.raises(CaseError, match=message):
-        load_case(write_scene(tmp_path, DEPOSIT, *pairs))
-
-
 def test_grains_take_no_interface_law(tmp_path):
     scene = load_case(SCENES / "deposit.toml").quick()
     with pytest.raises(CaseError, match="has no joint that the law"):

@@ -60,28 +60,6 @@ def test_a_ring_leaks_through_the_aperture_of_its_interface(tmp_path):
     assert {one: one.stat().st_mtime_ns for one in (out / "micro").iterdir()} == cells
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ([('viscosity = "1 mPa*s"\n', "")], "viscosity"),
-        ([('"1 mPa*s"', '"-1 mPa*s"')], "viscosity.*greater than 0"),
-        ([('"1 mPa*s"', '"1 mPa"')], "viscosity"),
-        ([('"2 mm"', '"60 mm"')], "width is 60 mm, which no ring of a mean diameter of 50 mm has"),
-        (
-            [("realisations = 4", "realisations = 4\nleakage = false")],
-            r"\[seal\] leaks through the gap of the cells, and leakage = false",
-        ),
-        (
-            [("[seal]", '[accuracy]\ntarget = "5 %"\nquantity = "mean_gap"\n[seal]')],
-            "leakage in .micro. and a target in .accuracy. exclude each other",
-        ),
-    ],
-)
-def test_what_cannot_seal_is_refused(tmp_path, changes, told):
-    with pytest.raises(CaseError, match=told):
-        case_of(tmp_path, TEXT, *changes)
-
-
 @pytest.mark.slow
 def test_a_lay_asks_for_the_axis_across_the_ring(tmp_path):
     lay = ('short_cutoff = "50 um"', 'short_cutoff = "50 um"\nanisotropy = { ratio = 4 }')

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.io import open_law
 from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Path, Surface, solve_cell
@@ -46,58 +45,6 @@ def test_unloading_goes_down_the_same_pressures_or_those_of_a_list(tmp_path):
     assert case_of(tmp_path, listed).micro.path == (*up, 90e6, 30e6)
     none = TEXT.replace("unload = true", "unload = false")
     assert case_of(tmp_path, none).micro.path == up
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "-1 GPa"'),
-            r"\[body_1\] hardening_modulus must not be negative, or the metal softens",
-        ),
-        (TEXT.replace('hardness = "1.6 GPa"\n', ""), r"hardening_modulus needs a hardness"),
-        (
-            TEXT.replace('"1.6 GPa"', '"22 GPa"', 1),
-            r"hardness of body_1 is 22 GPa, 0\.1 of its youngs_modulus, and nothing is harder",
-        ),
-        (
-            TEXT.replace('hardening_modulus = "1 GPa"', 'hardening_modulus = "8 GPa"'),
-            r"\[body_1\] a hardening_modulus of 8 GPa alone .* give less than 7\.14 GPa",
-        ),
-        (
-            TEXT.replace('hardening_modulus = "1 GPa"\n', "")
-            .replace('"1.6 GPa"', '"30 GPa"', 1)
-            .replace("unload = true\n", "")
-            .replace("[cell]", '[cell]\ngeometry = "flat"'),
-            r"hardness of body_1 is 30 GPa, 0\.14 of its youngs_modulus",
-        ),
-        (
-            TEXT.replace('"210 GPa"', '"-210 GPa"'),
-            r"\[body_1\] youngs_modulus should be greater than 0",
-        ),
-        (
-            TEXT.replace("[cell]", '[cell]\ngeometry = "flat"'),
-            "hardening_modulus of body_1 means nothing to flat cells",
-        ),
-        (ELASTIC, r"unload in \[micro\] needs conforming cells and"),
-        (
-            TEXT.replace("unload = true", 'unload = ["90 MPa", "95 MPa"]'),
-            r"\[micro\] unload must fall from one pressure to the next, below the largest",
-        ),
-        (
-            TEXT.replace("unload = true", 'unload = ["160 MPa"]'),
-            r"below the largest of pressures, 160 MPa",
-        ),
-        (
-            TEXT.replace("unload = true", "unload = 3"),
-            r"\[micro\] unload should be true, or a list of pressures that falls, got 3",
-        ),
-        (TEXT + '\n[accuracy]\ntarget = "5 %"\n', "exclude each other"),
-    ],
-)
-def test_bad_metal_is_refused_with_its_key(tmp_path, text, message):
-    with pytest.raises(CaseError, match=message):
-        case_of(tmp_path, text)
 
 
 @pytest.mark.slow

@@ -276,22 +276,6 @@ def test_a_run_with_a_target_reaches_it_and_goes_on_where_it_was(write, tmp_path
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('"12 %"', '"0 %"', r"\[accuracy\] target should be greater than 0"),
-        ('"12 %"', '"2"', r"\[accuracy\] target '2' is no part of one; write it as \"2 %\""),
-        ('"12 %"', "2", r"\[accuracy\] target 2 is no part of one; write it as \"2 %\""),
-        ('"12 %"', '"2 mm"', r"\[accuracy\] target .*cannot be converted"),
-        ('"mean_gap"', '"gap"', r"\[accuracy\] quantity should be"),
-        ("[accuracy]", "[acuracy]", "has no key 'acuracy'; did you mean 'accuracy'"),
-    ],
-)
-def test_a_target_that_is_none_is_refused(write, old, new, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        write(CASE.replace(old, new))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
         ("[64, 64]", "[16, 16]", "quarter of the points, which would be 4; give points = 32"),
         ('"0.25 mm"', '"0.1 mm"', r"cannot carry waves of 0.0001 m; give more than 80 points"),
     ],

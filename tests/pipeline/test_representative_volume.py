@@ -270,64 +270,6 @@ pressures = ["0.1 MPa", "100 MPa"]
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        pytest.param(TEXT, "takes either [rve.recipe], a list of pores", id="nothing"),
-        pytest.param(TEXT + RECIPE + CRACK, "got recipe and pores or cracks", id="two kinds"),
-        pytest.param(
-            TEXT + 'element = "50 um"\n' + RECIPE,
-            "element is no key any more, as volumes have voxels in place of a mesh; write voxels",
-            id="a mesh",
-        ),
-        pytest.param(
-            TEXT + RECIPE.replace("140 um", "150"), "pore_radius", id="a radius without unit"
-        ),
-        pytest.param(
-            TEXT + RECIPE.replace("0.12", "1.2"), "porosity must be below 1", id="all pores"
-        ),
-        pytest.param(
-            TEXT + RECIPE.replace('pore_radius = "140 um"', ""),
-            "porosity and pore_radius belong together",
-            id="no radius",
-        ),
-        pytest.param(TEXT + RECIPE.replace("140 um", "1 um"), "pores and cracks of", id="too many"),
-        pytest.param(
-            TEXT + CRACK.replace("[1, 0, 0]", "[0, 0, 0]"), "must not be zero", id="no normal"
-        ),
-        pytest.param(
-            TEXT + RECIPE + BAR.replace("0, 1], [0, 1", "0, 1], [0, 1, 1], [0, 1"),
-            "rve_axes",
-            id="three axes",
-        ),
-        pytest.param(
-            TEXT + RECIPE + BAR.replace("[0, 1, 0]]", "[0, 1, 1]]"), "right angles", id="oblique"
-        ),
-        pytest.param('title = "No volume"' + BAR, "neither moduli nor rve", id="a body of nothing"),
-        pytest.param(
-            TEXT + RECIPE.replace("140 um", "2 mm"),
-            "pores 4 mm across do not fit into a volume whose shortest edge is 1 mm; 10 of them "
-            "need edges of about 14.1 mm",
-            id="wide pores",
-        ),
-        pytest.param(
-            TEXT + RECIPE.replace("140 um", "300 um").replace("0.12", "0.06"),
-            "a volume holds 0.53 pores in the mean, fewer than one, and one alone is 1.88 times",
-            id="half a pore",
-        ),
-        pytest.param(
-            TEXT + '[rve.recipe]\ncrack_density = 0.1\ncrack_radius = "0.48 mm"\n',
-            "a volume holds 0.9 cracks in the mean",
-            id="nine tenths of a crack",
-        ),
-    ],
-)
-def test_what_makes_no_volume_is_refused_in_a_sentence(tmp_path, text, said):
-    with pytest.raises(CaseError) as refused:
-        load_case(write_scene(tmp_path, text))
-    assert said in str(refused.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
         pytest.param(
             TEXT + RECIPE.replace("0.12", "0.6"), "too much for random addition", id="packing"
         ),

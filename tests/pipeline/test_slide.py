@@ -7,7 +7,6 @@ import pytest
 from typer.testing import CliRunner
 
 from multiscale.cli import app
-from multiscale.errors import CaseError
 from multiscale.io import open_dataset
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Path, solve_cell
@@ -140,38 +139,6 @@ def test_what_sliding_needs_is_told_and_quick_takes_less(tmp_path):
     assert quick.slide.distance == pytest.approx(100e-6)
     again = case_of(tmp_path, quick.to_toml())
     assert again == quick
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        pytest.param(
-            ELASTIC.replace("[cell]", '[cell]\ngeometry = "flat"') + SLIDE,
-            "flat cells do not slide; set geometry",
-            id="flat",
-        ),
-        pytest.param(
-            ELASTIC + SLIDE.replace('"100 um"', '"10 mm"'),
-            r"distance in \[slide\] is 25 lengths of the cell, .* slide at most 20",
-            id="far",
-        ),
-        pytest.param(
-            ELASTIC + SLIDE.replace('"100 um"', '"-1 um"'), r"\[slide\] distance should", id="back"
-        ),
-        pytest.param(
-            ELASTIC + SLIDE.replace('"20 MPa", ', '"90 MPa", '),
-            r"\[slide\] pressures must rise",
-            id="falls",
-        ),
-        pytest.param(
-            ELASTIC + SLIDE.replace("= 0.1", "= -0.1"), r"\[slide\] friction_coefficient", id="mu"
-        ),
-        pytest.param(ELASTIC + SLIDE.replace("steps", "step"), "did you mean 'steps'", id="key"),
-    ],
-)
-def test_bad_sliding_is_refused_with_its_key(tmp_path, text, message):
-    with pytest.raises(CaseError, match=message):
-        case_of(tmp_path, text)
 
 
 @pytest.mark.slow

@@ -147,66 +147,6 @@ def test_a_tyre_case_written_by_a_run_is_the_same_case(tmp_path):
     assert load_case("tyre_on_road").cautions() == []
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        pytest.param(
-            'relaxed_modulus = "4 MPa"',
-            'relaxed_modulus = "-4 MPa"',
-            r"\[rubber\] relaxed_modulus should be greater than 0",
-            id="modulus",
-        ),
-        pytest.param(
-            '["1 MPa", "2 MPa"',
-            '["-1 MPa", "2 MPa"',
-            r"\[rubber\] moduli\[0\] should",
-            id="prony",
-        ),
-        pytest.param(
-            TEXT[TEXT.index("moduli") : TEXT.index("reference")],
-            "",
-            r"\[rubber\] moduli names nothing that relaxes: .* without viscosity",
-            id="no-viscosity",
-        ),
-        pytest.param('"0.1 s", ', "", "one of times for each of moduli, got 8 times", id="count"),
-        pytest.param(
-            '"30 m/s"',
-            '"300 m/s"',
-            r"\[sliding\] speeds\[7\] should be less than or equal to 100",
-            id="too-fast",
-        ),
-        pytest.param('"30 m/s"', '"30 MPa"', r"speeds\[7\] '30 MPa' cannot be", id="unit"),
-        pytest.param(
-            '"10 degC", ',
-            "",
-            "temperatures should have at least 3 entries",
-            id="temperatures",
-        ),
-        pytest.param(
-            '"10 degC"', '"-90 degC"', r"temperatures in \[sliding\] begin at 183\.15 K", id="glass"
-        ),
-        pytest.param(
-            "poissons_ratio = 0.49", "poissons_ratio = 0.6", "poissons_ratio should be", id="nu"
-        ),
-        pytest.param("[tread]", "[thread]", "has no key 'thread'; did you mean 'tread'", id="key"),
-        pytest.param(
-            "[cell]", "[cell]\nlayers = 4", r"layers in \[cell\] means nothing", id="cell"
-        ),
-        pytest.param(
-            "[cell]",
-            "[body_1]\nyoungs_modulus = '1 GPa'\npoissons_ratio = 0.3\n[cell]",
-            "body_1 means nothing to rubber on a road",
-            id="joint",
-        ),
-        pytest.param(TEXT[TEXT.index("[tread]") :], "", r"there is no \[tread\]", id="tread"),
-    ],
-)
-def test_bad_rubber_is_refused_with_its_key(tmp_path, old, new, message):
-    assert old in TEXT
-    with pytest.raises(CaseError, match=message):
-        case_of(tmp_path, TEXT.replace(old, new, 1))
-
-
 @pytest.mark.slow
 def test_the_shipped_tyre_runs_on_the_command_line(tmp_path):
     options = ("run", "tyre_on_road", "-o", "out", "--quick", "--jobs", "1")
