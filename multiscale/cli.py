@@ -241,7 +241,7 @@ def _fit_table(file: Path, out: Path, family: str, pressure: list[float]) -> Non
     import numpy as np
 
     from multiscale.io import save_law
-    from multiscale.pipeline.rows import tabulate_prediction
+    from multiscale.pipeline.showing import tabulate_prediction
     from multiscale.upscaling import best_family, fit_law, predict, quantity_of, read_observations
 
     seen = read_observations(file, quantity_of(file))
@@ -429,7 +429,7 @@ def inspect_command(
     edges = to_lengths(size) if size else None
     one = to_si(unit if unit[0].isdigit() else f"1 {unit}", "m") if unit else None
     from multiscale.io import try_to_write, write_bytes
-    from multiscale.pipeline.inspection import INSPECTION, inspect_surface
+    from multiscale.pipeline.inspection import INSPECTION, inspect_surface, inspection_lines
     from multiscale.report import write_inspection
 
     if case is not None:
@@ -446,7 +446,7 @@ def inspect_command(
     if case is not None and told.attrs["proposal"]:  # before a pipe may close
         write_bytes(case, told.attrs["proposal"].encode())
     _warn(list(INSPECTION.cautions(told)))
-    for line in INSPECTION.lines(told):
+    for line in inspection_lines(told):
         typer.echo(line)
     typer.echo(f"page, figures and dataset: {page}")
     if case is not None and not told.attrs["proposal"]:

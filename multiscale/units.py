@@ -19,6 +19,7 @@ __all__ = [
     "html_table",
     "length_unit",
     "readable",
+    "shown_unit",
     "stiffness_unit",
     "to_lengths",
     "to_si",
@@ -140,10 +141,12 @@ class Unit:
     ----------
     name : str
     scale : float, by which a value in the SI unit is multiplied
+    zero : float, what is then added
     """
 
     name: str
     scale: float
+    zero: float = 0.0
 
 
 STIFFNESS_UNITS = (Unit("MPa/µm", 1e-12), Unit("MPa/mm", 1e-9), Unit("kPa/mm", 1e-6))
@@ -164,6 +167,36 @@ def stiffness_unit(values: Iterable[float]) -> Unit:
 def length_unit(values: Iterable[float]) -> Unit:
     """Choose the largest unit of lengths, m, in which none that is known is below one."""
     return _largest(values, LENGTH_UNITS, 1.0)
+
+
+def _largest_length(values: Iterable[float]) -> Unit:
+    """Choose the largest unit of lengths in which the largest of them is not below one."""
+    return length_unit([max((abs(one) for one in values if isfinite(one)), default=0.0)])
+
+
+SHOWN = {
+    name: Unit(name, scale)
+    for name, scale in {
+        **{"1": 1.0, "%": 100.0, "% of critical": 100.0, "cycles": 1.0},
+        **{"m": 1.0, "mm": 1e3, "µm": 1e6, "s": 1.0, "m/s": 1.0, "Hz": 1.0, "kg^1/2 m": 1.0},
+        **{"Pa": 1.0, "kPa": 1e-3, "MPa": 1e-6, "GPa": 1e-9, "N": 1.0, "kN": 1e-3, "N/µm": 1e-6},
+        **{"J": 1.0, "mJ": 1e3, "J/m²": 1.0, "ml/h": 3.6e9},
+        **{"kW/(m² K)": 1e-3, "S/mm²": 1e-6},
+    }.items()
+} | {"°C": Unit("°C", 1.0, -ZERO_CELSIUS)}
+"""Units in which variables are shown, by their names; each is of one SI unit."""
+
+FAMILIES = {
+    "stiffness": stiffness_unit,
+    "length": length_unit,
+    "largest length": _largest_length,
+}
+"""Names of units that depend on the values."""
+
+
+def shown_unit(name: str, values: Iterable[float] = ()) -> Unit:
+    """Return a unit in which values are shown, by its name or the name of a family of units."""
+    return FAMILIES[name](values) if name in FAMILIES else SHOWN[name]
 
 
 def _largest(values: Iterable[float], units: tuple[Unit, ...], least: float) -> Unit:

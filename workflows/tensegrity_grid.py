@@ -17,8 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from multiscale.pipeline import load_case, run_macro
+from multiscale.pipeline.stages.links import LINKS
 from multiscale.plotting import draw_links
-from multiscale.report import tabulate_links
 
 SCENES = Path(__file__).parent / "scenes"
 PARTS = {"static": "tensegrity_grid", "unloading": "sudden_unloading"}
@@ -40,9 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         folder = arguments.out / part
         result = run_macro(scene, folder / "macro_result.nc")
         draw_links(result, folder / "figures", scale=SCALE)
-        head, rows = tabulate_links(result)
-        lines = [scene.title, *("\t".join(row) for row in (head, *rows))]
-        sys.stdout.write("\n".join(lines) + "\n")
+        sys.stdout.write("\n".join(LINKS.lines(result)) + "\n")
     return 0
 
 

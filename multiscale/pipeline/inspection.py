@@ -10,7 +10,7 @@ from multiscale.errors import CaseError
 from multiscale.io import Topography, open_topography, write_bytes
 from multiscale.pipeline.proposal import propose_case
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.stage import Datasets, Section, Shown, Summary
+from multiscale.pipeline.stage import Datasets, Section, Shown
 from multiscale.pipeline.surface_rows import say_reliable_waves, tabulate_statistics
 from multiscale.pipeline.windows import HELD
 from multiscale.plotting.figure import WIDE, on_axes
@@ -23,7 +23,7 @@ from multiscale.schema import SURFACE_STATISTICS, Dataset
 from multiscale.surfaces import describe_surface, find_spikes, spectrum
 from multiscale.units import readable
 
-__all__ = ["INSPECTION", "inspect_surface"]
+__all__ = ["INSPECTION", "inspect_surface", "inspection_lines"]
 
 PLAUSIBLE_SLOPES = (1e-5, 3.0)
 FILLED = 0.1  # share of undefined points that needs a caution
@@ -129,7 +129,8 @@ def _doubts(told: Dataset, found: Topography) -> Iterator[str]:
         )
 
 
-def _lines(told: Dataset) -> list[str]:
+def inspection_lines(told: Dataset) -> list[str]:
+    """Return what the command line prints of an inspected surface."""
     lines = [f"{told.attrs['title']}: {told.attrs['format']}"]
     lines += [f"  channel {one}" for one in told.attrs["channels"].splitlines()]
     rows = tabulate_statistics(told, measured=True)
@@ -164,17 +165,19 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         yield Section("Proposed case", [told.attrs["held"]], rows=rows, files=files)
 
 
-def _summary(told: Dataset) -> Summary:
-    """Say in a sentence how rough the surface is, and which waves are known."""
+def _answer(told: Dataset) -> Iterator[str]:
+    """Report how rough the surface is, and which waves are known."""
     height, slope = readable(f"{float(told['rms_height']):.3g} m"), float(told["rms_slope"])
-    return Summary(
-        "How rough is this surface, and which cells stand for it?",
-        [
-            f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "
-            f"reliable waves: {say_reliable_waves(told)}.",
-            *([told.attrs["held"]] if told.attrs["held"] else []),
-        ],
+    yield (
+        f"The surface has an rms height of {height} and an rms slope of {slope:.3g}; "
+        f"reliable waves: {say_reliable_waves(told)}."
     )
+    yield from filter(None, [told.attrs["held"]])
 
 
-INSPECTION = Shown(schema=SURFACE_STATISTICS, lines=_lines, sections=_sections, summary=_summary)
+INSPECTION = Shown(
+    schema=SURFACE_STATISTICS,
+    question="How rough is this surface, and which cells stand for it?",
+    answer=_answer,
+    sections=_sections,
+)

@@ -11,12 +11,9 @@ from multiscale import __version__
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.schema import RVE, Dataset, Schema
-from multiscale.units import Unit
 from multiscale.upscaling import read_law
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from multiscale.macro.substructures import ProcessGroup
     from multiscale.pipeline.toml_model import Settings
 
@@ -27,7 +24,6 @@ __all__ = [
     "ShowProgress",
     "Shown",
     "Stage",
-    "StageAnswer",
     "Summary",
     "format_table",
     "list_cautions",
@@ -54,6 +50,7 @@ class Section:
     ----------
     heading : str
     lines : sequence of str, paragraphs
+    told : sequence of str, further ones, which the command line prints, too
     head, rows : tuple of str, sequence of tuple of str, a table
     figures : mapping of str to callable
         From the name of a figure to a function that draws it into the file that it is given.
@@ -63,6 +60,7 @@ class Section:
         From the name of a download to a function that writes it into the file that it is given.
     notes : bool, whether the last column of the table is text
     small : bool, whether three figures stand side by side, or else two
+    printed : bool, whether the command line prints the table
     """
 
     heading: str
@@ -74,6 +72,8 @@ class Section:
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
     notes: bool = False
     small: bool = False
+    printed: bool = True
+    told: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -82,37 +82,6 @@ class Summary:
 
     question: str
     answer: Sequence[str]
-
-
-@dataclass(frozen=True)
-class StageAnswer:
-    """A quantity by which runs are compared, in a sweep for instance.
-
-    Attributes
-    ----------
-    name : str
-        Of a variable along steps, cycles or loads, the last of which counts, or of a number. Its
-        intervals, if it has any, are ``NAME_mean_law`` and ``NAME_one_part``.
-    label : str, its name in words
-    unit : str, in which it is shown
-    scale : float, by which its value in SI units is multiplied to be shown
-    choose : callable, optional
-        From its values to the unit in which they are shown, in place of the two.
-    over : str, the answer of the same steps over which it is drawn, if there is one
-    drawn : bool, whether a figure shows it
-    """
-
-    name: str
-    label: str
-    unit: str = "1"
-    scale: float = 1.0
-    over: str = ""
-    drawn: bool = True
-    choose: Callable[[Iterable[float]], Unit] | None = None
-
-    def shown(self, values: "np.ndarray") -> Unit:
-        """Return the unit in which values, in SI units, are shown."""
-        return self.choose(values.ravel()) if self.choose else Unit(self.unit, self.scale)
 
 
 @dataclass(frozen=True)
@@ -175,21 +144,22 @@ class Shown:
     schema : Schema
     cautions : callable
         From the dataset to what a user should know before trusting it, one sentence each.
-    lines : callable, from the dataset to what the command line prints
     sections : callable
         From the datasets and the run folder to parts of the page, with their figures.
     work : callable, from the datasets to rows that say how much was computed
-    summary : callable, from the dataset to the head of the page; the last one of a run counts
+    question : str or callable, from the dataset to what a run is for; empty if it is not
+    answer : callable
+        From the dataset to the answer, in sentences; the last stage with a question heads the page.
     failure : callable
         From the dataset to why some of its steps have no answer; such a command ends with 1.
     """
 
     schema: Schema
     cautions: Callable[[Dataset], Iterable[str]] = list_cautions
-    lines: Callable[[Dataset], Iterable[str]] = _nothing
     sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
     work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
-    summary: Callable[[Dataset], Summary] | None = None
+    question: str | Callable[[Dataset], str] = ""
+    answer: Callable[[Dataset], Iterable[str]] = _nothing
     failure: Callable[[Dataset], str] = lambda dataset: ""
 
     @property
@@ -201,6 +171,27 @@ class Shown:
     def file(self) -> str:
         """Name of the file in the run folder."""
         return f"{self.name}.nc"
+
+    def summary(self, dataset: Dataset) -> Summary:
+        """Return the question, which the dataset may have changed, and its answer."""
+        asked = self.question(dataset) if callable(self.question) else self.question
+        return Summary(str(dataset.attrs.get("question", asked)), list(self.answer(dataset)))
+
+    def lines(self, dataset: Dataset, sections: Iterable[Section] | None = None) -> list[str]:
+        """Return what the command line prints: tables, the answer below the first one, and more.
+
+        The sections are those of this dataset if not given. Nothing is printed without a table.
+        """
+        if sections is None:
+            sections = self.sections({self.name: dataset}, Path())
+        printed: list[str] = []
+        for section in sections:
+            if section.head and section.printed:
+                title = section.heading if printed else dataset.attrs.get("title", section.heading)
+                table = format_table(title, section.head, section.rows, notes=section.notes)
+                printed += [*table, *(self.answer(dataset) if not printed else ())]
+            printed += [line for line in section.told if line not in printed]
+        return printed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -223,8 +214,9 @@ class Stage(Shown):
     kept : str, what ``--quick`` leaves as it is, in a sentence
     folders : tuple of str, folders of a run where the stage finds what it need not compute again
     pictures : tuple of str, names of all figures that the sections may have
-    answers : tuple of StageAnswer
-        By which runs are compared; those of the last stage that has any, as far as a run has them.
+    answers : mapping of str to str
+        Variables by which runs are compared, with labels in place of those of ``SHOWN``; those of
+        the last stage that has any, as far as a run has them, at the end of their steps or cycles.
     compared : callable, from the dataset to one that has the answers under their names
     """
 
@@ -239,7 +231,7 @@ class Stage(Shown):
     kept: str = ""
     pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
-    answers: tuple[StageAnswer, ...] = ()
+    answers: Mapping[str, str] = field(default_factory=dict)
     compared: Callable[[Dataset], Dataset] = lambda dataset: dataset
 
     def asked_for(self, tables: Container[str]) -> bool:

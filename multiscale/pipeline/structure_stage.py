@@ -5,6 +5,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,16 +14,13 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table, list_cycles, list_facts
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.showing import Rows, Table, list_cycles, list_facts
 from multiscale.pipeline.stage import (
     Datasets,
     Job,
     Section,
     Stage,
-    StageAnswer,
-    Summary,
-    format_table,
     list_cautions,
 )
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, Dataset, Schema, with_cautions
@@ -124,7 +122,7 @@ def structure_stage(
     name: str,
     solve: Callable[[Any, Case, Datasets, Job], Dataset],
     needs: Callable[[Any, Case], Needs],
-    tabulate: Callable[[Dataset], Table],
+    table: Table | Callable[[Dataset], Rows],
     write_fields: Callable[..., object],
     *,
     reads: set[str],
@@ -137,8 +135,8 @@ def structure_stage(
     kept: str = "",
     more: Callable[[Dataset], Iterable[Section]] = lambda result: (),
     pictures: tuple[str, ...] = (),
-    answer: Callable[[Dataset], list[str]] = lambda result: [],
-    answers: tuple[StageAnswer, ...] = (),
+    answer: Callable[[Dataset], Iterable[str]] = lambda result: [],
+    answers: Mapping[str, str] = MappingProxyType({}),
     compared: Callable[[Dataset], Dataset] = lambda result: result,
 ) -> Stage:
     """Make the stage that solves some kinds of structures."""
@@ -151,26 +149,19 @@ def structure_stage(
         own, installed = needs(case.structure, case), tuple(filter(find_spec, solver))
         return replace(own, libraries=tuple(sorted({*own.libraries, "meshio", *installed})))
 
-    def lines(result: Dataset) -> Iterator[str]:
-        yield from format_table(result.attrs["title"], *tabulate(result))
-        yield from answer(result)
-        yield from _told(result)
-        for section in more(result):
-            if section.head:
-                table = section.head, section.rows
-                yield from format_table(section.heading, *table, notes=section.notes)
-
     def sections(found: Datasets, out: Path) -> Iterator[Section]:
         result = found[schema.name]
-        yield Section("Structure", [*_told(result), *_failures(result)], *tabulate(result))
+        rows = table.rows(result) if isinstance(table, Table) else table(result)
+        told = [*list_facts(result), *list_cycles(result)]
+        yield Section("Structure", _failures(result), *rows, told=told)
         yield from more(result)
 
-    def summary(result: Dataset) -> Summary:
+    def sentences(result: Dataset) -> Iterator[str]:
         steps, solved = result.sizes["step"], int((result["converged"] == 1).sum())
-        told = answer(result)
-        if solved < steps or not told:
-            told.append(f"{solved} of {steps} steps have an answer; see the table.")
-        return Summary(str(result.attrs.get("question", question)), told)
+        said = list(answer(result))
+        yield from said
+        if solved < steps or not said:
+            yield f"{solved} of {steps} steps have an answer; see the table."
 
     return Stage(
         schema=schema,
@@ -183,9 +174,9 @@ def structure_stage(
         prepare=lambda case: prepare(case.structure, case),
         check=check,
         kept=kept,
-        lines=lines,
         sections=sections,
-        summary=summary,
+        question=question,
+        answer=sentences,
         pictures=pictures,
         answers=answers,
         compared=compared,
@@ -204,10 +195,6 @@ def with_too_far(result: Dataset, *cautions: str) -> Dataset:
         f"nodes move by up to {moved:.3g} m, more than the structure measures ({size:.3g} m), "
         f"where no law of its parts holds: check loads, moduli and their units",
     )
-
-
-def _told(result: Dataset) -> list[str]:
-    return [*list_facts(result), *list_cycles(result)]
 
 
 def _failures(result: Dataset) -> list[str]:

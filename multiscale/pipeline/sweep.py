@@ -27,7 +27,8 @@ from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.runner import run
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Shown, Stage, StageAnswer
+from multiscale.pipeline.showing import answer_columns
+from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
 from multiscale.pipeline.toml_model import read_toml
@@ -279,7 +280,7 @@ def _run_point(case: Case, folder: Path, force: bool, kept: bool) -> Point:
     found: dict[Shown, Dataset] = {one: results[one.name] for one in stages_of(case.tables)}
     answering = _answering(case)
     values = answering.compared(found[answering]).reset_coords()
-    answers = tuple(one.name for one in answering.answers if one.name in values)
+    answers = tuple(name for name in answering.answers if name in values)
     kinds = ("", "_mean_law", "_one_part")
     names = [name for one in answers for kind in kinds if (name := f"{one}{kind}") in values]
     failed = (stage.failure(dataset) for stage, dataset in found.items())
@@ -298,14 +299,14 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
     """Put the points side by side, which are read one by one; what a point has not is NaN."""
     import xarray as xr
 
-    answers: dict[str, StageAnswer] = {}
+    answers: dict[str, str] = {}
     kinds: dict[str, tuple[list[str], dict[str, Any]]] = {}
     shapes: dict[str, np.ndarray] = {}
     failures, cautions, missing = [], [], []
     for k, name in enumerate(names):
         point = store.read(name)
         if not answers.keys() >= set(point.answers):
-            answers |= {one.name: one for one in _answering(sweep.points[k]).answers}
+            answers |= _answering(sweep.points[k]).answers
         for own, one in point.values.items():
             kinds.setdefault(own, (one["dims"], one["attrs"]))
             shapes[own] = np.maximum(shapes.get(own, 0), np.shape(one["data"]))
@@ -317,7 +318,7 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
             f"none of the {len(names)} points of the sweep has a result; at {sweep.name(0)}: "
             f"{failures[0]}"
         )
-    answers = {name: one for name, one in answers.items() if name in shapes}
+    answers = {name: label for name, label in answers.items() if name in shapes}
     tables = {own: np.full((len(names), *shape), np.nan) for own, shape in shapes.items()}
     place = np.zeros((len(names), len(answers)), dtype=int)
     for k, name in enumerate(names):
@@ -329,15 +330,8 @@ def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
         for column, answer in enumerate(answers):
             if answer in values and values[answer]["dims"]:
                 place[k, column] = np.shape(values[answer]["data"])[-1] - 1
-    columns = {
-        f"answer_{column}": [getattr(one, column) for one in answers.values()]
-        for column in ("label", "over", "drawn")
-    }
-    units = [one.shown(tables[name]) for name, one in answers.items()]
-    columns |= {"answer_unit": [one.name for one in units]}
-    columns |= {"answer_scale": [one.scale for one in units]}
     joined = SWEEP.build(
-        columns
+        answer_columns(answers, tables)
         | {
             "setting": np.array(sweep.settings, dtype=str).reshape(len(names), -1),
             "folder": [f"points/{name}" for name in names],

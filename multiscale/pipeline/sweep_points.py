@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from multiscale.pipeline.rows import (
+from multiscale.pipeline.showing import (
     LOWER_BOUND,
-    Table,
+    Rows,
     padded,
     round_by,
     say_beside,
     say_ends,
     say_sides,
 )
-from multiscale.pipeline.stage import Datasets, Section, Shown, Summary, format_table
+from multiscale.pipeline.stage import Datasets, Section, Shown
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.sweep_figures import plot_sweep, plot_sweep_steps, sweep_ends
 from multiscale.schema import SWEEP, Dataset
@@ -92,12 +92,20 @@ def _list(names: list[str], at: list[int]) -> str:
     return f"{named}; and {len(at) - MOST_NAMED} more" if len(at) > MOST_NAMED else named
 
 
-def _summary(result: Dataset) -> Summary:
-    """Say what is varied, and the range of each answer at the end of the points."""
-    drawn = result["answer"].values[result["answer_drawn"].values == 1]
-    labels = {str(name): str(result["answer_label"].sel(answer=name).values) for name in drawn}
+def _drawn(result: Dataset) -> dict[str, str]:
+    """Labels of the answers that are drawn, by their names."""
+    names = map(str, result["answer"].values[result["answer_drawn"].values == 1])
+    return {name: str(result["answer_label"].sel(answer=name).item()) for name in names}
+
+
+def _question(result: Dataset) -> str:
+    return f"How do {_and(_drawn(result).values())} depend on {_and(_parameters(result))}?"
+
+
+def _answer(result: Dataset) -> Iterator[str]:
+    """Report the range of each answer at the end of the points."""
     told = []
-    for name, label in labels.items():
+    for name, label in _drawn(result).items():
         values = sweep_ends(result, name)["value"].values
         scale, unit = (result[f"answer_{it}"].sel(answer=name).item() for it in ("scale", "unit"))
         known = scale * values[np.isfinite(values)]
@@ -107,10 +115,7 @@ def _summary(result: Dataset) -> Summary:
             told.append(f"{label} {' to '.join(ends)}{beside}")
     solved, count = int((result["failure"] == "").sum()), result.sizes["point"]
     points = f"{'all' if solved == count else f'the {solved} with a result of'} {count} points"
-    return Summary(
-        f"How do {_and(labels.values())} depend on {_and(_parameters(result))}?",
-        [f"At the end of {points}: {', '.join(told) or 'nothing known'}."],
-    )
+    yield f"At the end of {points}: {', '.join(told) or 'nothing known'}."
 
 
 def _and(names: Iterable[str]) -> str:
@@ -131,12 +136,6 @@ def _shown(result: Dataset) -> tuple[Dataset, list[str]]:
     return few, [f"{MOST_SHOWN} of {count} points are shown; {POINTS.file} has all."]
 
 
-def _lines(result: Dataset) -> list[str]:
-    few, more = _shown(result)
-    table = format_table(few.attrs["title"], *tabulate_sweep(few))
-    return [*table, *more, *_list_missing(result)]
-
-
 def _list_missing(result: Dataset) -> list[str]:
     """Name the terms of the error that the intervals of any point lack."""
     told = map(str, result["missing_terms"].values) if "missing_terms" in result else ()
@@ -148,7 +147,7 @@ def _list_missing(result: Dataset) -> list[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     """Show the answers at the end of all points, over the steps of each, and where the runs are."""
     result, more = _shown(found[POINTS.name])
-    drawn = list(map(str, result["answer"].values[result["answer_drawn"].values == 1]))
+    drawn = list(_drawn(result))
     over_steps = [one for one in drawn if result["answer_over"].sel(answer=one).item()][:1]
 
     ends = {one: sweep_ends(result, one)["value"].to_numpy() for one in drawn}
@@ -158,14 +157,14 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     told = [
         "Each point at its last step or cycle; in brackets the 95 % interval of the mean law, in "
         "figures a bar, and lighter the interval of one part.",
-        *more,
-        *_list_missing(result),
     ]
     head, rows = tabulate_sweep(result)
     numbered = [(str(number), *row) for number, row in enumerate(rows, start=1)]
     pages = [f"{folder}/report.html" for folder in result["folder"].values]
     links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
-    yield Section("Points", told, ("point", *head), numbered, figures, links, small=True)
+    beside = [*more, *_list_missing(result)]
+    table = ("point", *head), numbered
+    yield Section("Points", told, *table, figures, links, small=True, told=beside)
     head, rows = _tabulate_steps(result)
     if rows:
         told = [
@@ -173,10 +172,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
             "or of the mean law where there is no other; or both sides where they differ much, or "
             "the interval where its half is not smaller than the answer."
         ]
-        yield Section("All steps", told, head, rows)
+        yield Section("All steps", told, head, rows, printed=False)
 
 
-def tabulate_sweep(result: Dataset) -> Table:
+def tabulate_sweep(result: Dataset) -> Rows:
     """Return head and rows of a sweep: each point at its end, with intervals in brackets."""
     names = list(map(str, result["answer"].values))
     head = tuple(_answer_head(result, name) for name in names)
@@ -190,7 +189,7 @@ def tabulate_sweep(result: Dataset) -> Table:
     return (*map(str, result["parameter"].values), *head), rows
 
 
-def _tabulate_steps(result: Dataset) -> Table:
+def _tabulate_steps(result: Dataset) -> Rows:
     """Return head and rows of a sweep at all steps of its points, with errors.
 
     The answers are those over the steps; there are no rows if no answer has steps. The error is
@@ -257,5 +256,9 @@ def _bounds(result: Dataset) -> np.ndarray:
 
 
 POINTS = Shown(
-    schema=SWEEP, cautions=_list_cautions, lines=_lines, sections=_sections, summary=_summary
+    schema=SWEEP,
+    cautions=_list_cautions,
+    question=_question,
+    answer=_answer,
+    sections=_sections,
 )

@@ -1,6 +1,5 @@
 """What a run has found, as tables and as a page."""
 
-from multiscale.pipeline.rows import tabulate_links
 from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
 from multiscale.report.page import show_run, write_inspection, write_report, write_reports
 
@@ -9,7 +8,6 @@ __all__ = [
     "draw_figures",
     "open_finished",
     "show_run",
-    "tabulate_links",
     "write_inspection",
     "write_report",
     "write_reports",

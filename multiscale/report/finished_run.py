@@ -57,20 +57,19 @@ class FinishedRun:
         The stage of the summary tells its answer if it prints nothing else.
         """
         for stage in self.stages[::-1]:
-            lines = list(stage.lines(self.found[stage.name]))
+            sections = stage.sections(self.found, self.out)
+            lines = stage.lines(self.found[stage.name], sections)
             yield from lines or (self.summary.answer if stage is self.answering else ())
 
     @property
     def answering(self) -> Shown:
         """The last stage with a summary."""
-        return [stage for stage in self.stages if stage.summary is not None][-1]
+        return [stage for stage in self.stages if stage.question][-1]
 
     @property
     def summary(self) -> Summary:
         """What the run was for, and its answer."""
-        summarise = self.answering.summary
-        assert summarise is not None  # or it would not answer
-        return summarise(self.found[self.answering.name])
+        return self.answering.summary(self.found[self.answering.name])
 
     @property
     def title(self) -> str:

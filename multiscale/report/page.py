@@ -135,7 +135,7 @@ def _content(run: FinishedRun, sections: list[Section]) -> dict[str, Any]:
                     if name in drawn
                 ],
                 "downloads": [*_downloads(run, section)],
-                "lines": map(in_words, section.lines),
+                "lines": map(in_words, (*section.lines, *section.told)),
                 "head": [*map(in_words, section.head)],
             }
             for section in sections

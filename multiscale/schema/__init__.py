@@ -35,6 +35,7 @@ from multiscale.schema.dataset_schema import (
     with_cautions,
 )
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
+from multiscale.schema.shown import SHOWN, Show
 from multiscale.schema.structure_schema import (
     GRANULATE,
     HOMOGENISED,
@@ -77,6 +78,7 @@ __all__ = [
     "SCHEMAS",
     "SEAL",
     "SHEAR_RESPONSE",
+    "SHOWN",
     "SLIDING_RESPONSE",
     "STABILITY",
     "STORED_CELLS",
@@ -90,6 +92,7 @@ __all__ = [
     "Dataset",
     "PlainDataset",
     "Schema",
+    "Show",
     "Variable",
     "branch_of",
     "with_cautions",

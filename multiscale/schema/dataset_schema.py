@@ -6,6 +6,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from multiscale.errors import SchemaError
+from multiscale.schema.shown import SHOWN
 
 if TYPE_CHECKING:
     from xarray import Coordinates, Dataset
@@ -229,6 +230,8 @@ class Schema:
                 raise SchemaError(f"a {self.name!r} dataset has no variable {name!r}")
             variable = known[name]
             attrs: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
+            if name in SHOWN:
+                attrs |= {"long_name": SHOWN[name].label, "comment": variable.long_name}
             flags = ("failed", "converged") if name == "converged" else variable.flags
             if flags:
                 attrs |= {"flag_values": [*range(len(flags))], "flag_meanings": " ".join(flags)}

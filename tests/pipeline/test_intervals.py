@@ -13,8 +13,9 @@ from multiscale.io import save_law
 from multiscale.laws import Exponential, Sliders
 from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.rows import list_cycles, round_by, tabulate_cycles, tabulate_preloads
+from multiscale.pipeline.showing import list_cycles, round_by
 from multiscale.pipeline.stage import Job
+from multiscale.pipeline.stages.rough_joints import CYCLES as CYCLE_TABLE
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import error_budget, fit_law, sliders_from_dataset, with_budget
@@ -111,7 +112,7 @@ def test_cycles_at_every_preload_have_both_intervals_and_stand_in_a_table(joint)
     at_end = joint["cycle_loss_mean_law"].values[:, -1, -1] / joint["cycle_loss"].values[-1, -1]
     own = joint["cycle_energy_mean_law"].values[:, -1] / joint["cycle_energy"].values[-1]
     np.testing.assert_allclose(at_end, own, rtol=1e-12)
-    head, rows = tabulate_cycles(joint)
+    head, rows = CYCLE_TABLE.rows(joint)
     assert [row[:2] for row in rows] == [("5", "1.5"), ("20", "1.5")]
     assert rows[0][2] == "unknown"
     assert "preload 5 MPa have no answer from the amplitude 1.5 MPa" in joint.attrs["cautions"]
@@ -162,9 +163,9 @@ def test_what_slips_is_what_the_slabs_tell_and_continuous():
     assert replace(law, friction=0.0).slipping_load(jump, rest).tolist() == [1.0] * 4
 
 
-def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint):
-    head, rows = tabulate_preloads(joint)
-    row = dict(zip(head, rows[1], strict=True))
+def test_answers_are_printed_with_the_digits_that_their_errors_leave(joint, tmp_path):
+    table = next(ROUGH_JOINTS.sections({"macro_result": joint}, tmp_path))
+    row = dict(zip(table.head, table.rows[1], strict=True))
     ends = 1e-12 * joint["joint_stiffness_mean_law"].values[:, 1]
     half = 0.5 * np.ptp(ends)
     said = " ... ".join(round_by(end, half) for end in ends)

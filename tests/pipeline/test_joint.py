@@ -8,8 +8,8 @@ from multiscale.io import open_law
 from multiscale.laws import Exponential
 from multiscale.macro import Block, RoughJoint, press_joint
 from multiscale.pipeline import load_case
-from multiscale.pipeline.rows import list_facts, round_by, tabulate
-from multiscale.pipeline.stages.joint import JOINT, solve_joint
+from multiscale.pipeline.showing import list_facts, round_by
+from multiscale.pipeline.stages.joint import JOINT, JOINT_TABLE, solve_joint
 from multiscale.schema import INTERFACE_LAW
 from multiscale.studies.rough_structure import Answer, checked
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset, with_intervals
@@ -67,7 +67,7 @@ def test_ends_of_an_interval_are_springs_in_series_too(result, error):
 
 
 def test_the_table_shows_the_parts_their_errors_and_the_real_pressure(result):
-    head, rows = tabulate(result)
+    head, rows = JOINT_TABLE.rows(result)
     row = dict(zip(head, rows[1], strict=True))
     error = 100.0 * float(result["error_total"].sel(quantity="interface_stiffness")[1])
     K = 1e-12 * float(result["interface_stiffness"][1])
@@ -95,7 +95,7 @@ def test_blocks_are_sheared_in_series_with_the_tangential_branch_of_their_law(ru
     known = told["error_half_width"].isel(step=slice(2)).sel(error_term="fit")
     shares = known.sel(quantity="tangential_stiffness") / known.sel(quantity="interface_stiffness")
     np.testing.assert_allclose(shares, (expected / (0.8 * K))[:2], rtol=0.05)
-    head, rows = tabulate(told)
+    head, rows = JOINT_TABLE.rows(told)
     assert " ± " in rows[1][head.index("tangential, no slip (MPa/µm)")]
     assert "shear branch of the law: assumed, stiffness ratio 0.8" in list_facts(told)[-1]
     assert "tangential_stiffness" not in result
@@ -130,7 +130,7 @@ def test_a_preload_far_beyond_the_cells_has_no_answer_and_no_error(result):
         np.testing.assert_array_equal(np.isfinite(result[name]), [True, True, True, False])
     assert np.isnan(result["error_total"].values[:, -1]).all()
     assert np.isfinite(result["error_total"].values[:, :-1]).all()
-    _, rows = tabulate(result)
+    _, rows = JOINT_TABLE.rows(result)
     assert rows[-1][:3] == ("600", "unknown", "")
     far, near = result.attrs["cautions"].splitlines()
     assert "at step 3 with the preload 600 MPa: the answer there is unknown" in far
@@ -144,7 +144,7 @@ def test_what_is_extrapolated_on_demand_has_no_error(run_folder, result):
     np.testing.assert_array_equal(told["joint_stiffness"][:3], result["joint_stiffness"][:3])
     assert np.isfinite(told["joint_stiffness"][3])
     assert np.isnan(told["error_total"].values[:, -1]).all()
-    _, rows = tabulate(told)
+    _, rows = JOINT_TABLE.rows(told)
     assert rows[-1][4] == "unknown"
 
 

@@ -7,7 +7,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.fe.boxes import box_mesh
 from multiscale.io import save_law
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.rows import tabulate_budget
+from multiscale.pipeline.showing import tabulate_budget
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.upscaling import (
     add_budgets,

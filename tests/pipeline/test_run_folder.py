@@ -44,7 +44,7 @@ def test_another_joint_of_the_same_cells_has_no_result_until_it_is_solved(folder
     assert (folder / "micro" / "realisation-0000.nc").stat().st_mtime_ns == cells
     assert [(folder / f"{name}.nc").stat().st_mtime_ns for name in kept] == before
     page = write_report(folder).read_text(encoding="utf-8")
-    assert "pressed together by 12.5 to 50 MPa" in page
+    assert "At a preload of 50 MPa" in page
 
 
 def test_cells_of_another_case_or_of_another_kind_are_left_alone(folder):
@@ -134,7 +134,6 @@ def test_a_structure_is_run_shown_and_solved_again_under_another_load(tmp_path):
 @pytest.mark.parametrize(
     ("name", "lost", "show"),
     [
-        ("macro_result", "contact_fraction", write_report),
         ("macro_result", "how_fit", write_report),
         ("macro_result", "interface_stiffness", draw_figures),
         ("micro_response", "bodies", write_report),

@@ -31,7 +31,7 @@ def press(case, found, job):
 
 def show(found, out):
     pressure = 1e-6 * found["mean_pressure"]["mean_real_pressure"].values
-    yield Section("Mean real pressure", [f"At most {pressure.max():.4g} MPa."])
+    yield Section("Mean real pressure", told=[f"At most {pressure.max():.4g} MPa."])
 
 
 ADDED = Stage(
@@ -39,7 +39,6 @@ ADDED = Stage(
     tables=("micro",),
     run=press,
     needs=lambda case: Needs(choices=(Choice("mean pressure", "of the spots that touch"),)),
-    lines=lambda found: ["mean real pressure is known"],
     sections=show,
 )
 
@@ -71,7 +70,7 @@ def test_a_stage_that_is_added_is_run_told_and_shown(run_folder, tmp_path, monke
         response["nominal_pressure"],
         rtol=1e-12,
     )
-    assert next(finished.lines()) == "mean real pressure is known"
+    assert next(finished.lines()).startswith("At most ")
     page = write_report(out).read_text(encoding="utf-8")
     assert ">Mean real pressure</h2>" in page
     assert "How stiff is the joint of the two bodies" in page

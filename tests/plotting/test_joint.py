@@ -11,7 +11,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
-from multiscale.pipeline.rows import list_cycles
+from multiscale.pipeline.showing import list_cycles
 from multiscale.plotting import draw_joint, joint_pictures, plot_hysteresis, plot_joint_plan
 
 
@@ -65,7 +65,6 @@ def test_picture_sentence_and_dataset_have_one_measure_of_slip(result):
     force, area = (f"{100.0 * float(end[name]):.3g} %" for name in names)
     assert f"{force} of the contact force at sliding" in ax.get_title()
     assert ax.get_legend().get_texts()[2].get_text() == f"sliding, {area}"
-    force = f"{100.0 * float(end['slipping_load']):.4g} %"
     said = f"{force} of the contact force is at sliding, more than half of the local pressure on"
     assert f"{said} {area} of the nominal area" in list_cycles(result)[-1]
 

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 
-from multiscale.pipeline.stages.representative_volume import say_mean
+from multiscale.pipeline.showing import say_mean
 from multiscale.plotting import load_pictures, vibration_pictures
 
 NAN = np.nan

@@ -25,17 +25,9 @@ from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import ErrorSources, changed_sliders, not_solved
 from multiscale.pipeline.fatigue_settings import FatigueSettings
 from multiscale.pipeline.jointed_bodies import RoughBodies
-from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import (
-    Datasets,
-    Job,
-    Section,
-    Stage,
-    StageAnswer,
-    Summary,
-    format_table,
-)
+from multiscale.pipeline.showing import Table
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import choose_solver
@@ -356,17 +348,15 @@ def _answer(life: Dataset) -> str:
     return f"{told}. The first inclusion cracks after {_say(float(life['cycles_to_first']))}."
 
 
-def _tabulate(life: Dataset) -> Table:
-    """Head and rows of the life at some of its jumps."""
-    last = life.sizes["record"] - 1
-    rows = np.unique(np.linspace(0, last, min(12, last + 1)).astype(int))
-    head = ("cycles", "largest damage of an inclusion", "largest cracked share of an element")
-    columns = (life[name].to_numpy()[rows] for name in ("cycles", "largest_damage"))
-    shares = life["largest_share"].to_numpy()[rows]
-    return head, [
-        (f"{n:.4g}", f"{damage:.3g}", f"{100.0 * share:.3g} %")
-        for n, damage, share in zip(*columns, shares, strict=True)
-    ]
+TABLE = Table(
+    ("cycles", "largest_damage", "largest_share"),
+    {
+        "largest_damage": "largest damage of an inclusion",
+        "largest_share": "largest cracked share of an element",
+    },
+    along=("record",),
+    most=12,
+)
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -375,7 +365,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "fatigue_amplitude": on_axes(plot_element_field, life, "equivalent_amplitude", near=False),
         "fatigue_damage": on_axes(plot_element_field, life, "damage", near=True),
     }
-    yield Section("Fatigue", [_answer(life)], *_tabulate(life), figures=pictures)
+    yield Section("Fatigue", (), *TABLE.rows(life), figures=pictures)
 
 
 def _needs(case: Case) -> Needs:
@@ -401,15 +391,10 @@ BODY_FATIGUE = Stage(
     run=_run,
     write_fields=write_life_fields,
     needs=_needs,
-    lines=lambda life: [*format_table(life.attrs["title"], *_tabulate(life)), _answer(life)],
+    question="After how many cycles does a crack start, and where?",
+    answer=lambda life: [_answer(life)],
     sections=_sections,
-    summary=lambda life: Summary(
-        "After how many cycles does a crack start, and where?", [_answer(life)]
-    ),
     pictures=("fatigue_amplitude", "fatigue_damage"),
-    answers=(
-        StageAnswer("cycles_to_crack", "life", "cycles"),
-        StageAnswer("cycles_to_first", "first inclusion", "cycles"),
-    ),
+    answers={"cycles_to_crack": "", "cycles_to_first": ""},
     failure=lambda life: "" if int(life["converged"]) else _answer(life),
 )

@@ -12,24 +12,9 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import (
-    Table,
-    list_facts,
-    list_missing,
-    say_beside,
-    say_total,
-    tabulate_budget,
-)
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import (
-    Datasets,
-    Section,
-    Stage,
-    StageAnswer,
-    Summary,
-    format_table,
-    with_sample_band,
-)
+from multiscale.pipeline.showing import Table, View, list_facts, list_missing, tabulate_budget
+from multiscale.pipeline.stage import Datasets, Section, Stage, with_sample_band
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
@@ -185,41 +170,19 @@ def _check(result: Dataset) -> None:
         )
 
 
-def _lines(result: Dataset) -> list[str]:
-    table = format_table(result.attrs["title"], *_tabulate(result))
-    return [*table, *list_facts(result)]
-
-
-def _summary(result: Dataset) -> Summary:
-    speed, warm = result["sliding_speed"].values, result["temperature"].values - ZERO_CELSIUS
-    question = (
-        f"How hard does the tread block brake under {1e-3 * float(result['preload'][0]):.4g} kPa, "
-        f"at {speed.min():.3g} to {speed.max():.3g} m/s and {warm.min():.3g} to "
-        f"{warm.max():.3g} °C?"
-    )
-    return Summary(question, braking_answer(result))
-
-
-def braking_answer(result: Dataset) -> list[str]:
-    """Say where the force of every temperature is largest."""
-    lines = []
+def braking_answer(result: Dataset) -> Iterator[str]:
+    """Report where the force of every temperature is largest."""
     for temperature in np.unique(result["temperature"].values):
-        at = np.flatnonzero(
-            (result["temperature"].values == temperature)
-            & np.isfinite(result["braking_force"].values)
-        )
-        if at.size == 0:
-            lines.append(f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known.")
-            continue
-        best = _hardest(result.isel(step=at))
-        error = say_beside(say_total(best, str(best["quantity"].values[0])))
-        lines.append(
-            f"At {temperature - ZERO_CELSIUS:.4g} °C it brakes by at most "
-            f"{float(best['braking_force']):.4g} N{error}, "
-            f"{float(best['braking_coefficient']):.3g} of its load, at "
-            f"{float(best['sliding_speed']):.3g} m/s."
-        )
-    return [*lines, *list_missing(result)]
+        mine = result.isel(step=np.flatnonzero(result["temperature"].values == temperature))
+        if mine["braking_force"].isnull().all():
+            yield f"At {temperature - ZERO_CELSIUS:.4g} °C no force is known."
+        else:
+            yield from View(result).sentences(
+                _hardest(mine),
+                "At {temperature} it brakes by at most {braking_force:±}, {braking_coefficient} of "
+                "its load, at {sliding_speed}.",
+            )
+    yield from list_missing(result)
 
 
 def _hardest(result: Dataset) -> Dataset:
@@ -229,13 +192,17 @@ def _hardest(result: Dataset) -> Dataset:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
     force = on_axes(plot_braking_force, result, size=WIDE)
-    yield Section("Tread block", list_facts(result), *_tabulate(result), {"braking_force": force})
+    rows = TABLE.rows(with_sample_band(result, "braking_force"))
+    yield Section(
+        "Tread block", (), *rows, figures={"braking_force": force}, told=list_facts(result)
+    )
     best = int(np.nanargmax(result["braking_force"].values))
     yield Section(
         "Error budget",
         ["Half-widths of 95 % intervals of the braking force, where it is largest of all."],
         *tabulate_budget(result.isel(step=[best])),
         notes=True,
+        printed=False,
     )
     pressed = on_axes(plot_footprint, result, best)
     rubbed = on_axes(plot_footprint, result, best, quantity="friction")
@@ -244,30 +211,18 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     )
 
 
-def _tabulate(result: Dataset) -> Table:
-    """Return head and rows of text for a tread block: each temperature at its speeds."""
-    head = (
-        "temperature (°C)",
-        "speed (m/s)",
-        "braking force (N)",
-        "sampling, 95 %",
-        "force / load",
-    )
-    rows: list[tuple[str, ...]] = []
-    for k in range(result.sizes["step"]):
-        step = result.isel(step=k)
-        warm = float(step["temperature"]) - ZERO_CELSIUS
-        at = (f"{warm:.4g}", f"{float(step['sliding_speed']):.3g}")
-        if np.isnan(step["braking_force"]):
-            rows.append((*at, "unknown" if int(step["converged"]) else "not converged", "", ""))
-            continue
-        band = "none"
-        if "braking_force_sample" in result:
-            low, high = np.nanpercentile(step["braking_force_sample"], (2.5, 97.5))
-            band = f"{low:.4g} ... {high:.4g}"
-        force = f"{float(step['braking_force']):.4g}"
-        rows.append((*at, force, band, f"{float(step['braking_coefficient']):.3g}"))
-    return head, rows
+TABLE = Table(
+    (
+        "temperature",
+        "sliding_speed",
+        "braking_force",
+        "braking_force:mean_law",
+        "braking_coefficient",
+    ),
+    {"braking_force:mean_law": "sampling, 95 %", "braking_coefficient": "force / load"},
+    answer="braking_force",
+    at=2,
+)
 
 
 def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarray]) -> Dataset:
@@ -327,14 +282,14 @@ BRAKING = Stage(
     ),
     needs=_needs,
     check=_check,
-    lines=_lines,
+    question="How hard does the tread block brake at its speeds and temperatures?",
+    answer=braking_answer,
     sections=_sections,
     pictures=("braking_force", "footprint_pressure", "footprint_friction"),
-    summary=_summary,
-    answers=(
-        StageAnswer("braking_force", "largest braking force", "N"),
-        StageAnswer("braking_coefficient", "largest force over load", "1"),
-        StageAnswer("sliding_speed", "its speed", "m/s"),
-    ),
+    answers={
+        "braking_force": "largest braking force",
+        "braking_coefficient": "largest force over load",
+        "sliding_speed": "its speed",
+    },
     compared=lambda result: with_sample_band(_hardest(result), "braking_force"),
 )

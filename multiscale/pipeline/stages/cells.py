@@ -33,7 +33,6 @@ from multiscale.pipeline.stage import (
     Section,
     ShowProgress,
     Stage,
-    format_table,
     unseen,
 )
 from multiscale.pipeline.surface_rows import tabulate_statistics
@@ -337,7 +336,7 @@ def _measured(response: Dataset) -> Iterator[Section]:
         f"The cells of {body} keep the waves down to {response.attrs[f'cutoff_{body}']}."
         for body in response["body"].values
     ]
-    yield Section("Measured surfaces", lines, HEAD, rows)
+    yield Section("Measured surfaces", (), HEAD, rows, told=lines)
 
 
 def count_cells(found: Datasets) -> list[tuple[str, str]]:
@@ -348,12 +347,6 @@ def count_cells(found: Datasets) -> list[tuple[str, str]]:
         ("cell steps", f"{int((converged == 1).sum())} of {converged.size} converged"),
         ("solver time of the cells", f"{float(response['wall_time'].sum()):.1f} s"),
     ]
-
-
-def _lines(response: Dataset) -> list[str]:
-    measured = _measured(response)
-    tables = (format_table(" ".join(one.lines), one.head, one.rows) for one in measured)
-    return [line for table in tables for line in table]
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -405,7 +398,6 @@ CELLS: Stage = Stage(
     run=_run,
     needs=_needs,
     prepare=try_cells,
-    lines=_lines,
     sections=_sections,
     pictures=("surface", "contact_map", "spectral_density", "bearing_curve"),
     work=count_cells,

@@ -13,10 +13,10 @@ from multiscale.micro.damage.cracks import half_widths, softening_samples
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
+from multiscale.pipeline.showing import View
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.growing_cracks import GROWING_CRACKS
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
-from multiscale.pipeline.stages.representative_volume import say_interval
 from multiscale.plotting.damage_figures import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
@@ -87,24 +87,17 @@ def _prepare(case: Case) -> None:
         )
 
 
-def _answer(cracked: Dataset) -> str:
-    told = [
-        f"{float(cracked[name]):.4g} {unit}"
-        f" ({say_interval(cracked[f'{name}_mean_law'].to_numpy(), 1.0)}, 95 %; one part "
-        f"{say_interval(cracked[f'{name}_one_part'].to_numpy(), 1.0)})"
-        for name, unit in (("peak_load", "times the loads of [statics]"), ("work", "J"))
-    ]
-    mesh = (
-        f" On the coarser mesh the load changes by {100.0 * float(cracked['peak_load_mesh']):.2g} "
-        f"% and the energy by {100.0 * float(cracked['work_mesh']):.2g} %."
-        if "work_mesh" in cracked
-        else ""
-    )
+def _answer(cracked: Dataset) -> Iterator[str]:
     count = int(np.count_nonzero(cracked["stiffness_share"].to_numpy() < 1.0))
-    return (
-        f"{cracked.attrs['body']} bears {told[0]}; cracking through {count} elements takes "
-        f"{told[1]}.{mesh}"
+    yield from View(cracked).sentences(
+        cracked,
+        "{body} bears {peak_load:()} times the loads of [statics]; cracking through {count} "
+        "elements takes {work:()}.",
+        count=count,
     )
+    if "work_mesh" in cracked:
+        load, work = (100.0 * float(cracked[f"{name}_mesh"]) for name in ("peak_load", "work"))
+        yield f"On the coarser mesh the load changes by {load:.2g} %, the energy by {work:.2g} %."
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -113,7 +106,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "cracked_load": on_axes(plot_cracked_load, cracked),
         "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
     }
-    yield Section("Crack of the body", [_answer(cracked)], figures=figures)
+    yield Section("Crack of the body", told=[*_answer(cracked)], figures=figures)
 
 
 def _needs(case: Case) -> Needs:
@@ -133,13 +126,10 @@ CRACKED_BODY_STAGE = Stage(
     run=_run,
     needs=_needs,
     prepare=_prepare,
-    lines=lambda cracked: [_answer(cracked)],
+    question="Under which load does the body crack?",
+    answer=_answer,
     sections=_sections,
-    summary=lambda cracked: Summary("Under which load does the body crack?", [_answer(cracked)]),
     pictures=("cracked_load", "crack_field"),
-    answers=(
-        StageAnswer("peak_load", "largest load over the loads of [statics]"),
-        StageAnswer("work", "energy of the crack", "J"),
-    ),
+    answers={"peak_load": "", "work": ""},
     failure=lambda cracked: "" if int(cracked["converged"]) else FAILED,
 )

@@ -11,9 +11,9 @@ from multiscale.io import open_dataset
 from multiscale.needs import Needs
 from multiscale.pipeline.case_budget import case_budget
 from multiscale.pipeline.real_contact import behaviour, negative_gap
-from multiscale.pipeline.rows import ROUNDING, list_missing, say_beside, say_total
 from multiscale.pipeline.settings import CONDUCTIVITIES, Case
-from multiscale.pipeline.stage import Datasets, Job, Section, Stage, StageAnswer, Summary
+from multiscale.pipeline.showing import ROUNDING, View, list_missing
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import CELLS
 from multiscale.pipeline.stages.ensembles import (
     COARSER_CELLS,
@@ -34,7 +34,6 @@ from multiscale.plotting.law_figures import (
 )
 from multiscale.plotting.surface_figures import plot_flow_channels
 from multiscale.schema import FIELDS, INTERFACE_LAW, MICRO_RESPONSE, Dataset
-from multiscale.units import readable, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
     area_from_dataset,
@@ -59,6 +58,16 @@ __all__ = ["FITTED_LAW"]
 
 CLOSED = 1.0 - 1e-6  # share of the area that touches, from which there is no gap left
 FIT_TIME, SAMPLE_TIME = 1.0, 0.03  # s, of a fit and of a sample of it, about
+OPEN = (
+    "At {fit_pressure} the mean gap of the interface is {mean_gap:±}, its stiffness {stiffness:±} "
+    "and the share of its area that touches {contact_fraction:±}."
+)
+FLAT = (
+    "At {fit_pressure} all of the interface touches: its roughness is flat, and as stiff as the "
+    "bodies beside it."
+)
+"""Answers at a pressure, while there is a gap and when none is left."""
+
 EXPORTED = 0.01
 """Error of the pressure between the points of the tables that the page offers."""
 
@@ -226,40 +235,18 @@ def _say_ratio(law: Dataset, axis: int) -> str:
     return f"{value:.3g} ± {half:.1g}" if half > ROUNDING * abs(value) else f"{value:.3g}"
 
 
-def _summary(law: Dataset) -> Summary:
-    """Say the middle one of the pressures: gap, stiffness and contact of the interface."""
-    pressures = law["fit_pressure"].to_numpy()
-    middle = pressures.size // 2
-    normal, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()[middle]
-    stiffness = float(normal.stiffness(gap))
-    unit = stiffness_unit([stiffness])
-    touching = float(area_from_dataset(law).contact_fraction(pressures[middle]))
-    values = {
-        "mean_gap": (readable(f"{gap:.4g} m"), "the mean gap of the interface is"),
-        "stiffness": (f"{unit.scale * stiffness:.4g} {unit.name}", "its stiffness"),
-        "contact_fraction": (f"{100.0 * touching:.3g} %", "the share of its area that touches"),
-    }
-    step = law.isel(step=middle)
-    told = [
-        f"{words} {value}{say_beside(say_total(step, name))}"
-        for name, (value, words) in values.items()
-    ]
-    question = (
-        f"How do gap, stiffness and contact of the interface depend on its pressure, between "
-        f"{1e-6 * pressures.min():.4g} and {1e-6 * pressures.max():.4g} MPa?"
-    )
-    if touching < CLOSED:
-        answer = f"At {1e-6 * pressures[middle]:.4g} MPa {', '.join(told[:2])} and {told[2]}."
-    else:
-        answer = (
-            f"At {1e-6 * pressures[middle]:.4g} MPa all of the interface touches: its roughness is "
-            f"flat, and as stiff as the bodies beside it."
-        )
-    planned = str(law.attrs.get("plan", "")).splitlines()
-    tight = [say_sealing(law)] if "hydraulic_aperture" in law else []
-    below = negative_gap(law["fit_mean_gap"].to_numpy(), law)
-    said = [answer, *list_missing(law), *planned, *behaviour(law), *below, *tight]
-    return Summary(question, said)
+def _answer(law: Dataset) -> Iterator[str]:
+    """Report gap, stiffness and contact of the interface at the middle one of the pressures."""
+    shown = _compared(law)
+    step = shown.isel(step=shown.sizes["step"] // 2)
+    touches = float(step["contact_fraction"]) < CLOSED
+    yield from View(shown).sentences(step, OPEN if touches else FLAT)
+    yield from list_missing(law)
+    yield from str(law.attrs.get("plan", "")).splitlines()
+    yield from behaviour(law)
+    yield from negative_gap(law["fit_mean_gap"].to_numpy(), law)
+    if "hydraulic_aperture" in law:
+        yield say_sealing(law)
 
 
 def _compared(law: Dataset) -> Dataset:
@@ -293,7 +280,8 @@ FITTED_LAW = Stage(
     run=_run,
     needs=lambda case: Needs(seconds=FIT_TIME + SAMPLE_TIME * case.law.samples),
     sections=_sections,
-    summary=_summary,
+    question="How do gap, stiffness and contact of the interface depend on its pressure?",
+    answer=_answer,
     pictures=(
         "gap_law",
         "area_law",
@@ -304,18 +292,13 @@ FITTED_LAW = Stage(
         "flow_along_y",
         "shear_law",
     ),
-    answers=(
-        StageAnswer("fit_pressure", "pressure", "MPa", 1e-6, drawn=False),
-        StageAnswer("stiffness", "stiffness", over="fit_pressure", choose=stiffness_unit),
-        StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="fit_pressure"),
-        StageAnswer("contact_fraction", "contact", "%", 100.0, over="fit_pressure"),
-        StageAnswer("shear_friction", "friction", "1"),
-        StageAnswer(
-            "thermal_conductance", "thermal conductance", "kW/(m² K)", 1e-3, over="fit_pressure"
+    answers=dict.fromkeys(
+        (
+            "fit_pressure",
+            *("stiffness", "mean_gap", "contact_fraction", "shear_friction"),
+            *CONDUCTANCES,
         ),
-        StageAnswer(
-            "electrical_conductance", "electrical conductance", "S/mm²", 1e-6, over="fit_pressure"
-        ),
+        "",
     ),
     compared=_compared,
 )

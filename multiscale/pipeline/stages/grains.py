@@ -12,9 +12,9 @@ from multiscale.macro.granulate.model import grain_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.body_settings import doubt_density
 from multiscale.pipeline.grain_settings import Granulate
-from multiscale.pipeline.rows import tabulate_grains
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.showing import Rows, Table
+from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.grain_figures import GRAIN_PICTURES, grain_pictures
@@ -189,11 +189,25 @@ def _compared(result: Dataset) -> Dataset:
     return result.merge(granulate.biaxial_curve(result)) if "stress" in result else result
 
 
+STATE = ("n_contacts", "kinetic_energy", "penetration")
+ANSWERS = (*STATE, "stress_ratio", "side_share", "plate_shear")
+
+
+def _tabulate(result: Dataset) -> Rows:
+    return TABLE.rows(_compared(result))
+
+
+TABLE = Table(
+    ("time", *STATE, "iterations", "residual", "axial_strain", "stress_ratio"),
+    {"iterations": "sweeps", "residual": "error"},
+    most=11,
+)
+
 GRAINS = structure_stage(
     "grains",
     _solve,
     _needs,
-    tabulate_grains,
+    _tabulate,
     write_grain_fields,
     reads={"structure", "grains", "motion"},
     question=Granulate.question,
@@ -202,14 +216,7 @@ GRAINS = structure_stage(
     check=lambda result: None,
     more=_sections,
     pictures=GRAIN_PICTURES,
-    answer=lambda result: list(_answer(result)),
-    answers=(
-        StageAnswer("n_contacts", "contacts", "1"),
-        StageAnswer("kinetic_energy", "kinetic energy", "J"),
-        StageAnswer("penetration", "overlap over radius", "1"),
-        StageAnswer("stress_ratio", "stress ratio q/p", "1"),
-        StageAnswer("side_share", "weight on the side walls", "%", 100.0),
-        StageAnswer("plate_shear", "shear stress", "kPa", 1e-3),
-    ),
+    answer=_answer,
+    answers=dict.fromkeys(ANSWERS, ""),
     compared=_compared,
 )

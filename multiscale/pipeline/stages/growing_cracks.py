@@ -7,22 +7,10 @@ import numpy as np
 
 from multiscale.micro.damage import grow_volumes
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import (
-    Datasets,
-    Job,
-    Section,
-    Stage,
-    StageAnswer,
-    Summary,
-    format_table,
-)
-from multiscale.pipeline.stages.representative_volume import (
-    REPRESENTATIVE_VOLUME,
-    say_interval,
-    say_mean,
-)
+from multiscale.pipeline.showing import Rows, View, say_mean
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_crack_damage, plot_softening
 from multiscale.schema import VOLUME_GROWTH, Dataset
@@ -43,24 +31,20 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     return result.assign_attrs(title=case.title)
 
 
-def _answer(growth: Dataset) -> str:
-    edge = readable(f"{float(growth.attrs['edge']):.4g} m")
-    told = [
-        f"{scale * float(growth[name]):.4g} {unit} "
-        f"({say_interval(growth[f'{name}_mean_law'].to_numpy(), scale)}, 95 %; one volume "
-        f"{say_interval(growth[f'{name}_one_part'].to_numpy(), scale)})"
-        for name, scale, unit in (("strength", 1e-6, "MPa"), ("fracture_energy", 1.0, "J/m2"))
-    ]
+def _answer(growth: Dataset) -> Iterator[str]:
     whole = (growth["share"] == 1.0) & (growth["converged"] == 1)
     damage = float(growth["peak_damage"].to_numpy()[whole.to_numpy()].mean())
-    return (
-        f"A volume of {edge} bears a tension of {told[0]} along "
-        f"{'xyz'[int(growth.attrs['axis'])]}, at a damage of {damage:.3g} of its worst section, "
-        f"eq (1); its crack then takes {told[1]}."
+    yield from View(growth).sentences(
+        growth,
+        "A volume of {size} bears a tension of {strength:()} along {way}, at a damage of {worst} "
+        "of its worst section, eq (1); its crack then takes {fracture_energy:()}.",
+        size=readable(f"{float(growth.attrs['edge']):.4g} m"),
+        way="xyz"[int(growth.attrs["axis"])],
+        worst=f"{damage:.3g}",
     )
 
 
-def _tabulate(growth: Dataset) -> Table:
+def _tabulate(growth: Dataset) -> Rows:
     """Head and rows of the size effect: means and standard deviations over volumes."""
     head = ("edge", "volumes", "cut", "strength (MPa)", "energy (J/m2)", "damage at the strength")
     share, rows = growth["share"].to_numpy(), []
@@ -78,18 +62,13 @@ def _tabulate(growth: Dataset) -> Table:
     return head, rows
 
 
-def _lines(growth: Dataset) -> Iterator[str]:
-    yield from format_table("Growth of cracks by the size of the volume", *_tabulate(growth))
-    yield _answer(growth)
-
-
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     growth = found[VOLUME_GROWTH.name]
     figures = {
         "crack_damage": on_axes(plot_crack_damage, growth),
         "softening": on_axes(plot_softening, growth),
     }
-    told = [_answer(growth), "Means over volumes, ± one standard deviation."]
+    told = ["Means over volumes, ± one standard deviation."]
     yield Section("Growth of cracks", told, *_tabulate(growth), figures=figures)
 
 
@@ -116,15 +95,9 @@ GROWING_CRACKS = Stage(
     run=_run,
     needs=_needs,
     prepare=lambda case: case.growth.volumes(case.rve),
-    lines=_lines,
+    question="Which tension does the solid with its cracks bear, and how does it soften?",
+    answer=_answer,
     sections=_sections,
-    summary=lambda growth: Summary(
-        "Which tension does the solid with its cracks bear, and how does it soften?",
-        [_answer(growth)],
-    ),
     pictures=("crack_damage", "softening"),
-    answers=(
-        StageAnswer("strength", "tensile strength", "MPa", 1e-6),
-        StageAnswer("fracture_energy", "fracture energy", "J/m2"),
-    ),
+    answers={"strength": "", "fracture_energy": ""},
 )

@@ -1,7 +1,7 @@
 """Stage: two blocks pressed together through the law of their interface."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,32 +23,21 @@ from multiscale.pipeline.real_contact import (
     real_pressure,
     unknown_cells,
 )
-from multiscale.pipeline.rows import (
-    joint_unit,
+from multiscale.pipeline.settings import Case
+from multiscale.pipeline.showing import (
+    Table,
+    View,
     list_facts,
     list_missing,
-    say_value,
-    tabulate,
     tabulate_budget,
     tabulate_sensitivity,
 )
-from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import (
-    Datasets,
-    Section,
-    Stage,
-    StageAnswer,
-    Summary,
-    format_table,
-    list_cautions,
-    with_sample_band,
-)
+from multiscale.pipeline.stage import Datasets, Section, Stage, list_cautions, with_sample_band
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
-from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling import (
     CONDUCTANCES,
     Dependence,
@@ -72,27 +61,52 @@ from multiscale.upscaling.budget import has_budget
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.reading import TABLE
 
-__all__ = ["ANSWERS", "JOINT", "budget_sections", "of_stiffness", "solve_joint"]
+__all__ = ["HEADS", "JOINT", "STIFFNESS", "budget_sections", "solve_joint"]
 
 
 TANGENTIAL = "tangential_stiffness"
 
-of_stiffness = partial(StageAnswer, over="preload", choose=stiffness_unit)
-"""Answer that is a stiffness over the preloads, from its name and label."""
+STIFFNESS = (
+    "joint_stiffness",
+    *(f"joint_stiffness:{form}" for form in ("mean_law", "one_part", "error")),
+    "interface_stiffness:±",
+    "solid_stiffness:±",
+)
+"""Columns of the stiffness of joints."""
+
+HEADS = {"interface_stiffness": "interface", "solid_stiffness": "bodies"}
 
 ANSWERS = (
-    StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    of_stiffness("joint_stiffness", "joint stiffness"),
-    of_stiffness(TANGENTIAL, "tangential stiffness without slip"),
-    of_stiffness("interface_stiffness", "interface stiffness"),
-    StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="preload"),
-    StageAnswer("contact_fraction", "contact", "%", 100.0, over="preload"),
-    StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    of_stiffness("unloading_stiffness", "unloading stiffness"),
-    StageAnswer("thermal_conductance", "thermal conductance", "kW/(m² K)", 1e-3, over="preload"),
-    StageAnswer("electrical_conductance", "electrical conductance", "S/mm²", 1e-6, over="preload"),
+    "preload",
+    "joint_stiffness",
+    TANGENTIAL,
+    "interface_stiffness",
+    "mean_gap",
+    "contact_fraction",
+    "real_pressure",
+    "unloading_stiffness",
+    *CONDUCTANCES,
 )
-"""What joints are compared by."""
+
+JOINT_TABLE = Table(
+    (
+        "preload",
+        *STIFFNESS,
+        "mean_gap",
+        "contact_fraction",
+        *(f"{name}:±" for name in ("real_pressure", "unloading_stiffness", TANGENTIAL)),
+        *(f"{name}:±" for name in CONDUCTANCES),
+    ),
+    HEADS | {"unloading_stiffness": "unloading", TANGENTIAL: "tangential, no slip"},
+    answer="joint_stiffness",
+)
+
+SENTENCES = (
+    "At a preload of {preload} the joint has a stiffness of {joint_stiffness:±}.",
+    "{contact_fraction} of its area touches, under a mean pressure of {real_pressure:±}.",
+    "The interface alone has {interface_stiffness:±}, the bodies {solid_stiffness:±}.",
+    "When the preload begins to fall, it is {unloading_stiffness:±}.",
+)
 
 
 def solve_joint(case: Case, law: Dataset) -> Dataset:
@@ -258,61 +272,22 @@ def _check(result: Dataset) -> None:
         raise ConvergenceError(f"the joint is unknown at every preload: {result.attrs['cautions']}")
 
 
-def _lines(result: Dataset) -> Iterator[str]:
-    yield from _decisions(result)
-    yield from format_table(result.attrs["title"], *tabulate(result))
-    yield from list_missing(result)
-    yield from list_facts(result)
-
-
-def _decisions(result: Dataset) -> list[str]:
-    return str(result.attrs.get("plan", "")).splitlines()
-
-
-def _summary(result: Dataset) -> Summary:
-    preload = 1e-6 * result["preload"].values
-    question = (
-        f"How stiff is the joint of the two bodies, pressed together by {preload.min():.4g} to "
-        f"{preload.max():.4g} MPa, and how much of it touches?"
-    )
-    return Summary(question, _answer(result))
-
-
-def _answer(result: Dataset) -> list[str]:
-    """Say the middle one of the preloads with an answer, with its error, and what flows."""
+def _answer(result: Dataset) -> Iterator[str]:
+    """Report the middle one of the preloads with an answer, with its error."""
     done = np.flatnonzero(np.isfinite(result["joint_stiffness"].values))
-    if done.size == 0:
-        return ["The answer is known at no preload."]
-    step, unit = result.isel(step=done[done.size // 2]), joint_unit(result)
-    joint, interface, bodies = (say_value(step, name, unit) for name in STIFFNESSES)
-    touching = ""
-    if np.isfinite(step["contact_fraction"]):
-        real = say_value(step, "real_pressure", Unit("MPa", 1e-6))
-        touching = (
-            f"; {100.0 * float(step['contact_fraction']):.3g} % of its area touches, under a mean "
-            f"pressure of {real}"
-        )
-    unloading = (
-        [f"When the preload begins to fall, it is {say_value(step, 'unloading_stiffness', unit)}."]
-        if "unloading_stiffness" in result
-        else []
-    )
-    return [
-        f"At a preload of {1e-6 * float(step['preload']):.4g} MPa the joint has a stiffness of "
-        f"{joint}{touching}.",
-        f"The interface alone has {interface}, the bodies {bodies}.",
-        *unloading,
-        *list_missing(result),
-        *list_facts(result)[:1],
-    ]
+    if not done.size:
+        yield "The answer is known at no preload."
+        return
+    yield from View(result).sentences(result.isel(step=done[done.size // 2]), *SENTENCES)
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[JOINT.name]
-    told = [*_decisions(result), *list_facts(result)[1:]]  # the first one is in the answer
-    stiffness = on_axes(plot_joint_stiffness, result, size=WIDE)
-    yield Section("Joint", told, *tabulate(result), {"joint_stiffness": stiffness})
-    yield from budget_sections(result)
+    planned = str(result.attrs.get("plan", "")).splitlines()
+    told = [*list_missing(result), *list_facts(result)]
+    stiffness = {"joint_stiffness": on_axes(plot_joint_stiffness, result, size=WIDE)}
+    yield Section("Joint", planned, *JOINT_TABLE.rows(result), stiffness, told=told)
+    yield from (replace(one, printed=False) for one in budget_sections(result))
 
 
 def budget_sections(result: Dataset, *further: str) -> Iterator[Section]:
@@ -349,10 +324,10 @@ JOINT = Stage(
     run=lambda case, found, job: solve_joint(case, case.interface_law(found, job.read_law)),
     needs=_needs,
     check=_check,
-    lines=_lines,
+    question="How stiff is the joint of the two bodies at its preloads, and how much touches?",
+    answer=_answer,
     sections=_sections,
     pictures=("joint_stiffness", "error_budget"),
-    summary=_summary,
-    answers=ANSWERS,
+    answers=dict.fromkeys(ANSWERS, ""),
     compared=lambda result: with_sample_band(result, "joint_stiffness"),
 )

@@ -14,9 +14,9 @@ from multiscale.macro.links.link_needs import link_needs
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
-from multiscale.pipeline.rows import tabulate_links
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.showing import Table, View
+from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.plotting.link_figures import (
@@ -143,12 +143,13 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 def _of_loads(result: Dataset) -> Iterator[str]:
     """Report the answers at the last load factor, and where links begin to go slack."""
-    last, slack = result.isel(step=-1), result["slack_links"].to_numpy()
-    factor = result["load_factor"].to_numpy()
-    yield (
-        f"At the load factor {factor[-1]:.4g} the largest tension is {_say_tension(last)}; "
-        f"{_say_slack(slack[-1], result)}, and the nodes move by up to "
-        f"{1e3 * float(last['largest_displacement']):.4g} mm."
+    slack, factor = result["slack_links"].to_numpy(), result["load_factor"].to_numpy()
+    yield from _say(
+        result,
+        -1,
+        "At the load factor {load_factor} the largest tension is {largest_tension}, in link "
+        "{link}; {slack_links} of {links} links are slack, and the nodes move by up to "
+        "{largest_displacement}.",
     )
     first = int(np.argmax(slack > 0.0))
     if slack[first] > 0.0 and first > 0:
@@ -160,12 +161,19 @@ def _of_loads(result: Dataset) -> Iterator[str]:
 
 def _of_motion(result: Dataset) -> Iterator[str]:
     """Report the largest answers of a motion, and where its energy is at the end."""
-    most = result.isel(step=int(np.argmax(result["largest_tension"].to_numpy())))
-    slack, swing = (result[name] for name in ("slack_links", "largest_displacement"))
-    yield (
-        f"The largest tension is {_say_tension(most)}, at {float(most['time']):.3g} s; at most "
-        f"{_say_slack(float(slack.max()), result)}. The nodes are between "
-        f"{1e3 * float(swing.min()):.4g} and {1e3 * float(swing.max()):.4g} mm from their places."
+    swing, view = result["largest_displacement"].to_numpy(), View(result)
+    low, high = (
+        view.say(result.isel(step=int(k)), "largest_displacement")
+        for k in (np.argmin(swing), np.argmax(swing))
+    )
+    yield from _say(
+        result,
+        int(np.argmax(result["largest_tension"].to_numpy())),
+        "The largest tension is {largest_tension}, in link {link}, at {time}; at most {most} of "
+        "{links} links are slack. The nodes are between {low} and {high} from their places.",
+        most=int(result["slack_links"].max()),
+        low=low,
+        high=high,
     )
     end = result.isel(step=-1)
     parts = {said: float(end[name]) for name, said in ENERGIES.items() if name in end}
@@ -179,13 +187,11 @@ def _of_motion(result: Dataset) -> Iterator[str]:
         yield f"Of the energy of {whole:.4g} J at the end, {' and '.join(shares)}."
 
 
-def _say_tension(step: Dataset) -> str:
-    link = int(np.argmax(step["tension"].to_numpy()))
-    return f"{1e-3 * float(step['largest_tension']):.4g} kN, in link {link}"
-
-
-def _say_slack(count: float, result: Dataset) -> str:
-    return f"{count:.0f} of {result.sizes['link']} links are slack"
+def _say(result: Dataset, step: int, sentence: str, **others: object) -> Iterator[str]:
+    """Fill a sentence with the answers of a step."""
+    one = result.isel(step=step)
+    link, count = int(np.argmax(one["tension"].to_numpy())), result.sizes["link"]
+    yield from View(result).sentences(one, sentence, link=link, links=count, **others)
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
@@ -231,20 +237,22 @@ def _needs(links: LinkStructure, case: Case) -> Needs:
     )
 
 
+TABLE = Table(
+    ("time", "load_factor", "slack_links", "largest_tension", "residual"),
+    answer="largest_tension",
+    most=11,
+)
+
 LINKS = structure_stage(
     "links",
     _solve,
     _needs,
-    tabulate_links,
+    TABLE,
     write_link_fields,
     reads={"structure", "statics", "dynamics", "substructures"},
     question="Which tensions do the links carry, and which of them are slack?",
-    answers=(
-        StageAnswer("slack_links", "slack links", "1"),
-        StageAnswer("largest_displacement", "largest displacement", "mm", 1e3),
-        StageAnswer("largest_tension", "largest tension", "kN", 1e-3),
-    ),
+    answers=dict.fromkeys(("slack_links", "largest_displacement", "largest_tension"), ""),
     more=_sections,
     pictures=("sorted_tensions", "energies", "deformed_links"),
-    answer=lambda result: list(_answer(result)),
+    answer=_answer,
 )

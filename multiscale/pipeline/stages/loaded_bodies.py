@@ -15,9 +15,9 @@ from multiscale.pipeline.joint_answers import load_answers
 from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_interface_contact
-from multiscale.pipeline.rows import Table, list_bolts, padded, say_answer, say_share
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.showing import Rows, View, list_bolts, padded
+from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
@@ -45,20 +45,12 @@ NO_COARSER = (
     "mesh, of elements twice as large"
 )
 
-SHARES = ("slipping_load", "slip", "open")
-"""Of the contact force of an interface at sliding, of its area at sliding, and of its open area."""
+OF_LOADS = ("factor", "load_displacement", "load_secant")
+SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
+"""What the table has of each load, and of each interface beside its pressure."""
 
 SLIPS = 1e-3
 """Change of a stiffness by slip, relative to it, from which both are told."""
-
-ANSWERS = (
-    StageAnswer("load_stiffness", "stiffness under the last load", "N/µm", 1e-6),
-    StageAnswer("interface_real_pressure", "real pressure of the last interface", "MPa", 1e-6),
-    StageAnswer("slipping_load", "contact force at sliding", "%", 100.0),
-    StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
-    StageAnswer("bolt_force", "largest bolt force", "kN", 1e-3),
-)
-"""What bodies are compared by: at the last step with stiffnesses, by their cycles, at the end."""
 
 PICTURES = (
     "body_stress",
@@ -88,8 +80,8 @@ def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
     tightening = result["factor"].to_numpy()[:, 0]
     bolts = list_bolts(result, tightening) if ready.parts.assembly.bolts else []
     counted = ["Displacements count from step 0."] if laws else []
-    measured = [*_real_pressures(result), *_energies(result)]
-    return ready.finish(result, [*counted, *ready.parts.facts, *measured, *bolts])
+    facts = [*counted, *ready.parts.facts, *_interfaces(result), *bolts]
+    return ready.finish(result, facts)
 
 
 def _with_budget(
@@ -159,44 +151,41 @@ def _answer(result: Dataset) -> Iterator[str]:
 
 
 def _secants(result: Dataset) -> Iterator[str]:
-    """Say how stiff the structure is under each load, for small changes, at the end of the path."""
+    """Report how stiff the structure is under each load, for small changes, at the path's end."""
+    view = View(result)
     for load in result["load"].values:
         one = result.sel(load=load)
-        known = np.flatnonzero(np.isfinite(one["load_stiffness"].to_numpy()))
-        if known.size:
-            at = one.isel(step=known[-1])
-            share = f"{100.0 * float(at['interface_compliance'].round(6)):.3g} % of the compliance"
-            beside = f"; {share} comes from the interfaces" if result.sizes.get("interface") else ""
+        for step in np.flatnonzero(np.isfinite(one["load_stiffness"].to_numpy()))[-1:]:
+            at, beside = one.isel(step=step), ""
+            if result.sizes.get("interface"):
+                share = 100.0 * float(at["interface_compliance"].round(6))
+                beside = f"; {share:.3g} % of the compliance comes from the interfaces"
             stiffness, stuck = float(at["load_stiffness"]), float(at["stuck_stiffness"])
             if abs(stuck - stiffness) > SLIPS * stuck:
-                beside += (
-                    f"; while no point slips, as in small vibration, it has {1e-6 * stuck:.4g} N/µm"
-                )
-            yield (
-                f"Against a small rise of {load} at step {int(at['path_step'])} the structure "
-                f"has a stiffness of {say_answer(at, 'load_stiffness', 1e-6, ' N/µm')}{beside}."
+                beside += "; while no point slips, as in small vibration, it has {stuck_stiffness}"
+            yield from view.sentences(
+                at,
+                f"Against a small rise of {load} at step {int(at['path_step'])} the structure has "
+                f"a stiffness of {{load_stiffness:()}}{beside}.",
             )
 
 
-def _real_pressures(result: Dataset) -> Iterator[str]:
-    """Say the mean real pressure of each interface at the end of the path."""
+def _interfaces(result: Dataset) -> Iterator[str]:
+    """Report the real pressure of interfaces at the end of the path, and what a cycle loses."""
+    view = View(result)
     for number in range(result.sizes.get("interface", 0)):
         one = result.isel(interface=number)
-        real = one.get("interface_real_pressure")
-        if real is not None and np.isfinite(real).any():
-            at = one.isel(step=np.flatnonzero((one["path_step"] >= 0) & np.isfinite(real))[-1])
-            told = say_answer(at, "interface_real_pressure", 1e-6, " MPa")
-            yield (
-                f"At step {int(at['path_step'])} interface {number} has, where it touches, {told}."
+        known = one.get("interface_real_pressure", one["path_step"] * np.nan).notnull()
+        for step in np.flatnonzero((one["path_step"] >= 0) & known)[-1:]:
+            at = one.isel(step=step)
+            yield from view.sentences(
+                at,
+                f"At step {int(at['path_step'])} interface {number} has, where it touches, "
+                "{interface_real_pressure:()}.",
             )
-
-
-def _energies(result: Dataset) -> Iterator[str]:
-    """Say what each interface loses in the last cycle, if it was closed."""
-    if "interface_energy" in result:
-        for number, lost in enumerate(result["interface_energy"].values[-1]):
-            if np.isfinite(lost):
-                yield f"Interface {number} loses {1e3 * lost:.4g} mJ in the last cycle."
+    for number in range(result.sizes.get("interface", 0) if "interface_energy" in result else 0):
+        lost = f"Interface {number} loses {{interface_energy}} in the last cycle."
+        yield from view.sentences(result.isel(cycle=-1, interface=number), lost)
 
 
 def _needs(bodies: Bodies, case: Case) -> Needs:
@@ -242,47 +231,40 @@ def _compared(result: Dataset) -> Dataset:
     return result.drop_dims("step").assign(values)
 
 
-def _tabulate(result: Dataset) -> Table:
+def _tabulate(result: Dataset) -> Rows:
     """Head and rows of bodies at the steps of their path: loads, interfaces, bolts.
 
     Of each load its factor, displacement (with interfaces, since step 0) and secant stiffness; of
     each interface its mean pressure, the share of its contact force at sliding, and the shares of
     its nominal area at sliding and open.
     """
-    loads = [str(name) for name in result["load"].values]
-    count = result.sizes.get("interface", 0)
-    bolts = result.sizes.get("bolt", 0)
-    moved = 1e6 * result["load_displacement"].values
+    loads, count = list(map(str, result["load"].values)), result.sizes.get("interface", 0)
     if count:  # an interface without load has no gap from which displacements could count
-        moved = moved - moved[np.argmax(result["path_step"].values == 0)]
+        moved = result["load_displacement"]
+        start = moved.isel(step=int(np.argmax(result["path_step"].to_numpy() == 0)))
+        result = result.assign(load_displacement=moved - start)
     head = (
         "step",
         *(f"{name}: factor, µm, N/µm" for name in loads),
         *(f"interface {k}: MPa, sliding force, area, open area" for k in range(count)),
-        *(("bolts (kN)",) if bolts else ()),
+        *(("bolts (kN)",) if result.sizes.get("bolt") else ()),
     )
-    rows: list[tuple[str, ...]] = []
+    view, rows = View(result), []
     for k in np.flatnonzero(result["path_step"].values >= 0):
         step = result.isel(step=k)
-        name = f"{int(step['path_step'])}"
+        row = [f"{int(step['path_step'])}"]
         if not int(step["converged"]) or np.isnan(step["load_displacement"]).all():
-            missing = "unknown" if int(step["converged"]) else "not converged"
-            rows.append(padded((name, missing), head))
+            row.append("unknown" if int(step["converged"]) else "not converged")
+            rows.append(padded(tuple(row), head))
             continue
-        row = [name]
-        for at in range(len(loads)):
-            one = step.isel(load=at)
-            secant = 1e-6 * float(one["load_secant"])
-            said = [f"{float(one['factor']):.4g}", f"{moved[k, at]:.4g}"]
-            row.append(", ".join([*said, f"{secant:.4g}" if np.isfinite(secant) else "-"]))
-        for at in range(count):
-            one = step.isel(interface=at)
-            shares = (float(one[f"interface_{what}"]) for what in SHARES)
-            told = [f"{1e-6 * float(one['interface_pressure']):.4g}"]
-            row.append(", ".join([*told, *(f"{say_share(share)} %" for share in shares)]))
-        if bolts:
-            row.append(", ".join(f"{1e-3 * force:.4g}" for force in step["bolt_force"].values))
-        rows.append(tuple(row))
+        for one in (step.isel(load=at) for at in range(len(loads))):
+            row.append(", ".join(view.text(one, name) for name in OF_LOADS).replace("unknown", "-"))
+        for one in (step.isel(interface=at) for at in range(count)):
+            pressure = view.text(one, "interface_pressure")
+            row.append(", ".join([pressure, *(view.say(one, name) for name in SHARES)]))
+        bolts = (step.isel(bolt=k) for k in range(result.sizes.get("bolt", 0)))
+        forces = ", ".join(view.text(bolt, "bolt_force") for bolt in bolts)
+        rows.append((*row, forces) if forces else tuple(row))
     return head, rows
 
 
@@ -301,6 +283,12 @@ LOADED_BODIES = structure_stage(
     more=_sections,
     pictures=PICTURES,
     answer=lambda result: [*_answer(result), *_secants(result)],
-    answers=ANSWERS,
+    answers={
+        "load_stiffness": "stiffness under the last load",
+        "interface_real_pressure": "real pressure of the last interface",
+        "slipping_load": "",
+        "cycle_energy": "",
+        "bolt_force": "largest bolt force",
+    },
     compared=_compared,
 )

@@ -11,19 +11,10 @@ from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import ROUNDING, Table, round_by
 from multiscale.pipeline.rve_settings import RveSettings
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import (
-    Datasets,
-    Job,
-    Section,
-    Stage,
-    StageAnswer,
-    Summary,
-    format_table,
-    list_cautions,
-)
+from multiscale.pipeline.showing import Rows, Table, View, say_mean
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.plotting.figure import in_space, new_figure, save_figure
 from multiscale.plotting.rve_figures import (
     plot_modulus_surface,
@@ -34,7 +25,7 @@ from multiscale.plotting.rve_figures import (
 from multiscale.schema import RVE, RVE_VOLUMES, Dataset, PlainDataset
 from multiscale.units import readable
 
-__all__ = ["REPRESENTATIVE_VOLUME", "is_representative", "measure_case", "say_interval", "say_mean"]
+__all__ = ["REPRESENTATIVE_VOLUME", "is_representative", "measure_case"]
 
 FOLDER = "volumes"
 
@@ -49,12 +40,22 @@ BYTES, SECONDS = 650.0, 6e-5
 
 SECTION_SECONDS = 3e-4
 
-ANSWERS = (
-    StageAnswer("modulus_x", "modulus along x", "GPa", 1e-9),
-    StageAnswer("modulus_y", "modulus along y", "GPa", 1e-9),
-    StageAnswer("modulus_z", "modulus along z", "GPa", 1e-9),
-    StageAnswer("largest_damage", "damage of the worst section"),
-    StageAnswer("porosity", "porosity", "%", 100.0),
+TABLE = Table(
+    (
+        "place",
+        *("damage", "damage:one_part"),
+        *("modulus", "modulus:mean_law", "modulus:one_part", "modulus:sides"),
+    ),
+    {
+        "place": "direction",
+        "damage": "damage of the worst section",
+        "damage:one_part": "of one volume, 95 %",
+        "modulus": "E",
+        "modulus:mean_law": "of the material, 95 %",
+        "modulus:one_part": "of one volume, 95 %",
+        "modulus:sides": "traction ... displacement sides",
+    },
+    along=("direction",),
 )
 
 
@@ -172,45 +173,24 @@ def _axes(rve: Dataset) -> dict[str, int]:
     return {name: int(np.argmax(normals[:, k])) for k, name in enumerate("xyz")}
 
 
-def _tabulate(rve: Dataset) -> Table:
+def _tabulate(rve: Dataset) -> Rows:
     """Head and rows of damage and modulus along the edges and extreme directions."""
-    head = (
-        "direction",
-        "damage of the worst section",
-        "of one volume, 95 %",
-        "E (GPa)",
-        "of the material, 95 %",
-        "of one volume, 95 %",
-        "traction ... displacement sides",
-    )
     whole = rve["share"].to_numpy() == 1.0
-    bounds = 1e-9 * rve["apparent_modulus"].to_numpy()[whole].mean(axis=0)
-    rows: list[tuple[str, ...]] = []
+    bounds = rve["apparent_modulus"].to_numpy()[whole].mean(axis=0)[[0, 2]]
     softest, worst = (int(np.argmin(rve["modulus"].values)), int(np.argmax(rve["damage"].values)))
-    for name, k in {**_axes(rve), "softest": softest, "most damaged": worst}.items():
-        one = rve.isel(direction=k)
-        normal = ", ".join(f"{0.0 if abs(n) < 5e-3 else n:.2f}" for n in one["normal"].values)
-        rows.append(
-            (
-                name if len(name) == 1 else f"{name} ({normal})",
-                f"{float(one['damage']):.3f}",
-                say_interval(one["damage_one_part"].to_numpy(), 1.0, ".3f"),
-                f"{1e-9 * float(one['modulus']):.4g}",
-                say_interval(one["modulus_mean_law"].to_numpy(), 1e-9),
-                say_interval(one["modulus_one_part"].to_numpy(), 1e-9),
-                say_interval(bounds[[0, 2], k], 1.0),
-            )
-        )
-    return head, rows
+    places = {**_axes(rve), "softest": softest, "most damaged": worst}
+    names = [
+        name
+        if len(name) == 1
+        else f"{name} ({', '.join(f'{0.0 if abs(n) < 5e-3 else n:.2f}' for n in normal)})"
+        for name, normal in zip(places, rve["normal"].to_numpy()[[*places.values()]], strict=True)
+    ]
+    shown = rve.assign(modulus_sides=(("limit", "direction"), bounds))
+    shown = shown.isel(direction=[*places.values()]).assign(place=("direction", names))
+    return TABLE.rows(shown)
 
 
-def say_interval(ends: np.ndarray, scale: float, digits: str = ".4g") -> str:
-    """Say an interval, or that it is unknown."""
-    low, high = scale * ends
-    return f"{low:{digits}} ... {high:{digits}}" if np.isfinite(ends).all() else "unknown"
-
-
-def _sizes(rve: Dataset) -> Table:
+def _sizes(rve: Dataset) -> Rows:
     """Head and rows of the size study: means and standard deviations of the volumes."""
     counts = [part.split() for part in rve.attrs.get("counts", "").split(", ") if part]
     head = (
@@ -244,17 +224,6 @@ def _sizes(rve: Dataset) -> Table:
     return head, rows
 
 
-def say_mean(values: np.ndarray) -> str:
-    """Say the mean of the values that are known, and their standard deviation."""
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return "unknown"
-    mean, spread = known.mean(), known.std(ddof=1) if known.size > 1 else 0.0
-    if spread <= ROUNDING * abs(mean):
-        return f"{mean:.4g}"
-    return f"{round_by(mean, spread)} ± {spread:.2g}"
-
-
 def _causes(rve: Dataset) -> str:
     """Say which causes the intervals count."""
     half = 100.0 * rve["modulus_error"].max("direction").to_numpy()
@@ -279,24 +248,22 @@ def _facts(rve: Dataset) -> list[str]:
     ]
 
 
-def _lines(rve: Dataset) -> Iterator[str]:
-    yield from format_table(rve.attrs["title"], *_tabulate(rve))
-    yield from _facts(rve)
-    yield from format_table("Size study", *_sizes(rve))
-
-
-def _summary(rve: Dataset) -> Summary:
-    E = 1e-9 * rve["modulus"].to_numpy()
-    loss = 100.0 * (1.0 - E / (1e-9 * rve.attrs["youngs_modulus"]))
-    k = int(np.argmin(E))
-    answer = (
-        f"Young's modulus lies between {E.min():.4g} and {E.max():.4g} GPa with the direction, "
-        f"{loss.min():.3g} to {loss.max():.3g} % below the solid (softest direction: "
-        f"{say_interval(rve['modulus_mean_law'].to_numpy()[:, k], 1e-9)} GPa, 95 %), and the worst "
-        f"plane section has lost {100.0 * float(rve['damage'].max()):.3g} % of its area."
+def _answer(rve: Dataset) -> Iterator[str]:
+    E = rve["modulus"].to_numpy()
+    loss = 100.0 * (1.0 - E / rve.attrs["youngs_modulus"])
+    low, high = 1e-9 * E.min(), 1e-9 * E.max()
+    yield from View(rve).sentences(
+        rve.isel(direction=int(np.argmin(E))),
+        "Young's modulus lies between {low} and {high} GPa with the direction, {least} to {most} % "
+        "below the solid (softest direction: {modulus:mean_law}, 95 %), and the worst plane "
+        "section has lost {lost} % of its area.",
+        low=f"{low:.4g}",
+        high=f"{high:.4g}",
+        least=f"{loss.min():.3g}",
+        most=f"{loss.max():.3g}",
+        lost=f"{100.0 * float(rve['damage'].max()):.3g}",
     )
-    question = "How stiff is the solid with its pores and cracks, and which sections are damaged?"
-    return Summary(question, [answer, is_representative(rve)])
+    yield is_representative(rve)
 
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
@@ -307,7 +274,8 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "damage_sphere": in_space(plot_rve_damage, rve),
         "size_study": partial(_draw_study, rve),
     }
-    yield Section("Representative volume", _facts(rve), *_tabulate(rve), figures=figures)
+    told = _facts(rve)
+    yield Section("Representative volume", (), *_tabulate(rve), figures=figures, told=told)
     told = ["Means over volumes, and for stiffnesses over directions, ± one standard deviation."]
     yield Section("Size study", told, *_sizes(rve))
 
@@ -360,12 +328,15 @@ REPRESENTATIVE_VOLUME = Stage(
     run=lambda case, found, job: measure_case(case.rve, job).assign_attrs(title=case.title),
     needs=_needs,
     prepare=lambda case: case.rve.first(),
-    cautions=list_cautions,
-    lines=_lines,
+    question="How stiff is the solid with its pores and cracks, and which sections are damaged?",
+    answer=_answer,
     sections=_sections,
-    summary=_summary,
     folders=(FOLDER,),
     pictures=("rve", "stiffness_surface", "damage_sphere", "size_study"),
-    answers=ANSWERS,
+    answers={
+        **dict.fromkeys((f"modulus_{axis}" for axis in "xyz"), ""),
+        "largest_damage": "damage of the worst section",
+        "porosity": "",
+    },
     compared=_compared,
 )

@@ -6,17 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rows import Table
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import (
-    Datasets,
-    Job,
-    Section,
-    Stage,
-    StageAnswer,
-    Summary,
-    format_table,
-)
+from multiscale.pipeline.showing import Table, View
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.schema import INTERFACE_LAW, SEAL, Dataset
 from multiscale.units import readable
@@ -24,23 +16,26 @@ from multiscale.upscaling import area_from_dataset, say_sealing
 
 __all__ = ["RING_SEAL"]
 
-PER_HOUR = 3.6e9  # from m3/s to ml/h
-
 LIFTING = 0.1
 """Mean pressure of the liquid over pressure of the ring from which it lifts the ring noticeably."""
 
 FEWEST_CELLS = 4.0
 """Cells over the width of a ring below which it is no patchwork of many."""
 
-LEAK_RATE = StageAnswer("leak_rate", "leak rate", "ml/h", PER_HOUR, over="nominal_pressure")
-
 ANSWERS = (
-    StageAnswer("nominal_pressure", "pressure", "MPa", 1e-6, drawn=False),
-    LEAK_RATE,
-    StageAnswer("hydraulic_aperture", "aperture", "µm", 1e6, over="nominal_pressure"),
-    StageAnswer("percolating_cells", "cells with a path", "%", 100.0, over="nominal_pressure"),
-    StageAnswer("mean_gap", "mean gap", "µm", 1e6, over="nominal_pressure"),
-    StageAnswer("contact_fraction", "contact", "%", 100.0, over="nominal_pressure"),
+    "nominal_pressure",
+    "leak_rate",
+    "hydraulic_aperture",
+    "percolating_cells",
+    "mean_gap",
+    "contact_fraction",
+)
+
+TABLE = Table((*ANSWERS, "leak_rate:mean_law"), {"leak_rate:mean_law": "leak rate, 95 % ({unit})"})
+
+SENTENCE = (
+    "{ring}: pressed on by {nominal_pressure} it leaks {leak_rate} (95 % interval: "
+    "{leak_rate:mean_law}), while {contact_fraction} of it touches."
 )
 
 
@@ -90,45 +85,15 @@ def _run(case: Case, found: Datasets, job: Job) -> Dataset:
     )
 
 
-def _tabulate(result: Dataset) -> Table:
-    """Head and rows of the answers at every pressure, and the interval of the leak rate."""
-    head = (*(f"{one.label} ({one.unit})" for one in ANSWERS), "leak rate, 95 % (ml/h)")
-    steps = [result.isel(step=k) for k in range(result.sizes["step"])]
-    return head, [(*(_say(step, one) for one in ANSWERS), _interval(step)) for step in steps]
-
-
-def _say(step: Dataset, answer: StageAnswer) -> str:
-    """Write an answer; the digits of a leak rate are those of its interval."""
-    value, digits = answer.scale * float(step[answer.name]), 2 if answer is LEAK_RATE else 3
-    return "unknown" if np.isnan(value) else f"{value:.{digits}g}"
-
-
-def _interval(step: Dataset) -> str:
-    low, high = PER_HOUR * step["leak_rate_mean_law"].to_numpy()
-    return f"{low:.2g} ... {high:.2g}" if np.isfinite(low) else "unknown"
-
-
-def _lines(result: Dataset) -> Iterator[str]:
-    yield from format_table(result.attrs["title"], *_tabulate(result))
-    yield result.attrs["sealing"]
-
-
-def _summary(result: Dataset) -> Summary:
-    """Say the middle one of the pressures, and from which one the ring is tight."""
-    told, step = result.attrs, result.isel(step=result.sizes["step"] // 2)
-    leak = _say(step, LEAK_RATE)
-    answer = (
-        f"{told['ring']}: pressed on by {1e-6 * float(step['nominal_pressure']):.4g} MPa it leaks "
-        f"{leak} ml/h (95 % interval: {_interval(step)}), while "
-        f"{100.0 * float(step['contact_fraction']):.3g} % of it touches."
-    )
-    question = "How much leaks through the roughness under a ring, against its pressure?"
-    return Summary(question, [answer, told["sealing"]])
-
-
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[RING_SEAL.name]
-    yield Section("Seal", [result.attrs.get("intervals", "")], *_tabulate(result))
+    yield Section("Seal", [result.attrs.get("intervals", "")], *TABLE.rows(result))
+
+
+def _answer(result: Dataset) -> Iterator[str]:
+    """Report the middle one of the pressures, and from which one the ring is tight."""
+    step = result.isel(step=result.sizes["step"] // 2)
+    return View(result).sentences(step, SENTENCE, "{sealing}")
 
 
 RING_SEAL = Stage(
@@ -138,8 +103,8 @@ RING_SEAL = Stage(
     takes=(FITTED_LAW,),
     run=_run,
     needs=lambda case: Needs(choices=(Choice("seal", "what leaks through apertures of the law"),)),
-    lines=_lines,
+    question="How much leaks through the roughness under a ring, against its pressure?",
+    answer=_answer,
     sections=_sections,
-    summary=_summary,
-    answers=ANSWERS,
+    answers=dict.fromkeys(ANSWERS, ""),
 )

@@ -15,20 +15,11 @@ from multiscale.pipeline.joint_answers import joint_answers
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_contact
-from multiscale.pipeline.rows import (
-    joint_unit,
-    list_bolts,
-    list_facts,
-    list_missing,
-    say_slip,
-    say_value,
-    tabulate_cycles,
-    tabulate_preloads,
-)
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.showing import SLIP, Table, View, list_bolts, list_facts, list_missing
+from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.joint import budget_sections, of_stiffness
+from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
 from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
@@ -40,7 +31,6 @@ from multiscale.pipeline.structure_stage import (
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import Dataset, with_cautions
-from multiscale.units import Unit
 
 __all__ = ["ROUGH_JOINTS"]
 
@@ -63,16 +53,45 @@ PICTURES = (
 """Names of all figures of rough joints."""
 
 
-ANSWERS = (
-    StageAnswer("preload", "preload", "MPa", 1e-6, drawn=False),
-    of_stiffness("joint_stiffness", "joint stiffness"),
-    of_stiffness("tangential_stiffness", "tangential stiffness without slip"),
-    of_stiffness("interface_stiffness", "interface stiffness"),
-    StageAnswer("real_pressure", "real pressure", "MPa", 1e-6, over="preload"),
-    StageAnswer("slipping_load", "contact force at sliding", "%", 100.0),
-    StageAnswer("cycle_energy", "loss of a cycle", "mJ", 1e3),
+IN_CYCLES = ("secant_stiffness", "cycle_loss", "cycle_slip")
+
+TABLE = Table(
+    (
+        "preload",
+        *STIFFNESS,
+        "tangential_stiffness:±",
+        "slipping_load",
+        "slip_fraction",
+        "open_fraction",
+        "real_pressure:±",
+    ),
+    HEADS | {"tangential_stiffness": "tangential, no slip", "slipping_load": "sliding force"},
+    answer="approach",
 )
-"""What joints are compared by: at the preloads, at the amplitude, and by their cycles."""
+"""Of the joints at their preloads."""
+
+CYCLES = Table(
+    (
+        "cycle_preload",
+        "cycle_shear",
+        *(f"{name}{form}" for name in IN_CYCLES for form in ("", ":both")),
+    ),
+    {"cycle_shear": "amplitude", "secant_stiffness": "secant stiffness"},
+    answer="cycle_loss",
+    at=2,
+    along=("level", "amplitude"),
+)
+"""Of the closed cycles at every preload and amplitude."""
+
+STIFF = (
+    "At a preload of {preload} the joint has a normal stiffness of {joint_stiffness:±} and, before "
+    "it slips, a tangential stiffness of {tangential_stiffness:±}."
+)
+LOSES = (
+    "A cycle of shear between {most} and -{most} MPa loses {cycle_energy:±}; at its ends, "
+    f"{SLIP}."
+)
+"""Sentences of the answer, at a preload and of the last cycle."""
 
 
 def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dataset:
@@ -140,33 +159,17 @@ def _needs(bodies: RoughBodies, case: Case) -> Needs:
     return replace(needs, libraries=libraries, choices=(*needs.choices, loading, solves))
 
 
-def _answer(result: Dataset) -> list[str]:
-    """Say stiffness, slip and loss at the last of the preloads with an answer."""
+def _answer(result: Dataset) -> Iterator[str]:
+    """Report stiffness, slip and loss at the last of the preloads with an answer."""
     known = np.flatnonzero(np.isfinite(result["joint_stiffness"].to_numpy()))
     if not known.size:
-        return []
-    last, unit = result.isel(step=known[-1]), joint_unit(result)
-    normal, tangential = (
-        say_value(last, f"{name}_stiffness", unit) for name in ("joint", "tangential")
-    )
-    return [
-        f"At a preload of {1e-6 * float(last['preload']):.4g} MPa the joint has a normal stiffness "
-        f"of {normal} and, before it slips, a tangential stiffness of {tangential}.",
-        *_losses(result),
-        *list_missing(result),
-    ]
-
-
-def _losses(result: Dataset) -> Iterator[str]:
-    """Say what the last cycle at the last preload loses, and what slips."""
-    if "cycle_energy" in result and np.isfinite(result["cycle_energy"].values[-1]):
-        end = result.isel(step=-1, cycle=-1)
-        loss = say_value(end, "cycle_energy", Unit("mJ", 1e3))
-        shear = 1e-6 * float(np.abs(result["shear"]).max())
-        yield (
-            f"A cycle of shear between {shear:.3g} and -{shear:.3g} MPa loses {loss}; at its ends, "
-            f"{say_slip(end)}."
-        )
+        return
+    view = View(result)
+    yield from view.sentences(result.isel(step=known[-1]), STIFF)
+    if "cycle_energy" in result:
+        most = f"{1e-6 * float(np.abs(result['shear']).max()):.3g}"
+        yield from view.sentences(result.isel(step=-1, cycle=-1), LOSES, most=most)
+    yield from list_missing(result)
 
 
 def _sections(result: Dataset) -> Iterator[Section]:
@@ -185,25 +188,29 @@ def _sections(result: Dataset) -> Iterator[Section]:
             "between both ends of a cycle. Bands are the 95 % intervals of the mean law and of one "
             "part."
         ]
-        yield Section("Cycles of shear", cycles, *tabulate_cycles(result))
+        yield Section("Cycles of shear", cycles, *CYCLES.rows(result))
     yield from budget_sections(result)
+
+
+def _pressed(result: Dataset) -> Dataset:
+    """Return the steps before any shear."""
+    sheared = np.flatnonzero(result["shear"].to_numpy())
+    return result.isel(step=slice(sheared[0])) if sheared.size else result
 
 
 def _compared(result: Dataset) -> Dataset:
     """Return the answers at the preloads and of cycles, with the slip at the end of the path."""
     slip = [name for name in result if str(name).startswith("slipping_load")]
-    sheared = np.flatnonzero(result["shear"].to_numpy())
-    if not sheared.size:
+    if not result["shear"].any():
         return result.drop_vars(slip)
-    ends = {name: result[name].isel(step=-1) for name in slip}
-    return result.isel(step=slice(sheared[0])).assign(ends)
+    return _pressed(result).assign({name: result[name].isel(step=-1) for name in slip})
 
 
 ROUGH_JOINTS = structure_stage(
     "rough_joints",
     _solve,
     _needs,
-    tabulate_preloads,
+    lambda result: TABLE.rows(_pressed(result)),
     write_body_fields,
     reads={"strict", "structure", "interface", "statics", "cycles", "substructures"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
@@ -212,6 +219,17 @@ ROUGH_JOINTS = structure_stage(
     more=_sections,
     pictures=PICTURES,
     answer=_answer,
-    answers=ANSWERS,
+    answers=dict.fromkeys(
+        (
+            "preload",
+            "joint_stiffness",
+            "tangential_stiffness",
+            "interface_stiffness",
+            "real_pressure",
+            "slipping_load",
+            "cycle_energy",
+        ),
+        "",
+    ),
     compared=_compared,
 )

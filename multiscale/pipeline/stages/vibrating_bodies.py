@@ -19,9 +19,9 @@ from multiscale.pipeline.body_budget import Change, ErrorSources, changed_slider
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
 from multiscale.pipeline.jointed_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import with_cautions_of
-from multiscale.pipeline.rows import ROUNDING, Table, padded, say_answer, say_cell, say_share
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.stage import Datasets, Job, Section, StageAnswer
+from multiscale.pipeline.showing import Table, View
+from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER
@@ -31,7 +31,6 @@ from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, Dataset, with_cautions
-from multiscale.units import length_unit
 from multiscale.upscaling import over_steps, with_budget, with_intervals
 from multiscale.upscaling.fit import told_branches
 
@@ -40,9 +39,24 @@ if TYPE_CHECKING:
 
 __all__ = ["VIBRATING_BODIES"]
 
-ANSWERS = (
-    StageAnswer("frequency", "frequency at the last amplitude", "Hz"),
-    StageAnswer("damping", "damping at the last amplitude", "% of critical", 100.0),
+TABLE = Table(
+    (
+        "step_mode",
+        "largest_displacement",
+        "modal_amplitude",
+        "frequency:()",
+        "fall:()",
+        "damping:()",
+        "slipping_load",
+        "opens",
+    ),
+    {
+        "largest_displacement": "largest",
+        "modal_amplitude": "modal",
+        "slipping_load": "sliding force",
+    },
+    at=3,
+    missing="slides away",
 )
 
 PICTURES = (
@@ -266,35 +280,6 @@ def _needs(bodies: Bodies | RoughBodies, case: Case) -> Needs:
     return replace(needs, memory=memory, seconds=seconds, choices=(told, *others))
 
 
-def _tabulate(result: Dataset) -> Table:
-    """Head and rows of the amplitudes of all modes."""
-    along = length_unit(result["largest_displacement"].values[-1:])
-    head: tuple[str, ...] = ("mode", f"largest ({along.name})", "modal (kg^1/2 m)")
-    head += ("frequency (Hz)", "fall (Hz)", "damping (%)", "sliding force (%)", "opens")
-    rows: list[tuple[str, ...]] = []
-    for k in range(result.sizes["step"]):
-        step = result.isel(step=k)
-        row: tuple[str, ...] = (
-            f"{int(step['step_mode'])}",
-            f"{along.scale * float(step['largest_displacement']):.4g}",
-            f"{float(step['modal_amplitude']):.4g}",
-        )
-        if not int(step["converged"]):
-            rows.append(padded((*row, "slides away"), head))
-            continue
-        slips = step.get("slipping_load")
-        falls = abs(float(step["fall"])) / float(step["frequency"])
-        row += (
-            say_cell(step, "frequency", 1.0),
-            "0" if falls <= ROUNDING else say_cell(step, "fall", 1.0),
-            say_cell(step, "damping", 100.0),
-            "-" if slips is None else say_share(float(slips)),
-            "yes" if int(step["opens"]) else "no",
-        )
-        rows.append(row)
-    return head, rows
-
-
 def _sections(result: Dataset) -> Iterator[Section]:
     """Show modes, backbones and joints."""
     told = [
@@ -310,24 +295,20 @@ def _sections(result: Dataset) -> Iterator[Section]:
     yield from budget_sections(result, "fall", "damping")
 
 
-def _answer(result: Dataset) -> list[str]:
-    """Say frequency and damping of the first mode at its least and largest amplitude."""
+def _answer(result: Dataset) -> Iterator[str]:
+    """Report frequency and damping of the first mode at its least and largest amplitude."""
     known = np.flatnonzero(
         (result["converged"].values == 1)
         & (result["step_mode"].values == result["step_mode"].values[0])
     )
     if not known.size:
-        return ["No amplitude has an answer."]
-    along = length_unit(result["largest_displacement"].values[-1:])
-    said = []
-    for k in dict.fromkeys((known[0], known[-1])):
-        step = result.isel(step=k)
-        said.append(
-            f"Mode {int(step['step_mode'])} has {say_answer(step, 'frequency', 1.0, ' Hz')} and "
-            f"{say_answer(step, 'damping', 100.0, ' %')} of critical damping where its largest "
-            f"displacement is {along.scale * float(step['largest_displacement']):.3g} {along.name}."
+        yield "No amplitude has an answer."
+    for k in dict.fromkeys((*known[:1], *known[-1:])):
+        yield from View(result).sentences(
+            result.isel(step=k),
+            "Mode {step_mode} has {frequency:()} and {damping:()} of critical damping where its "
+            "largest displacement is {largest_displacement}.",
         )
-    return said
 
 
 def _compared(result: Dataset) -> Dataset:
@@ -340,7 +321,7 @@ VIBRATING_BODIES = structure_stage(
     "vibration",
     _solve,
     _needs,
-    _tabulate,
+    TABLE,
     write_mode_fields,
     reads={"strict", "structure", "interface", "statics", "vibration"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
@@ -352,6 +333,9 @@ VIBRATING_BODIES = structure_stage(
     more=_sections,
     pictures=PICTURES,
     answer=_answer,
-    answers=ANSWERS,
+    answers={
+        "frequency": "frequency at the last amplitude",
+        "damping": "share of critical damping at the last amplitude",
+    },
     compared=_compared,
 )
