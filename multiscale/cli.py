@@ -100,7 +100,7 @@ def run_command(
     _refuse_both(verbose, quiet)
     from multiscale.io import logging_to, make_folder
     from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
-    from multiscale.pipeline.prepare import prepare
+    from multiscale.pipeline.case_needs import prepare
     from multiscale.pipeline.stages import stages_of
     from multiscale.report import write_reports
 
@@ -352,7 +352,7 @@ def macro_command(
     """
     from multiscale.macro.substructures import world
     from multiscale.pipeline import refuse_excess, requirements, run_macro
-    from multiscale.pipeline.prepare import prepare
+    from multiscale.pipeline.case_needs import prepare
     from multiscale.pipeline.stages import stages_of
 
     settings, team = _load_with("structure", case).from_structure(law), world()
@@ -482,7 +482,7 @@ def damage_command(
     _refuse_both(verbose, quiet)
     from multiscale.io import make_folder
     from multiscale.pipeline import Case, case_of_image, load_case, requirements, run
-    from multiscale.pipeline.prepare import prepare
+    from multiscale.pipeline.case_needs import prepare
 
     path = Path(volume)
     if path.is_dir() or path.suffix.lower() in (".tif", ".tiff"):

@@ -17,11 +17,13 @@ from multiscale.io import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.pipeline.asperity_settings import StatedAsperities
-from multiscale.pipeline.body_settings import COARSER, Material
 from multiscale.pipeline.joint_settings import Damage, JointLaw, LawError
+from multiscale.pipeline.rve_settings import Direction
 from multiscale.pipeline.toml_model import (
+    Density,
     Length,
     Pressure,
+    Ratio,
     Settings,
     UncertainFactor,
     UncertainLength,
@@ -37,7 +39,23 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
 
-__all__ = ["GROUNDED", "BodyBolt", "BodyInterface", "MeshedBody", "NamedLoad", "n_tetrahedra"]
+__all__ = [
+    "COARSER",
+    "GROUNDED",
+    "BodyBolt",
+    "BodyInterface",
+    "Material",
+    "MeshedBody",
+    "NamedLoad",
+    "doubt_density",
+    "n_tetrahedra",
+]
+
+COARSER = 1.2
+"""Ratio of the sizes of elements below which two meshes tell no error."""
+
+SOLID_DENSITIES = (10.0, 23e3)
+"""Densities of solids, from foams to osmium, kg/m3."""
 
 GROUNDED = "ground"
 """First side of an interface with the rigid ground."""
@@ -91,6 +109,69 @@ UncertainStiffness = Annotated[
 ]
 Unit = Annotated[Length, BeforeValidator(_read_unit)]
 Name = Annotated[str, Field(pattern=r"^[^.\s]+$")]
+
+
+def doubt_density(what: str, density: float | None) -> list[str]:
+    """Return a caution if no solid has a density, kg/m3."""
+    low, high = SOLID_DENSITIES
+    if density is None or low <= density <= high:
+        return []
+    return [
+        f"{what} has a density of {density:.4g} kg/m^3, and solids have {low:g} to {high:g} "
+        f"kg/m^3; check its unit, as in 7.85 g/cm^3 or 7850 kg/m^3"
+    ]
+
+
+class Material(Settings):
+    """What an elastic body is made of: moduli or a representative volume."""
+
+    youngs_modulus: Pressure | None = None
+    """Young's modulus, Pa; the stiffness of a representative volume if not given."""
+    poissons_ratio: Ratio | None = None
+    """Poisson's ratio; together with the modulus."""
+    density: Density | None = Field(None, description="Density, kg/m3; [vibration] needs it.")
+    rve: Path | None = None
+    """Representative volume: a dataset `rve`, the folder of a run, or a case, which is run in a
+    folder of its own; the `[rve]` of this case if not given, nor the moduli."""
+    rve_axes: tuple[Direction, Direction] | None = None
+    """Directions of the x and the y axis of the volume in the body; its own axes if not given."""
+
+    @model_validator(mode="after")
+    def _check_material(self) -> Self:
+        if (self.youngs_modulus is None) != (self.poissons_ratio is None):
+            raise ValueError("youngs_modulus and poissons_ratio belong together; give both or none")
+        if not self.porous and self.rve is not None:
+            raise ValueError("takes either its moduli or rve, whose volume has moduli of its own")
+        if self.rve_axes is not None:
+            first, second = np.array(self.rve_axes, dtype=float)
+            norms = np.linalg.norm(first) * np.linalg.norm(second)
+            if not (norms > 0.0 and abs(first @ second) < 1e-3 * norms):
+                told = " and ".join(f"{list(one)}" for one in self.rve_axes)
+                raise ValueError(f"rve_axes are two directions at right angles, got {told}")
+        return self
+
+    @property
+    def moduli(self) -> tuple[float, float]:
+        """Young's modulus, Pa, and Poisson's ratio of a body that is not porous."""
+        assert self.youngs_modulus is not None
+        assert self.poissons_ratio is not None
+        return self.youngs_modulus, self.poissons_ratio
+
+    @property
+    def porous(self) -> bool:
+        """Whether a representative volume gives its stiffness."""
+        return self.youngs_modulus is None
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Axes of the representative volume in the body, as columns, shape (3, 3)."""
+        if self.rve_axes is None:
+            return np.eye(3)
+        first, second = np.array(self.rve_axes, dtype=float)
+        first = first / np.linalg.norm(first)
+        second = second - (second @ first) * first
+        second = second / np.linalg.norm(second)
+        return np.stack([first, second, np.cross(first, second)], axis=1)
 
 
 class MeshedBody(Material):

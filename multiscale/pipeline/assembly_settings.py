@@ -15,6 +15,7 @@ from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_parts import (
+    COARSER,
     GROUNDED,
     BodyBolt,
     BodyInterface,
@@ -22,11 +23,9 @@ from multiscale.pipeline.assembly_parts import (
     NamedLoad,
     n_tetrahedra,
 )
-from multiscale.pipeline.body_settings import COARSER
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
 from multiscale.pipeline.porous_body import PorousBody, Uncertainty
-from multiscale.pipeline.pressing import Face, highest_pressure
-from multiscale.pipeline.structure_kind import Pressed, StructureKind
+from multiscale.pipeline.structure_kind import Face, Pressed, StructureKind, highest_pressure
 from multiscale.pipeline.toml_model import Number, Positive, Settings
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset

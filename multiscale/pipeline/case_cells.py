@@ -13,10 +13,9 @@ from multiscale.micro.cell import AnyCell, Cell, GridCell
 from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell
 from multiscale.micro.mesh.meshing import ElementKind, cell_from_file, graph_mesh_cell
 from multiscale.pipeline.case_tables import CellSettings
-from multiscale.pipeline.measured_sides import RoughSide, measured_map, measured_side
+from multiscale.pipeline.measured_sides import Measured, RoughSide, measured_map, measured_side
 from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import Case
-from multiscale.pipeline.windows import Measured
 from multiscale.surfaces import composite, self_affine
 from multiscale.surfaces.surface import Surface
 

@@ -1,4 +1,4 @@
-"""What a case needs, told before anything heavy starts."""
+"""What is refused of a case, and what it needs, before any of its stages is run."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -8,14 +8,42 @@ from pathlib import Path
 from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
 from multiscale.needs import Cost, Needs, join_needs, readable_time
-from multiscale.pipeline.case import taken_cases
+from multiscale.pipeline.case import taken_cases, taken_law
+from multiscale.pipeline.joint_settings import LawSource
 from multiscale.pipeline.planner import pilot_cases
 from multiscale.pipeline.run_folder import is_up_to_date
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.structure_kind import OF_CELLS, Pressed, Range, tell_far
+from multiscale.upscaling import law_from_dataset, read_law
 
-__all__ = ["refuse_excess", "requirements"]
+__all__ = ["prepare", "refuse_excess", "requirements"]
+
+
+def prepare(case: Case) -> None:
+    """Refuse a case for its files, and for loads that are far outside the data of its laws."""
+    for stage in stages_of(case.tables):
+        stage.prepare(case)
+    if case.structure is not None and not case.extrapolate:
+        for pressed in case.structure.pressed(case):
+            if said := tell_far(pressed, *_data_of(case, pressed)):
+                raise CaseError(f"{case.title}: {said}")
+
+
+def _data_of(case: Case, pressed: Pressed) -> tuple[Range, str, str]:
+    """Pressures of the law of an interface, Pa, where they stand, and what to change."""
+    if pressed.stated is not None:
+        return pressed.stated, "stated by the case", "state a law for such pressures"
+    if pressed.law is None and case.has_cells:
+        return (case.micro.pressures[0], case.micro.pressures[-1]), *OF_CELLS
+    remedy = "take a law of such pressures, or set extrapolate = true in [interface]"
+    file = pressed.law or (case.interface or LawSource()).source
+    if file.suffix == ".toml":
+        _, other = taken_law(file, quick=False)
+        return (other.micro.pressures[0], other.micro.pressures[-1]), file.name, remedy
+    return law_from_dataset(read_law(file)).pressure_range, file.name, remedy
+
 
 LONGEST = 86400.0  # s, of a run that needs no consent
 

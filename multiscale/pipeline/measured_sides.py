@@ -1,7 +1,9 @@
-"""Surfaces of a body from a measured file: a map cut into windows, or a line scan."""
+"""Surfaces of a body from a measured file: windows of a map, or a line scan."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import product
+from math import ceil, floor, sqrt
 
 import numpy as np
 
@@ -9,20 +11,329 @@ from multiscale.errors import CaseError
 from multiscale.io import open_topography
 from multiscale.pipeline.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.windows import HELD, Measured, cut_windows
 from multiscale.surfaces import (
     Roughness,
     Spectrum,
+    crop,
     describe_surface,
+    detrend,
+    find_lay,
     fit_of_statistics,
+    low_pass,
+    mirror,
+    resample,
     rotate,
     self_affine,
     spectrum,
+    window,
 )
 from multiscale.surfaces.surface import Surface
 from multiscale.units import readable
 
-__all__ = ["RoughSide", "measured_map", "measured_side"]
+__all__ = ["STAGES", "Measured", "RoughSide", "cut_windows", "measured_map", "measured_side"]
+
+STAGES = ("map", "windows", "cells")
+"""Where the roughness of a body is measured, labels of the dimension ``stage``."""
+
+FEWEST_PIXELS = 16  # measured points across a window
+HELD = 0.9
+"""Share of the rms height and slope of a map below which its cells need a caution."""
+
+MINOR = 0.99
+"""Share of the roughness of both bodies from which the loss of one needs no caution."""
+
+OBLIQUE = 1.0 / 3.0
+"""Share of the lay lost in a mirror image that needs a caution: ridges at 10 degrees to an axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What cells hold of the roughness of a measured map.
+
+    Attributes
+    ----------
+    stages : tuple of Roughness, of the map, of its windows and of the cells
+    map_filled : float, share of filled points of the map
+    filled : tuple of float, share of filled points of each window
+    cutoff : str, the shortest wave that was kept, and what chose it
+    cautions : tuple of str, what is lost between map and cells, one sentence each
+    losses : dict of str to str
+        Cautions about the rms height and the rms slope, by the name of the quantity.
+    """
+
+    stages: tuple[Roughness, Roughness, Roughness]
+    map_filled: float
+    filled: tuple[float, ...]
+    cutoff: str
+    cautions: tuple[str, ...]
+    losses: dict[str, str] = field(default_factory=dict)
+
+    def cautions_beside(self, other: "Measured") -> list[str]:
+        """Return the cautions that count against the map of the other body, often far rougher."""
+        minor = []
+        for name, said in self.losses.items():
+            whole, cells = (getattr(stage, name) for stage in (self.stages[0], self.stages[2]))
+            rest = getattr(other.stages[2], name)
+            if np.hypot(rest, cells) >= MINOR * np.hypot(rest, whole):
+                minor.append(said)
+        return [one for one in self.cautions if one not in minor]
+
+
+def cut_windows(
+    whole: Surface,
+    settings: InstrumentSurface,
+    cell: CellSettings,
+    which: range,
+    needed: int,
+    seed: int,
+    *,
+    of_map: Spectrum | None = None,
+    beside_map: bool = False,
+) -> tuple[list[Surface], Measured]:
+    """Cut separate windows from a measured map and make them periodic and band-limited.
+
+    Notes
+    -----
+    A window is a whole number of pixels, which take the size of the cell, or of its half if it is
+    mirrored: lengths change by half a pixel at most, and heights not at all.
+    """
+    cutoff, chosen = _cutoff(settings, cell, whole.spacing)
+    share = 0.5 if settings.periodic == "mirror" else 1.0
+    size = (share * cell.size[0], share * cell.size[1])
+    pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
+    if min(pixels) < FEWEST_PIXELS:
+        raise CaseError(
+            f"a window of {_lengths(size)} has only {min(pixels)} measured points across, where "
+            f"{settings.file.name} has one each {_length(max(whole.spacing))}; make the cell at "
+            f"least {_length(FEWEST_PIXELS * max(whole.spacing) / share)} large"
+        )
+    corners, repeats = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed), 1
+    of_map = of_map or spectrum([whole], periodic=False)
+    if len(corners) < needed:
+        refusal = _too_few(whole, settings, size, len(corners), needed)
+        for repeats in _repeats(cell, of_map, share) if beside_map else ():
+            size = (share * cell.size[0] / repeats, share * cell.size[1] / repeats)
+            pixels = [round(edge / step) for edge, step in zip(size, whole.spacing, strict=True)]
+            corners = _corners(whole, (pixels[0], pixels[1]), settings.filled, seed)
+            if min(pixels) < FEWEST_PIXELS or len(corners) >= needed:
+                break
+        if min(pixels) < FEWEST_PIXELS or len(corners) < needed:
+            raise CaseError(refusal)
+    cropped = [crop(whole, corners[k], (pixels[0], pixels[1])) for k in which]
+    pieces = [detrend(Surface(one.heights, size, one.filled)) for one in cropped]
+    if any(np.ptp(piece.heights) == 0.0 for piece in pieces):
+        raise CaseError(f"{settings.file.name} has a window of constant height; crop it")
+    periodic = [(mirror if settings.periodic == "mirror" else window)(piece) for piece in pieces]
+    points = (cell.points[0] // repeats, cell.points[1] // repeats)
+    parts = [resample(low_pass(piece, cutoff), points) for piece in periodic]
+    tiled = [Surface(np.tile(one.heights, (repeats, repeats)), cell.size) for one in parts]
+    surfaces = tiled if repeats > 1 else parts
+    if any(np.ptp(surface.heights) == 0.0 for surface in surfaces):
+        raise CaseError(
+            f"{settings.file.name} has a window without waves of {_length(cutoff)} and more; give "
+            f"a finer grid with a shorter short_cutoff"
+        )
+    of_pieces = spectrum(pieces, periodic=False)
+    # the waves of a window are those of its mirror image
+    same = settings.periodic == "mirror" and not any(piece.filled_share for piece in pieces)
+    of_periodic = of_pieces if same else spectrum(periodic)
+    stages = of_map.roughness(), of_pieces.roughness(), spectrum(surfaces).roughness()
+    losses = _losses(stages, of_map, of_periodic, whole.size, cell, share / repeats, chosen)
+    return surfaces, Measured(
+        stages,
+        whole.filled_share,
+        tuple(piece.filled_share for piece in pieces),
+        f"{_length(cutoff)}, {chosen}",
+        (
+            *(
+                [
+                    f"its map is too small for the cells: windows of {_lengths(size)}, which hold "
+                    f"most of its rms height, repeat {repeats} x {repeats} times in a cell"
+                ]
+                if repeats > 1
+                else []
+            ),
+            *losses.values(),
+            *_herringbone(settings, whole, cutoff),
+        ),
+        losses,
+    )
+
+
+def _repeats(cell: CellSettings, of_map: Spectrum, window_share: float) -> list[int]:
+    """How often windows may repeat along each edge of a cell: on its grid, and as long as waves."""
+    least = of_map.length_holding(HELD) / window_share
+    most = int(min(cell.size) / least)
+    return [k for k in range(2, most + 1) if not any(n % k for n in cell.points)]
+
+
+def _cutoff(
+    settings: InstrumentSurface, cell: CellSettings, pixel: tuple[float, float]
+) -> tuple[float, str]:
+    """Shortest wavelength to keep, m, and what chose it: the case, the grid or the pixels."""
+    spacing = cell.spacing
+    by_grid, by_map = POINTS_PER_WAVE * spacing, 2.0 * max(pixel)
+    resolved = max(by_grid, by_map)
+    if settings.short_cutoff is not None:
+        cutoff, chosen = settings.short_cutoff, "the short_cutoff of the case"
+    elif by_grid < by_map:
+        cutoff, chosen = resolved, "two pixels of the map"
+    else:
+        cutoff = resolved
+        chosen = f"{POINTS_PER_WAVE} points of the grid, as the case gives no short_cutoff"
+    least = max(2.0 * spacing, 2.0 / float(np.hypot(1.0 / pixel[0], 1.0 / pixel[1])))  # diagonal
+    if cutoff < least:
+        raise CaseError(
+            f"short_cutoff {_length(cutoff)} is finer than the grid; with {_length(spacing)} "
+            f"between its points and {_length(max(pixel))} between the measured ones it must be at "
+            f"least {_length(least)}, better {_length(resolved)}"
+        )
+    if cutoff > 0.5 * min(cell.size):
+        raise CaseError(
+            f"short_cutoff {_length(cutoff)} leaves no roughness in a cell of "
+            f"{_length(min(cell.size))}; it must be at most half as long as the cell"
+        )
+    return cutoff, chosen
+
+
+def _corners(
+    whole: Surface, pixels: tuple[int, int], most: float, seed: int
+) -> list[tuple[int, int]]:
+    """Corners of separate windows, those of fewest filled points first.
+
+    Of all places, the one with fewest filled points and nearest to the first corner of the map is
+    taken, then the next that overlaps none of those taken, as long as no more than ``most`` of its
+    points are filled. Windows that are filled alike follow each other in a random order.
+    """
+    (nx, ny), (m, n) = whole.heights.shape, pixels
+    if m > nx or n > ny:
+        return []
+    random = np.random.default_rng(seed)
+    if whole.filled is None:
+        tiles = list(product(range(0, nx - m + 1, m), range(0, ny - n + 1, n)))
+        return [tiles[k] for k in random.permutation(len(tiles))]
+    total = np.zeros((nx + 1, ny + 1))
+    total[1:, 1:] = np.cumsum(np.cumsum(whole.filled, axis=0), axis=1)
+    filled = (total[m:, n:] - total[:-m, n:] - total[m:, :-n] + total[:-m, :-n]) / (m * n)
+    places = np.argsort(filled, axis=None, kind="stable")
+    free, taken = filled <= most, []
+    for i, j in zip(*(one.tolist() for one in np.unravel_index(places, filled.shape)), strict=True):
+        if free[i, j]:
+            taken.append((i, j))
+            free[max(0, i - m + 1) : i + m, max(0, j - n + 1) : j + n] = False
+    order = random.permutation(len(taken))
+    return sorted((taken[k] for k in order), key=lambda corner: filled[corner])
+
+
+def _too_few(
+    whole: Surface, settings: InstrumentSurface, size: tuple[float, float], found: int, count: int
+) -> str:
+    """Say which windows there are, and of which size there are enough."""
+    within = (
+        f" with at most {100.0 * settings.filled:.3g} % of their points filled"
+        if whole.filled_share
+        else ""
+    )
+    said = (
+        f"{settings.file.name} measures {_lengths(whole.size)} and holds {found} separate "
+        f"window{'s' * (found != 1)} of {_lengths(size)}{within}, but {count} are needed; "
+        f"{'ask for fewer realisations' if found else 'make the cell smaller'}"
+    )
+    scale = 1.0
+    while True:
+        scale *= 0.95
+        smaller = [scale * edge for edge in size]
+        pixels = [round(edge / step) for edge, step in zip(smaller, whole.spacing, strict=True)]
+        if min(pixels) < FEWEST_PIXELS:
+            break
+        enough = len(_corners(whole, (pixels[0], pixels[1]), settings.filled, 0))
+        if enough >= count:
+            double = 2.0 if settings.periodic == "mirror" else 1.0
+            said += (
+                f", or make the cell {_lengths([double * edge for edge in smaller])}, for which "
+                f"there are {enough} windows"
+            )
+            break
+    across = ceil(sqrt(count))  # windows, side by side
+    said += f", or measure {_lengths([across * edge for edge in size])}"
+    return said + (", or allow more by filled in the surface table" if within else "")
+
+
+def _losses(
+    stages: tuple[Roughness, Roughness, Roughness],
+    of_map: Spectrum,
+    of_periodic: Spectrum,
+    size: tuple[float, float],
+    cell: CellSettings,
+    window_share: float,
+    chosen: str,
+) -> dict[str, str]:
+    """Say where height or slope is lost on the way to the cell, and what would hold it."""
+    found = {}
+    faded = of_periodic.roughness()
+    for order, name in ((0, "rms_height"), (2, "rms_slope")):
+        whole, pieces, periodic, cells = (
+            float(getattr(one, name)) for one in (stages[0], stages[1], faded, stages[2])
+        )
+        if cells >= HELD * whole:
+            continue
+        lost = []
+        if pieces < HELD * whole:
+            edge = of_map.length_holding(HELD) / window_share
+            separate = np.prod([floor(one / (window_share * edge)) for one in size])
+            lost.append(
+                f"its windows hold {pieces / whole:.2g}, "
+                + (
+                    f"where cells of {_length(edge)} would hold {HELD:g} (the map has room for the "
+                    f"windows of {separate} side by side)"
+                    if order == 0 and edge > max(cell.size)
+                    else "as the map is rougher elsewhere: more realisations cover more of it"
+                )
+            )
+        if periodic < HELD * pieces:
+            lost.append(
+                f"filled points leave {periodic / pieces:.2g}"
+                if window_share < 1.0
+                else f"fading along the edges leaves {periodic / pieces:.2g}, where periodic = "
+                f'"mirror" leaves all'
+            )
+        if cells < HELD * periodic:
+            cutoff = 0.995 * of_periodic.cutoff_holding(HELD, order=order)  # is said in 3 digits
+            points = [2 * int(np.ceil(0.5 * POINTS_PER_WAVE * edge / cutoff)) for edge in cell.size]
+            finer = any(new > old for new, old in zip(points, cell.points, strict=True))
+            grid = f" on a grid of {' x '.join(map(str, points))} points" if finer else ""
+            lost.append(
+                f"the cut-off ({chosen}) leaves {cells / periodic:.2g}, where short_cutoff = "
+                f'"{_length(cutoff)}"{grid} would leave {HELD:g}'
+            )
+        found[name] = (
+            f"the cells hold {cells / whole:.2g} of the {name.replace('_', ' ')} of the map: "
+            + "; ".join(lost or ["windows, edges and cut-off take a little each"])
+        )
+    return found
+
+
+def _herringbone(settings: InstrumentSurface, whole: Surface, cutoff: float) -> list[str]:
+    """Caution against mirroring a lay that is oblique to the edges of the window."""
+    lay = find_lay(whole, cutoff)
+    if settings.periodic != "mirror" or lay.oblique < OBLIQUE:
+        return []
+    degrees = np.rad2deg(lay.angle)
+    return [
+        f"the lay runs at {degrees:.0f} degrees to the x axis, and mirrored it becomes a "
+        f"herringbone of {degrees:.0f} and {180.0 - degrees:.0f} degrees: measure the map along "
+        f'its lay, or set periodic = "window"'
+    ]
+
+
+def _lengths(edges: Sequence[float]) -> str:
+    """Write edges as a case file may have them."""
+    return " x ".join(map(_length, edges))
+
+
+def _length(value: float) -> str:
+    """Write a length as a case file may have it."""
+    return readable(f"{value:.3g} m")
 
 
 @dataclass(frozen=True, eq=False)

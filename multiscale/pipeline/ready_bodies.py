@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from multiscale.macro import substructures
+from multiscale.pipeline.assembly_parts import doubt_density
 from multiscale.pipeline.assembly_settings import Bodies, StructureParts
 from multiscale.pipeline.body_budget import Change, changed_sliders
-from multiscale.pipeline.body_settings import doubt_density
-from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.made_bodies import RoughBodies
 from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, list_cautions

@@ -12,8 +12,8 @@ from multiscale.errors import MultiscaleError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.step_loop import WORTH
 from multiscale.pipeline.case import taken_law, taken_volume
+from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.planner import plan
-from multiscale.pipeline.prepare import prepare
 from multiscale.pipeline.run_folder import claim_folder
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen

@@ -10,7 +10,6 @@ from multiscale.errors import CaseError
 from multiscale.micro.layer import depth_caution
 from multiscale.micro.slide import LONGEST
 from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
-from multiscale.pipeline.body_settings import Blocks, Plate
 from multiscale.pipeline.case_tables import (
     ABSENT,
     POINTS_PER_WAVE,
@@ -21,7 +20,7 @@ from multiscale.pipeline.case_tables import (
     SealSettings,
     SlideSettings,
 )
-from multiscale.pipeline.fatigue_settings import FatigueSettings
+from multiscale.pipeline.fatigue_settings import FatigueSettings, GrowthSettings
 from multiscale.pipeline.grain_settings import (
     Biaxial,
     ColumnCollapse,
@@ -31,7 +30,6 @@ from multiscale.pipeline.grain_settings import (
     ShearCell,
     Silo,
 )
-from multiscale.pipeline.growth_settings import GrowthSettings
 from multiscale.pipeline.joint_settings import (
     Cycles,
     JointLaw,
@@ -42,7 +40,6 @@ from multiscale.pipeline.joint_settings import (
     RoughInterface,
     Substructures,
 )
-from multiscale.pipeline.jointed_bodies import LapJoint, StackedBlocks
 from multiscale.pipeline.link_settings import (
     CableNet,
     Dynamics,
@@ -51,6 +48,7 @@ from multiscale.pipeline.link_settings import (
     Statics,
     TensegrityGrid,
 )
+from multiscale.pipeline.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
 from multiscale.pipeline.rough_bodies import (
     CoatingSettings,
     InstrumentSurface,

@@ -1,20 +1,77 @@
-"""What every kind of structure says of itself."""
+"""What every kind of structure reports of itself, and the pressures of its interfaces."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from math import pi, radians, sqrt, tan
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
+import numpy as np
+
 from multiscale.errors import CaseError
+from multiscale.fe.faces import face_of
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
 from multiscale.pipeline.toml_model import Settings
 from multiscale.units import readable
 
 if TYPE_CHECKING:
+    from skfem import Mesh
+
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
 
-__all__ = ["Pressed", "StructureKind", "refuse_far_cells", "tell_far"]
+__all__ = [
+    "SPREAD",
+    "Face",
+    "Pressed",
+    "StructureKind",
+    "highest_pressure",
+    "refuse_far_cells",
+    "tell_far",
+]
+
+SPREAD = tan(radians(30.0))
+"""Slope of the cone in which a force spreads from the face that it presses."""
+
+BENDING = 6.0
+"""Pressure at the edge by a moment, over the moment per area and width, of a rectangle."""
+
+
+class Face(NamedTuple):
+    """Area, m², centroid, m, shape (3,), and mean outward normal, shape (3,), of a boundary."""
+
+    area: float
+    centroid: np.ndarray
+    normal: np.ndarray
+
+    @classmethod
+    def at(cls, meshes: "Sequence[Mesh]", place: tuple[int, str]) -> "Face":
+        """Measure a boundary of one of several meshes, which its number and name give."""
+        mesh = meshes[place[0]]
+        surface = face_of(mesh, place[1])
+        x, normals = surface.position[surface.facets], surface.normals
+        areas = np.linalg.norm(normals, axis=1)
+        mean = normals.sum(axis=0) / areas.sum()
+        return cls(float(areas.sum()), areas @ x.mean(axis=1) / areas.sum(), mean)
+
+
+def highest_pressure(interface: Face, forces: Iterable[tuple[np.ndarray, Face]]) -> float:
+    r"""Estimate the largest pressure by forces on faces, each in its cone, and their moments, Pa.
+
+    .. math:: p = \sum_k \frac{|F_k| + 6 |r_k \times F_k| / w}{\min(A, A_k)}
+
+    has the area A and the width w of the interface, the arm r of the face from it, and the area
+    of the cone below the face at the height of the interface.
+    """
+    width, total = sqrt(interface.area), 0.0
+    for force, face in forces:
+        arm = face.centroid - interface.centroid
+        moment = float(np.linalg.norm(np.cross(arm, force)))
+        cone = pi * (sqrt(face.area / pi) + SPREAD * float(np.linalg.norm(arm))) ** 2
+        pressing = float(np.linalg.norm(force)) + BENDING * moment / width
+        total += pressing / min(interface.area, cone)
+    return total
+
 
 OF_CELLS = (
     "pressures in [micro]",

@@ -8,7 +8,7 @@ from multiscale.cli import app
 from multiscale.errors import CaseError
 from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.body_settings import doubt_density
+from multiscale.pipeline.assembly_parts import doubt_density
 from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.plotting import draw_granulate
 from multiscale.schema import GRANULATE

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.pipeline import windows
+from multiscale.pipeline import measured_sides
 from multiscale.pipeline.case_tables import CellSettings
+from multiscale.pipeline.measured_sides import cut_windows
 from multiscale.pipeline.rough_bodies import InstrumentSurface
-from multiscale.pipeline.windows import cut_windows
 from multiscale.surfaces import Surface, rms_height, rms_slope
 from tests.support import rough_square
 
@@ -146,13 +146,13 @@ def test_separate_windows_share_no_pixel_and_follow_in_order_of_their_filled_sha
     mark = np.arange(90000.0).reshape(shape)  # every height is of one pixel
     filled = hole(shape, (0, 0), (100, 100), (220, 30), edge=28)
     whole = Surface(mark, (3e-4, 3e-4), filled)
-    corners = windows._corners(whole, (60, 60), 0.1, seed=3)
+    corners = measured_sides._corners(whole, (60, 60), 0.1, seed=3)
     seen = np.concatenate([mark[i : i + 60, j : j + 60].ravel() for i, j in corners])
     assert seen.size == np.unique(seen).size
     share = [filled[i : i + 60, j : j + 60].mean() for i, j in corners]
     assert share == sorted(share)
     assert max(share) <= 0.1
-    assert corners == windows._corners(whole, (60, 60), 0.1, seed=3)
+    assert corners == measured_sides._corners(whole, (60, 60), 0.1, seed=3)
 
 
 def test_mostly_filled_windows_are_refused_with_the_size_that_is_not(cut):

@@ -24,7 +24,7 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import ErrorSources, changed_sliders, not_solved
 from multiscale.pipeline.fatigue_settings import FatigueSettings
-from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.made_bodies import RoughBodies
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage

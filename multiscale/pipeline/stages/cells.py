@@ -25,6 +25,7 @@ from multiscale.pipeline.case_cells import (
     try_cells,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
+from multiscale.pipeline.measured_sides import STAGES, Measured
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import (
@@ -36,7 +37,6 @@ from multiscale.pipeline.stage import (
     unseen,
 )
 from multiscale.pipeline.surface_rows import tabulate_statistics
-from multiscale.pipeline.windows import STAGES, Measured
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import (
     plot_bearing_curve,

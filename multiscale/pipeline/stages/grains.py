@@ -10,7 +10,7 @@ from multiscale.io import write_grain_fields
 from multiscale.macro import granulate
 from multiscale.macro.granulate.model import grain_needs
 from multiscale.needs import Needs
-from multiscale.pipeline.body_settings import doubt_density
+from multiscale.pipeline.assembly_parts import doubt_density
 from multiscale.pipeline.grain_settings import Granulate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Rows, Table

@@ -13,9 +13,9 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import UNKNOWN_LAW
-from multiscale.pipeline.body_settings import Blocks
 from multiscale.pipeline.case_budget import joint_scales
 from multiscale.pipeline.joint_answers import STIFFNESSES
+from multiscale.pipeline.made_bodies import Blocks
 from multiscale.pipeline.real_contact import (
     behaviour,
     contact_dependence,

@@ -8,7 +8,7 @@ from multiscale import macro
 from multiscale.io import write_body_fields
 from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
-from multiscale.pipeline.body_settings import Plate
+from multiscale.pipeline.made_bodies import Plate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section

@@ -12,7 +12,7 @@ from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import ErrorSources, with_joint_budget
 from multiscale.pipeline.joint_answers import joint_answers
-from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.made_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_contact
 from multiscale.pipeline.settings import Case

@@ -17,7 +17,7 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
-from multiscale.pipeline.jointed_bodies import RoughBodies
+from multiscale.pipeline.made_bodies import RoughBodies
 from multiscale.pipeline.ready_bodies import with_cautions_of
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View

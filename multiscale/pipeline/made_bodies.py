@@ -1,4 +1,4 @@
-"""What a case may say of stacked blocks and lap joints: bodies with rough joints, built for it."""
+"""Bodies that a case describes by their dimensions: blocks, plate, stacked blocks and lap joint."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -15,22 +15,31 @@ from multiscale.io import open_dataset
 from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
-from multiscale.pipeline.assembly_parts import BodyInterface, MeshedBody
+from multiscale.macro.data_range import FAR_FACTOR
+from multiscale.pipeline.assembly_parts import COARSER, BodyInterface, Material, MeshedBody
 from multiscale.pipeline.assembly_settings import Bodies, StructureParts, check_bodies
-from multiscale.pipeline.body_settings import COARSER, Edges, Elements, Material, fewer
 from multiscale.pipeline.joint_settings import (
     FEW_SLABS,
     SLABS,
     Cycles,
     Damage,
     JointPreloads,
+    LawSource,
     OpenLaw,
+    RisingPreloads,
     RoughInterface,
 )
+from multiscale.pipeline.link_settings import Statics
 from multiscale.pipeline.porous_body import PorousBody
-from multiscale.pipeline.pressing import SPREAD
-from multiscale.pipeline.structure_kind import Pressed, StructureKind, refuse_far_cells
-from multiscale.pipeline.toml_model import Count, Length, Positive, Settings
+from multiscale.pipeline.structure_kind import SPREAD, Pressed, StructureKind, refuse_far_cells
+from multiscale.pipeline.toml_model import (
+    Count,
+    Length,
+    Positive,
+    Pressure,
+    Ratio,
+    Settings,
+)
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 from multiscale.upscaling import with_damage
 
@@ -40,14 +49,110 @@ if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
 
-__all__ = ["JointedBodies", "LapJoint", "RoughBodies", "StackedBlocks"]
+__all__ = ["Blocks", "JointedBodies", "LapJoint", "Plate", "RoughBodies", "StackedBlocks"]
+
+QUICK_ELEMENTS = 4
+"""Elements along an edge, at most."""
+
+Edges = tuple[Length, Length, Length]
+Elements = tuple[Positive, Positive, Positive]
+
+
+class Blocks(StructureKind):
+    """Two blocks pressed together, evenly, of the materials of both bodies."""
+
+    stage: ClassVar[str] = "joint"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",), ("interface", "statics"))
+    models: ClassVar[Mapping[str, type[Settings]]] = {
+        "interface": LawSource,
+        "statics": RisingPreloads,
+    }
+    of_bodies: ClassVar[bool] = True
+
+    kind: Literal["blocks"]
+    height: Length = Field(description="Height of each block, m.")
+    width: Length = Field(description="Edge of their square section, m.")
+
+    @property
+    def interface_width(self) -> float:
+        """Edge of the interface, m."""
+        return self.width
+
+    def check(self, case: "Case") -> None:
+        """Refuse a joint that the cells will tell nothing of."""
+        refuse_far_cells(self, case)
+        if case.accuracy is None or case.accuracy.quantity != "joint_stiffness":
+            return
+        p = case.micro.pressures
+        low, high = p[0] / FAR_FACTOR, p[-1] * FAR_FACTOR
+        far = [preload for preload in case.statics.preloads if not low <= preload <= high]
+        if far:
+            raise ValueError(
+                f"preloads in [statics] of {', '.join(f'{1e-6 * one:g}' for one in far)} MPa lie "
+                f"more than a factor of {FAR_FACTOR:g} outside the pressures in [micro], "
+                f"{1e-6 * p[0]:g} to {1e-6 * p[-1]:g} MPa: "
+                f"the joint would be unknown there; press the cells at such pressures"
+            )
+
+    def pressed(self, case: "Case") -> list[Pressed]:
+        """Return the preloads, which press the interface evenly."""
+        return [Pressed("preloads in [statics] press the joint", case.statics.even)]
+
+
+class Plate(StructureKind):
+    """An elastic plate, clamped on its left and right edges, under an even pressure on its top."""
+
+    stage: ClassVar[str] = "plate"
+    asks: ClassVar[tuple[tuple[str, ...], ...]] = (("statics",),)
+    models: ClassVar[Mapping[str, type[Settings]]] = {"statics": Statics}
+    may_be_cut: ClassVar[bool] = True
+
+    kind: Literal["plate"]
+    size: Edges = Field(description="Lengths along x, y and z, m.")
+    elements: Elements = Field(description="Hexahedra along x, y and z.")
+    youngs_modulus: Pressure = Field(description="Young's modulus, Pa.")
+    poissons_ratio: Ratio = Field(description="Poisson's ratio.")
+    pressure: Pressure = Field(description="Pressure on the top at load factor one, Pa.")
+
+    def build(self) -> "macro.Assembly":
+        """Clamp the plate and load it."""
+        clamped = (0.0, 0.0, 0.0)
+        plate = macro.Body(
+            box_mesh(self.size, self.elements),
+            Elastic(self.youngs_modulus, self.poissons_ratio),
+            supports={"left": clamped, "right": clamped},
+            tractions={"top": (0.0, 0.0, -self.pressure)},
+        )
+        return macro.Assembly((plate,))
+
+    def cut(self, case: "Case", found: "Datasets", job: "Job") -> "substructures.CutProblem":
+        """Cut the plate into boxes."""
+        return substructures.cut_assembly(self.build(), case.cut.parts)
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        x, y, z = self.elements
+        return (x + 1) * (y + 1) * (z + 1)
+
+    def check(self, case: "Case") -> None:
+        """Refuse large displacements."""
+        case.statics.refuse_large()
+
+    def quick(self, case: "Case") -> Self:
+        """Return the same plate with four elements along an edge."""
+        return self.model_copy(update={"elements": fewer(self.elements)})
+
+
+def fewer(elements: Elements) -> Elements:
+    """Return at most four elements along each edge."""
+    x, y, z = (min(QUICK_ELEMENTS, number) for number in elements)
+    return x, y, z
+
 
 PLAN_SHARE, NEAR_HOLE = 1.15, 100
 """Nodes of the plan of a lap joint over those of a grid, and those that hole and washer add; as
 counted at four sizes of elements."""
-
-QUICK_ELEMENTS = 4
-"""Elements along an edge, at most."""
 
 Elasticity = Elastic | AnisotropicElastic
 
