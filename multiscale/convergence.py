@@ -33,17 +33,12 @@ class Solution:
 
     Attributes
     ----------
-    value : ndarray, the solution, with the shape and unit in the docstring of the solver
-    status : Status, why the solver stopped
-    residuals : tuple of float
-        Dimensionless residual after each iteration. Empty if none was computed.
-    seconds : tuple of float
-        Time from the start of the solver to each residual, s. Empty if the solver measures no
-        time.
-    trail : tuple of str
-        Methods in the order in which they ran. Empty for a solver with a single method.
-    detail : str
-        Place and remedy of a failure, beyond the status. Empty if there is no more to say.
+    value : ndarray, the solution, with the shape and unit in the docstring of the solver status :
+    Status, why the solver stopped residuals : tuple of float, dimensionless residual after each
+    iteration; empty if none was computed seconds : tuple of float, time from the start to each
+    residual, s; empty if it is not measured trail : tuple of str, methods in the order in which
+    they ran; empty of a single method detail : str, place and remedy of a failure, beyond the
+    status
     """
 
     value: np.ndarray

@@ -63,15 +63,8 @@ def run_jobs(
     jobs : iterable of key and tuple, arguments of each call
     executor : Executor, optional
         Executor of ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py; serial, with
-        all threads, if not given. A pool must spawn its processes
-        (``multiprocessing.get_context("spawn")``): threads of kernels do not survive a fork.
-    finish : callable
-        ``finish(key, result)`` is called in this process after each job.
-
-    Raises
-    ------
-    MultiscaleError
-        If a worker process died, cannot load its job, or the workers were lost.
+        all threads, if not given. A pool must spawn its processes: threads do not survive a fork.
+    finish : callable, ``finish(key, result)`` is called in this process after each job
     """
     if executor is None:
         for key, arguments in jobs:
@@ -149,15 +142,8 @@ def call_on_one_thread(function: Callable[..., Result], *arguments: Any) -> Resu
 def workers(jobs: int, dask: str | None) -> Iterator[Executor | None]:
     """Yield the workers of a dask scheduler, a pool of processes, or None for a single job.
 
-    Parameters
-    ----------
-    jobs : int, number of processes on this machine; 0 for one per core
-    dask : str, optional, address of a scheduler whose workers replace the processes
-
-    Raises
-    ------
-    CaseError
-        If dask is not installed, or no scheduler answers at the address.
+    ``jobs`` is the number of processes on this machine, 0 for one per core; ``dask`` the address of
+    a scheduler whose workers replace them. A missing dask or scheduler is refused.
     """
     if dask is not None:
         with _dask_workers(dask) as executor:

@@ -21,15 +21,7 @@ def _readable_memory(size: int) -> str:
 
 @dataclass(frozen=True)
 class Choice:
-    """Whether a part is built.
-
-    Attributes
-    ----------
-    part : str
-        Its name in the text. Areas with several parts name them in a ``StrEnum``.
-    why : str
-    built : bool
-    """
+    """Whether a part is built, and why; areas with several parts name them in a ``StrEnum``."""
 
     part: str
     why: str
@@ -43,13 +35,10 @@ def choose(part: str, built: bool, why: str, why_not: str) -> Choice:
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one stage.
+    """Cost of a stage.
 
-    Attributes
-    ----------
-    stage : str
-    memory : int, estimated peak of its largest solve, byte
-    seconds : float, estimated time on one core, s; NaN where there is no estimate
+    ``memory`` is the estimated peak of its largest solve, byte; ``seconds`` the estimated time on
+    one core, s, NaN where there is no estimate.
     """
 
     stage: str

@@ -22,13 +22,10 @@ COLUMNS = 64
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Unknowns of some bodies side by side, inside them and kept.
+    """Unknowns of some bodies side by side, inside them and kept, body after body.
 
-    Attributes
-    ----------
-    inside, edge : ndarray of int, unknowns that are condensed, and the kept ones; body after body
-    edge_start : ndarray of int, shape (bodies + 1,)
-        First unknown of every body in ``edge``, and its size.
+    ``edge_start``, shape (bodies + 1,), is the first unknown of every body in ``edge``, and its
+    size.
     """
 
     inside: np.ndarray
@@ -54,14 +51,10 @@ def split(start: np.ndarray, shared: np.ndarray) -> Split:
 
 @dataclass(frozen=True, eq=False)
 class CondensedStiffness:
-    r"""Schur complements :math:`S = K_{bb} - K_{bi} K_{ii}^{-1} K_{ib}`.
+    """Schur complements :math:`S = K_{bb} - K_{bi} K_{ii}^{-1} K_{ib}`, i inside and b kept.
 
-    Attributes
-    ----------
-    split : Split, the unknowns i inside and b kept
-    blocks : list of ndarray, :math:`S` of every body, N/m
-    solve : callable, inverse of :math:`K_{ii}` of all bodies
-    out, back : csr_array, :math:`K_{bi}` and :math:`K_{ib}`, N/m
+    ``blocks`` are :math:`S` of every body, N/m, ``solve`` is the inverse of :math:`K_{ii}` of all,
+    and ``out`` and ``back`` are :math:`K_{bi}` and :math:`K_{ib}`, N/m.
     """
 
     split: Split

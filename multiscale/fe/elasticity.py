@@ -36,15 +36,12 @@ def assemble_elasticity(
 ) -> csr_array:
     r"""Assemble isotropic elasticity from Lamé's parameters.
 
-    Notes
-    -----
-    The block of components i and j is
+    The block of components i and j is put together from scalar forms, much faster than a vector
+    form:
 
     .. math::
         K_{ij} = \int \lambda\, \partial_i v\, \partial_j u + \mu\, \partial_j v\, \partial_i u
         + \delta_{ij}\, \mu\, \partial_k v\, \partial_k u .    \tag{1}
-
-    It is put together from scalar forms, which is many times faster than one vector form.
     """
     d = basis.mesh.dim()
     if np.ndim(lame) == 0 and np.ndim(shear) == 0:
@@ -101,11 +98,9 @@ def mode_stiffness(
         K_{ua} K_{aa}^{-1} K_{au}, \quad K_{aa} = \int P\, C\, P, \quad
         K_{ua} = \int \nabla N\, C\, P    \tag{3}
 
-    is taken off the stiffness, with the Jacobian :math:`J` and its determinant j, :math:`J_0` and
-    :math:`j_0` at the middle of the element.
+    is taken off the stiffness, with the Jacobian :math:`J`, its determinant j, and both at the
+    middle.
 
-    References
-    ----------
     .. [1] E. L. Wilson, R. L. Taylor, W. P. Doherty, J. Ghaboussi, Incompatible displacement
        models, in Numerical and Computer Methods in Structural Mechanics (1973) 43-57.
     .. [2] R. L. Taylor, P. J. Beresford, E. L. Wilson, Int. J. Numer. Methods Eng. 10 (1976)

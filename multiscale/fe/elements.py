@@ -46,8 +46,7 @@ class Elements:
     ----------
     gradient : ndarray, shape (elements, points, nodes, d), gradients of the shape functions, 1/m
     weight : ndarray, shape (elements, points), volumes of the points, m³ (m² in two dimensions)
-    unknowns : ndarray of int, shape (elements, nodes * d)
-        Unknown d a + i of every entry of an element matrix.
+    unknowns : ndarray of int, shape (elements, nodes * d), unknown d a + i of every entry
     size : int, number of unknowns
     mean_volume : bool, whether the volume ratio is its mean over the element, (1)
     """

@@ -1,6 +1,6 @@
 """Kernels: integrals over elements, and over the common area of the facets of two faces.
 
-The mortar integrals, (1) of :mod:`multiscale.fe.interface`, are exact for segments, triangles and
+The mortar integrals, (1) of :mod:`multiscale.fe.faces`, are exact for segments, triangles and
 parallelograms; where parallelograms are of second order, the sums of rows and columns are.
 """
 

@@ -52,21 +52,14 @@ def load_mesh(path: Path, *, scale: float = 1.0, volume: str = "", curved: bool 
         both, or a named face for the piece that has it, of a file with several pieces that do not
         touch; all elements if not given. Facets of other elements are left out of the boundaries.
     curved : bool
-        Whether the nodes between the corners of elements of second order are kept: of hexahedra of
-        20 nodes, whose faces get nodes in their middle, hexahedra of 27 nodes and tetrahedra of 10.
-        They are dropped otherwise, and edges are straight.
+        Whether the nodes between the corners of elements of second order are kept: hexahedra of 20
+        nodes get nodes in the middle of their faces. Edges are straight otherwise.
 
     Returns
     -------
     Mesh
         Mesh of triangles, quadrilaterals, tetrahedra or hexahedra; coordinates in m. Its
         subdomains are the named sets of elements, if all elements are read.
-
-    Raises
-    ------
-    CaseError
-        If the file cannot be read, its elements are of several kinds, degenerate or turned inside
-        out, or a named facet does not belong to an element.
     """
     from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
@@ -144,11 +137,7 @@ def _serendipity(corners: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _check_elements(mesh: "Mesh", path: Path) -> None:
-    """Refuse elements without volume, and elements that lie on the same side of their facet.
-
-    The Jacobian of an element has one sign at its corners; the order of the corners in the file
-    may be either.
-    """
+    """Refuse elements with a Jacobian of two signs, or on the same side of a facet as another."""
     element, place = mesh.elem(), mesh.p[:, mesh.t]  # (d, corners, elements)
     slopes = [element.lbasis(element.refdom.p, k)[1] for k in range(len(mesh.t))]
     tangents = np.einsum("dae,akc->ecdk", place, np.array(slopes))

@@ -61,11 +61,6 @@ class Coulomb(FrictionLaw):
     Parameters
     ----------
     friction_coefficient : float, coefficient :math:`\mu \ge 0`, dimensionless
-
-    Examples
-    --------
-    >>> Coulomb(0.3).traction(np.array(1.0e6), np.array([0.0, -2.0]))  # Pa
-    array([      0., -300000.])
     """
 
     friction_coefficient: float
@@ -93,12 +88,6 @@ class DecayingFriction(FrictionLaw):
     Notes
     -----
     .. math:: \mu(v) = \mu_k + (\mu_s - \mu_k)\, e^{-v / v_c}.    \tag{2}
-
-    Examples
-    --------
-    >>> law = DecayingFriction(static_coefficient=0.5, kinetic_coefficient=0.2, decay_speed=0.1)
-    >>> law.coefficient(np.array(1.0e6), np.array([0.0, 10.0]))
-    array([0.5, 0.2])
     """
 
     static_coefficient: float
@@ -233,13 +222,6 @@ class SteadySliding(InterfaceLaw):
     .. math:: t_N = -p(g), \qquad t_T = \mu(p, |v|)\, p\, \frac{v}{|v|}.    \tag{1}
 
     The tangent is not symmetric; the derivative of :math:`\mu p` is a central difference.
-
-    Examples
-    --------
-    >>> from multiscale.laws import Coulomb, Exponential
-    >>> law = SteadySliding(Exponential(1e6, 1e-4), Coulomb(0.5), velocity=(2.0,))
-    >>> law.respond(np.zeros((2, 1)), np.empty((0, 1))).traction.ravel()
-    array([-1000000.,   500000.])
     """
 
     normal: NormalLaw

@@ -77,13 +77,7 @@ class Bar(LinkLaw):
 
 @dataclass(frozen=True)
 class Cable(LinkLaw):
-    """Link that carries tension only; inextensible if its rigidity is infinite.
-
-    Examples
-    --------
-    >>> Cable(rigidity=4e6).respond(np.array([-1e-4, 1e-4])).tension
-    array([  0., 400.])
-    """
+    """Link that carries tension only; inextensible if its rigidity is infinite."""
 
     lower = 0.0
 

@@ -86,12 +86,6 @@ class PowerLaw(NormalLaw):
     ----------
     .. [1] J. T. Oden and J. A. C. Martins, Comput. Methods Appl. Mech. Eng. 52 (1985) 527-634,
        doi:10.1016/0045-7825(85)90009-X.
-
-    Examples
-    --------
-    >>> law = PowerLaw(pressure_scale=1.0e9, support=1.0e-6, exponent=2.0)
-    >>> law.pressure(np.array([0.0, 0.9e-6, 2.0e-6]))  # Pa
-    array([1.e+09, 1.e+07, 0.e+00])
     """
 
     pressure_scale: float

@@ -114,11 +114,6 @@ class ErrorFunctionArea:
     References
     ----------
     .. [1] B. N. J. Persson, J. Chem. Phys. 115 (2001) 3840-3861, doi:10.1063/1.1388626.
-
-    Examples
-    --------
-    >>> ErrorFunctionArea(1.0e9).contact_fraction(np.array([0.0, 1.0e9]))
-    array([0.        , 0.84270079])
     """
 
     pressure_scale: float
@@ -163,12 +158,6 @@ class PowerStiffness(StiffnessLaw):
     References
     ----------
     .. [1] R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268, doi:10.1115/1.4009973.
-
-    Examples
-    --------
-    >>> law = PowerStiffness(stiffness_scale=2.0e13, exponent=0.5, reference_pressure=1.0e7)
-    >>> law.stiffness_at(np.array([1.0e7, 4.0e7]))  # Pa/m
-    array([2.e+13, 4.e+13])
     """
 
     stiffness_scale: float

@@ -25,14 +25,6 @@ class SideBySide(InterfaceLaw):
     points : sequence of slice, points of each law, among the points of all
     spacing : ndarray, shape (points,)
         Initial gap of every point in addition to the gap of its law, m.
-
-    Examples
-    --------
-    >>> from multiscale.laws import Exponential
-    >>> exponential = Exponential(1.0e9, 1.0e-6)
-    >>> law = SideBySide([exponential], [slice(0, 2)], np.array([0.0, 1.0e-6]))
-    >>> law.respond(np.zeros((3, 2)), np.zeros((0, 2))).traction[0] / 1e6
-    array([-1000.        ,  -367.87944117])
     """
 
     laws: Sequence[InterfaceLaw]

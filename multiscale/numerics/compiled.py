@@ -18,8 +18,7 @@ def compiled(function: Callable[..., Any] | None = None, /, **options: Any) -> A
     """Return a kernel that runs beside other threads, with the options of ``numba.njit``.
 
     It is kept in the cache of numba, if a folder for that can be written to. Numba does not lock
-    this cache. Here one of the processes that need a kernel compiles it, while the others wait, and
-    load the result.
+    this cache: here one of the processes that need a kernel compiles it, while the others wait.
     """
     if function is None:
         return partial(compiled, **options)

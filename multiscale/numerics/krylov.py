@@ -1,11 +1,17 @@
-"""Conjugate gradients, and generalised minimal residuals with a changing preconditioner."""
+"""Conjugate gradients, flexible minimal residuals, and Anderson acceleration of fixed points."""
 
 from collections.abc import Callable
 
 import numpy as np
 from numpy.linalg import norm
 
-__all__ = ["conjugate_gradients", "minimal_residual"]
+__all__ = ["Anderson", "conjugate_gradients", "minimal_residual"]
+
+WORSE, DAMPED = 10.0, 0.5
+"""Residual, relative to the best, above which the iterates are dropped; relaxation after that."""
+
+REGULAR = 1e-10
+"""Added to the diagonal of the scaled inner products of the changes."""
 
 Operator = Callable[[np.ndarray], np.ndarray]
 
@@ -38,14 +44,10 @@ def conjugate_gradients(
 def minimal_residual(
     apply: Operator, right_hand_side: np.ndarray, precondition: Operator, *, goal: float, room: int
 ) -> tuple[np.ndarray, int]:
-    r"""Solve :math:`A x = b` approximately by flexible GMRES without restart.
+    """Solve :math:`A x = b` approximately by flexible GMRES without restart.
 
-    References
-    ----------
-    .. [1] Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469, doi:10.1137/0914028.
+    Y. Saad, SIAM J. Sci. Comput. 14 (1993) 461-469, doi:10.1137/0914028.
 
-    Examples
-    --------
     >>> matrix = np.diag([1.0, 2.0, 4.0])
     >>> x, _ = minimal_residual(lambda v: matrix @ v, np.ones(3), np.copy, goal=1e-12, room=60)
     >>> x.round(6)
@@ -67,3 +69,62 @@ def minimal_residual(
     A, M = (LinearOperator(shape, product, dtype=dtype) for product in (apply, counted))
     x, _ = gcrotmk(A, right_hand_side, M=M, rtol=0.0, atol=goal, maxiter=1, m=room, k=1)
     return x, iterations
+
+
+class Anderson:
+    """Combine the last iterates to the least residual, with a restart.
+
+    ``memory`` iterates before the last one count, ``relaxation`` is the share of an image in the
+    next iterate, and ``products`` returns inner products of the columns of two arrays (n, k) and
+    (n, m). H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735, doi:10.1137/10078356X.
+    """
+
+    def __init__(
+        self,
+        memory: int,
+        *,
+        relaxation: float = 1.0,
+        products: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda a, b: a.T @ b,
+    ) -> None:
+        self.memory, self.relaxation, self.products = memory, relaxation, products
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop the iterates, for a new problem."""
+        self.points: list[np.ndarray] = []
+        self.residuals: list[np.ndarray] = []
+        self.best = np.inf
+
+    def renew(self, where: np.ndarray, x: np.ndarray) -> None:
+        """Set some entries of all iterates to a new value, where their meaning has changed."""
+        if where.all():
+            self.forget()
+        for point, residual in zip(self.points, self.residuals, strict=True):
+            point[where] = x[where]
+            residual[where] = self.residuals[-1][where]
+
+    def next(
+        self, x: np.ndarray, image: np.ndarray, residual: np.ndarray, size: float
+    ) -> np.ndarray:
+        """Return the next iterate from the last one, its image and their distance."""
+        # a much larger residual: restart with a damped step
+        if self.points and size > WORSE * self.best:
+            self.forget()
+            self.best = size
+            return DAMPED * image + (1.0 - DAMPED) * x
+        plain = self.relaxation * image + (1.0 - self.relaxation) * x
+        self.points = [*self.points, plain][-self.memory - 1 :]
+        self.residuals = [*self.residuals, residual][-self.memory - 1 :]
+        self.best = min(size, self.best)
+        if len(self.points) == 1:
+            return plain
+        # least squares in the changes, scaled and regularised
+        change = residual[:, None] - np.array(self.residuals[:-1]).T
+        matrix = self.products(change, change)
+        scale = np.sqrt(matrix.diagonal())
+        scale[scale == 0.0] = 1.0
+        matrix = matrix / np.outer(scale, scale)
+        matrix[np.diag_indices_from(matrix)] += REGULAR
+        weight = np.linalg.solve(matrix, self.products(change, residual[:, None])[:, 0] / scale)
+        step = (plain[:, None] - np.array(self.points[:-1]).T) @ (weight / scale)
+        return np.asarray(plain - step)

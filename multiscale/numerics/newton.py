@@ -60,16 +60,9 @@ class Limits:
 class NewtonRun:
     """Record of a Newton iteration that decides when to stop; the iterates stay in the loop.
 
-    Attributes
-    ----------
-    limits : Limits
-    patience : float, iterations without a smaller residual after which the iteration gives up
-    status : Status, why it stopped
-    residuals, seconds : list of float, residual and time, s, of every iterate
-    begin : float, start on the clock, s
+    ``patience`` is the number of iterations without a smaller residual after which it gives up;
+    ``residuals`` and ``seconds``, s, are of every iterate, ``begin`` is the start on the clock, s.
 
-    Examples
-    --------
     >>> x, run = 2.0, NewtonRun(Limits(tolerance=1e-12))
     >>> while run.goes_on(abs(x * x - 2.0)):
     ...     x -= (x * x - 2.0) / (2.0 * x)
@@ -128,15 +121,7 @@ def enough(first: float, last: float) -> bool:
 
 
 def step_length(slope: Callable[[float], float], first: float) -> float:
-    r"""Return the step that (nearly) minimises a convex potential along a direction.
-
-    Examples
-    --------
-    >>> step_length(lambda a: a - 1.0, -1.0)
-    1.0
-    >>> 9.4 < step_length(lambda a: a - 10.0, -10.0) < 10.0
-    True
-    """
+    """Return the step that (nearly) minimises a convex potential along a direction."""
     if not first < 0.0 or enough(first, slope(1.0)):
         return 1.0
     # bracket of the minimum by doubling

@@ -8,7 +8,7 @@ from scipy.sparse import csr_array, hstack, kron, vstack
 
 from multiscale.fe.boxes import plane_block
 from multiscale.fe.elasticity import elastic_matrix
-from multiscale.fe.interface import face_operator
+from multiscale.fe.faces import face_operator
 from multiscale.laws import AreaLaw, NormalLaw
 from multiscale.laws.bulk import Elastic
 from multiscale.macro.continuum.body import Body, fixed_motion

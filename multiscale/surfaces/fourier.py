@@ -82,8 +82,7 @@ def ring_density(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r"""Wavenumber, rad/m, density (4), m^4, and number of modes of each ring of :func:`wave_power`.
 
-    Convention of [1]_ for the two-dimensional density, averaged over rings of width
-    :math:`2\pi / \min(L_x, L_y)`:
+    Two-dimensional density [1]_, averaged over rings of width :math:`2\pi / \min(L_x, L_y)`:
 
     .. math::
         C_q = L_x L_y\, |\hat h_q|^2, \qquad
@@ -92,8 +91,6 @@ def ring_density(
 
     The sum is exact: modes in the corners count, in incomplete rings.
 
-    References
-    ----------
     .. [1] T. D. B. Jacobs, T. Junge and L. Pastewka, Surf. Topogr.: Metrol. Prop. 5 (2017)
        013001, doi:10.1088/2051-672X/aa51f8.
     """
@@ -140,8 +137,9 @@ class Roughness:
     Attributes
     ----------
     rms_height, rms_slope : float, root mean square height, m, and slope, dimensionless
-    longest_wave : float, wavelength, m, beyond which a hundredth of the mean square height remains
-    shortest_wave : float, wavelength, m, below which a hundredth of the mean square slope remains
+    longest_wave, shortest_wave : float
+        Wavelengths, m, beyond which a hundredth of the mean square height remains, and below which
+        a hundredth of the mean square slope does.
     """
 
     rms_height: float

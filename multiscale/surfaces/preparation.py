@@ -38,11 +38,11 @@ def detrend(surface: Surface) -> Surface:
 
 
 def find_spikes(heights: np.ndarray) -> np.ndarray:
-    r"""Find points that stand out of their surroundings.
+    r"""Find points that stand out of their surroundings, bool of the shape of the heights.
 
-    ``heights`` has the shape (nx, ny), m, NaN where undefined; a line scan has ``ny = 1``. The
-    result, bool of the same shape, is false at undefined points. With the median
-    :math:`m` of the 5 x 5 points about it, a point is a spike if
+    ``heights`` has the shape (nx, ny), m, NaN where undefined, where the result is false; a line
+    scan has ``ny = 1``. With the median :math:`m` of the 5 x 5 points about it, a point is a spike
+    if
 
     .. math:: |h - m| > 10 \cdot 1.4826\, \mathrm{median}(|h - m| \ne 0),
 
@@ -115,14 +115,7 @@ def window(surface: Surface, *, taper: float = 0.1) -> Surface:
 
 
 def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> Surface:
-    """Cut out a piece of a map.
-
-    Parameters
-    ----------
-    surface : Surface
-    origin, points : tuple of int
-        First node (i, j), and points (nx, ny) of the piece, at least 2 each, within the map.
-    """
+    """Cut out the piece of a map from a node (i, j), with (nx, ny) points, at least 2 each."""
     shape = surface.heights.shape
     if any(
         first < 0 or n < 2 or first + n > total
@@ -140,20 +133,12 @@ def crop(surface: Surface, origin: tuple[int, int], points: tuple[int, int]) -> 
 
 
 def rotate(surface: Surface, angle: float) -> Surface:
-    """Turn a map counter-clockwise.
+    """Turn a map, which need not be periodic, counter-clockwise by an angle, rad.
 
-    Parameters
-    ----------
-    surface : Surface, the map; it need not be periodic
-    angle : float
-        Angle, rad. Multiples of a right angle are exact. Otherwise heights are interpolated by
-        cubic splines, which damps the shortest wavelengths, and the result is the largest
-        rectangle, with sides in the ratio of the map or its inverse, in the turned map.
-
-    Returns
-    -------
-    Surface
-        Map of the same spacing. Points whose neighbours were filled count as filled.
+    Multiples of a right angle are exact. Otherwise heights are interpolated by cubic splines, which
+    damps the shortest wavelengths, and the result is the largest rectangle in the turned map with
+    sides in the ratio of the map or its inverse. The spacing stays; points with filled neighbours
+    are filled.
     """
     from scipy.ndimage import map_coordinates
 

@@ -238,19 +238,11 @@ class Lay:
 def find_lay(surface: Surface, short_cutoff: float) -> Lay:
     r"""Find the direction of the lay of a map, and how much of it a mirror image loses.
 
-    Parameters
-    ----------
-    surface : Surface
-        The map, detrended. Hann's window makes it periodic.
-    short_cutoff : float, shortest wavelength that counts, m
-
-    Notes
-    -----
-    Of :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla h^T \rangle` the
-    eigenvalues are the mean square slopes across and along the lay, and
-    :math:`2 |T_{xy}| / (T_{xx} + T_{yy})` is lost in a mirror image, which has four modes
-    :math:`(\pm q_x, \pm q_y)` for a mode :math:`(q_x, q_y)`, so that :math:`T_{xy}` vanishes:
-    ridges become a herringbone.
+    The map is detrended, Hann's window makes it periodic, and wavelengths count from
+    ``short_cutoff`` up, m. Of :math:`T = \sum_q q\, q^T |\hat h_q|^2 = \langle \nabla h\, \nabla
+    h^T \rangle` the eigenvalues are the mean square slopes across and along the lay. A mirror
+    image, which has the modes :math:`(\pm q_x, \pm q_y)` for a mode :math:`(q_x, q_y)`, loses the
+    share :math:`2 |T_{xy}| / (T_{xx} + T_{yy})`: ridges become a herringbone.
     """
     return _lay_of(surface, *wave_power(window(surface, taper=0.5)), short_cutoff)
 

@@ -52,13 +52,11 @@ def self_affine(
     ----------
     points, size : tuple, grid points (nx, ny) and edge lengths (Lx, Ly) of the cell, m
     seed : int
-    hurst_exponent : float
-        :math:`0 \le H \le 1`, dimensionless.
+    hurst_exponent : float, :math:`0 \le H \le 1`, dimensionless
     long_cutoff, short_cutoff : float
         Longest and shortest wavelength :math:`\lambda_l \ge \lambda_s`, m.
     roll_off : float, optional
-        Wavelength :math:`\lambda_r`, m, above which the spectrum is flat. ``long_cutoff`` if not
-        given, which leaves no flat part.
+        Wavelength :math:`\lambda_r`, m, above which the spectrum is flat, else ``long_cutoff``.
     rms_height, rms_slope : float, optional
         Root mean square height, m, or slope :math:`\langle |\nabla h|^2 \rangle^{1/2}`,
         dimensionless; exactly one of them.
@@ -77,16 +75,14 @@ def self_affine(
     ratio r the wavenumber q is replaced by :math:`(q_\perp^2 + r^2 q_\parallel^2)^{1/2}` of the
     components across and along the lay.
 
-    Only the phases are random, not the moduli. Hence every realisation has exactly the given root
-    mean square height or slope, and the same spectrum. The scatter of an ensemble with Gaussian
-    moduli is missing: with few modes in the band, statistics over realisations are too narrow.
+    Only the phases are random: every realisation has exactly the given root mean square height or
+    slope, and the same spectrum. The scatter of an ensemble with Gaussian moduli is missing: with
+    few modes in the band, statistics over realisations are too narrow.
 
-    The surface depends on the seed, the cell and the band, not on the grid: a finer grid samples
-    the same surface at more points. Phases are drawn in the order of rising :math:`q`, so a lower
-    ``short_cutoff`` adds modes and leaves the phases of the longer ones.
-
-    The grid must have more than two points per wavelength in each direction to represent the
-    surface; to resolve contact on it, use at least 8 points per shortest wavelength.
+    The surface depends on the seed, the cell and the band, not on the grid, which must have more
+    than two points per wavelength; to resolve contact, use at least 8 per shortest wavelength.
+    Phases are drawn in the order of rising :math:`q`, so a lower ``short_cutoff`` leaves longer
+    modes as they are.
 
     Examples
     --------

@@ -32,7 +32,7 @@ from multiscale.fe.elasticity import (
     elastic_matrix,
     mode_stiffness,
 )
-from multiscale.fe.interface import face_operator
+from multiscale.fe.faces import face_operator
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 
 E, NU = 2.5, 0.3

@@ -20,7 +20,7 @@ from multiscale.macro import (
 )
 from multiscale.macro.links.link_equations import compatibility, equations
 from multiscale.macro.links.mechanisms import smallest_eigenvalue
-from multiscale.numerics import cholesky
+from multiscale.numerics import factorisation
 from multiscale.schema import MACRO_RESULT
 from tests.link_structures import free_module, truss
 
@@ -290,8 +290,8 @@ def test_a_strut_carries_what_a_cable_cannot():
 def factors(request, monkeypatch):
     """Tangent of a grid, its entries and its matrix, by either library."""
     if request.param == "superlu":
-        monkeypatch.setattr(cholesky, "new_pardiso", lambda kind: None)
-    elif cholesky.new_pardiso(cholesky.POSITIVE_DEFINITE) is None:
+        monkeypatch.setattr(factorisation, "new_pardiso", lambda kind: None)
+    elif factorisation.new_pardiso(factorisation.POSITIVE_DEFINITE) is None:
         pytest.skip("needs pypardiso")
     system = tensegrity_grid(3)
     model = equations(system)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from multiscale.fe.boxes import HEX_ORDER
-from multiscale.fe.interface import face_operator
+from multiscale.fe.faces import face_operator
 from multiscale.laws import PowerLaw, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton

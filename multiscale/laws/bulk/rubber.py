@@ -94,18 +94,6 @@ class Prony(IsotropicLaw):
     ----------
     .. [1] J. C. Simo, Comput. Methods Appl. Mech. Eng. 60 (1987) 153-173,
        doi:10.1016/0045-7825(87)90107-1: the convolution and its recurrence.
-
-    Examples
-    --------
-    The stress of a constant shear tends to the share of the modulus that does not relax:
-
-    >>> law = Prony(3.0, 0.49, weights=(0.5, 0.3), times=(1.0, 10.0))
-    >>> F = np.eye(3)
-    >>> F[0, 1] = 1e-4
-    >>> at_once = law.respond_shape(F, law.initial_state(()))
-    >>> later = law.over(1000.0).respond_shape(F, at_once.state)
-    >>> round(float(later.stress[0, 1] / at_once.stress[0, 1]), 6)
-    0.2
     """
 
     weights: tuple[float, ...]

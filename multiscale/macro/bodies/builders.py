@@ -9,7 +9,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import HEX_ORDER, box_mesh
-from multiscale.fe.interface import face_operator
+from multiscale.fe.faces import face_operator
 from multiscale.io.gmsh_model import gmsh_model
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.laws.interface_law import InterfaceLaw

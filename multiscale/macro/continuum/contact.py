@@ -1,7 +1,7 @@
 r"""Surfaces that may touch, small or large displacement: obstacles, frames, gap and slip.
 
 Side 1 is a face of a body and carries the reaction; side 2 is a face of another body or a rigid
-obstacle. With the mortar rows of :mod:`~multiscale.fe.interface` the weighted jump of a nodal field
+obstacle. With the mortar rows of :mod:`~multiscale.fe.faces` the weighted jump of a nodal field
 is
 
 .. math:: B u = M u_2 - D u_1 ,    \tag{1}
@@ -33,8 +33,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, vstack
 
 from multiscale.errors import CaseError
-from multiscale.fe.faces import OrientedFace, nodal_normals, tangent_frames
-from multiscale.fe.interface import mortar_rows
+from multiscale.fe.faces import OrientedFace, mortar_rows, nodal_normals, tangent_frames
 from multiscale.macro.continuum.body import Value
 
 __all__ = ["Contact", "ContactInterface", "Coupling", "RigidGraph", "RigidObstacle", "RigidPlane"]

@@ -10,8 +10,7 @@ from scipy.sparse import csr_array, diags_array, kron
 
 from multiscale.errors import CaseError
 from multiscale.fe.elements import Elements, element_response, prepare_elements, sum_blocks
-from multiscale.fe.faces import face_of
-from multiscale.fe.interface import face_points
+from multiscale.fe.faces import face_of, face_points
 from multiscale.laws.bulk import BulkLaw
 from multiscale.macro.continuum.body import Body, fixed_motion, load_vector
 from multiscale.macro.continuum.contact import Contact, ContactInterface, Coupling

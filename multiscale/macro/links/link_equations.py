@@ -9,9 +9,8 @@ from scipy.sparse import csr_array, triu
 from multiscale.convergence import Solution
 from multiscale.laws.link import Beam
 from multiscale.macro.links.link_system import LinkSystem
-from multiscale.numerics.cholesky import Factorise, prepare_cholesky
 from multiscale.numerics.compiled import compiled
-from multiscale.numerics.factorisation import Solve
+from multiscale.numerics.factorisation import Factorise, Solve, prepare_cholesky
 
 __all__ = [
     "LinkEquations",

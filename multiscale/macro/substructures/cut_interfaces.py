@@ -3,7 +3,7 @@ r"""Points where a law joins bodies: nodes, Gauss points, or averages.
 Points are the nodes of matching facets of first order or with nine nodes. Where meshes do not
 match, or facets have other nodes of second order, the points are the corners of the facets of side
 2, or of side 1 where the facets of side 2 are far larger, and the jump is its mean about a corner
-a: with the mortar rows D and M, (1) of :mod:`multiscale.fe.interface`, of that side,
+a: with the mortar rows D and M, (1) of :mod:`multiscale.fe.faces`, of that side,
 
 .. math:: w_a = \sum_b D_{ab}, \qquad
     j_a = \frac{1}{w_a} \sum_b \left(D_{ab} u^2_b - M_{ab} u^1_b\right).    \tag{1}
@@ -20,14 +20,16 @@ from scipy.sparse import csr_array, vstack
 
 from multiscale.errors import CaseError
 from multiscale.fe.elements import is_first_order
-from multiscale.fe.faces import OrientedFace, face_of, plane_frame
-from multiscale.fe.interface import (
+from multiscale.fe.faces import (
+    OrientedFace,
     corner_integrals,
+    face_of,
     face_points,
     facet_nodes,
     match_faces,
     mean_rows,
     mortar_rows,
+    plane_frame,
 )
 from multiscale.macro.bodies.assembly import Interface
 from multiscale.macro.continuum.body import Body

@@ -17,7 +17,7 @@ from multiscale.macro.substructures.parallel import ProcessGroup
 from multiscale.macro.substructures.problem import CutProblem
 from multiscale.macro.substructures.state import JointState
 from multiscale.macro.substructures.stepping import Method, StepAnswer
-from multiscale.numerics.anderson import Anderson
+from multiscale.numerics.krylov import Anderson
 from multiscale.schema import MACRO_RESULT, Dataset
 
 __all__ = ["LatinMethod", "LatinSolver", "simulate_latin", "solve_latin"]

@@ -9,8 +9,7 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array, diags_array, vstack
 
 from multiscale.macro.substructures.problem import CutInterface, CutProblem, Links, Substructure
-from multiscale.numerics.cholesky import Factorise, prepare_cholesky
-from multiscale.numerics.factorisation import Solve, on_diagonal
+from multiscale.numerics.factorisation import Factorise, Solve, on_diagonal, prepare_cholesky
 
 __all__ = ["Sides", "Stack", "lay_out_sides", "split_columns", "stack_parts"]
 

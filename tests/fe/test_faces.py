@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 from skfem import MeshHex, MeshQuad, MeshTet, MeshTri
 
 from multiscale.fe.elasticity import displacement_basis
-from multiscale.fe.faces import face_of, facet_normals
-from multiscale.fe.interface import face_points, mortar_rows
+from multiscale.fe.faces import face_of, face_points, facet_normals, mortar_rows
 from tests.contact_scenes import block, distorted, rotation_2d
 
 
