@@ -148,6 +148,10 @@ class Unit:
     scale: float
     zero: float = 0.0
 
+    def shown(self, value: Any) -> Any:
+        """Return a number, or an array, in this unit."""
+        return self.scale * value + self.zero
+
 
 STIFFNESS_UNITS = (Unit("MPa/µm", 1e-12), Unit("MPa/mm", 1e-9), Unit("kPa/mm", 1e-6))
 LENGTH_UNITS = (Unit("m", 1.0), Unit("mm", 1e3), Unit("µm", 1e6), Unit("nm", 1e9))

@@ -18,7 +18,8 @@ from pathlib import Path
 from multiscale.io import make_folder, write_dataset
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, SecondBody, Surface, self_affine, slide_cell
-from multiscale.plotting import draw_sliding
+from multiscale.plotting import plot_lines
+from multiscale.plotting.figure import on_axes
 from multiscale.schema import SLIDING_RESPONSE
 
 SIZE = 50e-6  # m
@@ -68,7 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         tolerance=1e-5,
     )
     write_dataset(response, out / "sliding_response.nc", SLIDING_RESPONSE)
-    draw_sliding(response, out / "friction.png")
+    draw = on_axes(plot_lines, response, "effective_friction", by="nominal_pressure")
+    draw(out / "friction.png")
     for one, friction in zip(pressure, response["effective_friction"].values, strict=True):
         sys.stdout.write(
             f"{1e-6 * one:.0f} MPa: friction {friction[1]:.3f} at first, {friction[-1]:.3f} at the "

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from multiscale.plotting.budget_figures import estimated_steps, step_labels
-from multiscale.schema import SHOWN, Dataset
+from multiscale.schema import SHOWN, Dataset, unit_in
 from multiscale.units import Unit, stiffness_unit
 from multiscale.upscaling import Prediction
 from multiscale.upscaling.budget import (
@@ -90,10 +90,8 @@ class View:
     labels: Mapping[str, str] = field(default_factory=dict)
 
     def unit(self, name: str) -> Unit:
-        """Return the unit of a variable; a family is that of its first variable in ``SHOWN``."""
-        family = SHOWN[name].unit
-        alike = (one for one in SHOWN if SHOWN[one].unit == family and one in self.data)
-        return SHOWN[name].in_unit(self.data[next(alike, name)].to_numpy().ravel())
+        """Return the unit of a variable."""
+        return unit_in(self.data, name)
 
     def head(self, name: str) -> str:
         """Return the label of a variable with its unit."""
@@ -143,7 +141,7 @@ class View:
             return say_share(value)
         if half > NEGLIGIBLE * abs(value):
             return round_by(unit.scale * value, unit.scale * half)
-        return f"{unit.scale * value + unit.zero:.{show.digits}g}"
+        return f"{unit.shown(value):.{show.digits}g}"
 
     def say(self, step: Dataset, name: str, form: str = "") -> str:
         """Write a variable in a sentence, with its unit, and its error or both intervals."""

@@ -1,7 +1,6 @@
 from .body_figures import MOST_DRAWN as MOST_DRAWN
 from .body_figures import load_pictures as load_pictures
 from .body_figures import plot_body_stress as plot_body_stress
-from .body_figures import plot_bolt_forces as plot_bolt_forces
 from .body_figures import plot_load_paths as plot_load_paths
 from .budget_figures import plot_error_budget as plot_error_budget
 from .damage_figures import plot_damage_sphere as plot_damage_sphere
@@ -12,11 +11,9 @@ from .grain_figures import draw_granulate as draw_granulate
 from .grain_figures import plot_biaxial_curve as plot_biaxial_curve
 from .grain_figures import plot_contact_error as plot_contact_error
 from .grain_figures import plot_force_network as plot_force_network
-from .grain_figures import plot_grain_answer as plot_grain_answer
 from .grain_figures import plot_grain_energies as plot_grain_energies
 from .joint_figures import draw_joint as draw_joint
 from .joint_figures import joint_pictures as joint_pictures
-from .joint_figures import plot_amplitudes as plot_amplitudes
 from .joint_figures import plot_hysteresis as plot_hysteresis
 from .joint_figures import plot_joint_plan as plot_joint_plan
 from .law_figures import plot_area_law as plot_area_law
@@ -25,6 +22,7 @@ from .law_figures import plot_joint_stiffness as plot_joint_stiffness
 from .law_figures import plot_leakage as plot_leakage
 from .law_figures import plot_shear_law as plot_shear_law
 from .law_figures import plot_unloading as plot_unloading
+from .lines import plot_lines as plot_lines
 from .link_figures import draw_links as draw_links
 from .link_figures import plot_deformed_links as plot_deformed_links
 from .link_figures import plot_energies as plot_energies
@@ -38,9 +36,6 @@ from .rve_figures import plot_size_damage as plot_size_damage
 from .rve_figures import plot_size_stiffness as plot_size_stiffness
 from .rve_figures import plot_size_study as plot_size_study
 from .rve_figures import plot_softening as plot_softening
-from .sliding_figures import draw_sliding as draw_sliding
-from .sliding_figures import plot_sliding_friction as plot_sliding_friction
-from .sliding_figures import plot_steady_friction as plot_steady_friction
 from .surface_figures import plot_bearing_curve as plot_bearing_curve
 from .surface_figures import plot_contact_map as plot_contact_map
 from .surface_figures import plot_flow_channels as plot_flow_channels
@@ -51,7 +46,6 @@ from .surface_figures import plot_surface as plot_surface
 from .sweep_figures import plot_sweep as plot_sweep
 from .sweep_figures import plot_sweep_steps as plot_sweep_steps
 from .sweep_figures import sweep_ends as sweep_ends
-from .tyre_figures import plot_braking_force as plot_braking_force
 from .tyre_figures import plot_footprint as plot_footprint
 from .tyre_figures import plot_friction_bell as plot_friction_bell
 from .vibration_figures import plot_backbone as plot_backbone

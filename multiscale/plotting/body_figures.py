@@ -13,12 +13,13 @@ import numpy as np
 from multiscale.plotting.element_faces import outer_faces
 from multiscale.plotting.figure import Axes, axes_or_current, set_box
 from multiscale.plotting.joint_figures import plot_joint_plan
+from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-__all__ = ["MOST_DRAWN", "load_pictures", "plot_body_stress", "plot_bolt_forces", "plot_load_paths"]
+__all__ = ["MOST_DRAWN", "load_pictures", "plot_body_stress", "plot_load_paths"]
 
 MOST_DRAWN = 4
 """Interfaces that are drawn, from the first on."""
@@ -84,16 +85,6 @@ def plot_load_paths(result: Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_bolt_forces(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the force of every bolt over the load steps."""
-    ax = axes_or_current(ax)
-    for bolt, force in enumerate(1e-3 * result["bolt_force"].values.T):
-        ax.plot(force, ".-", linewidth=1.0, label=f"bolt {bolt}")
-    ax.set(xlabel="load step", ylabel="force of the bolt (kN)")
-    ax.legend(frameon=False)
-    return ax
-
-
 def load_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     """Return what is drawn of bodies under loads, by name; interfaces at the last step known.
 
@@ -103,7 +94,7 @@ def load_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     if np.isfinite(result["load_displacement"].values).any(axis=1).sum() > 1:
         draw["loads"] = partial(plot_load_paths, result)
     if result.sizes.get("bolt", 0) and np.isfinite(result["bolt_force"][:, 0]).sum() > 1:
-        draw["bolts"] = partial(plot_bolt_forces, result)
+        draw["bolts"] = partial(plot_lines, result, "bolt_force", by="bolt")
     for k in range(min(MOST_DRAWN, result.sizes.get("interface", 0))):
         known = np.flatnonzero(np.isfinite(result["interface_slip"].values[:, k]))
         if not known.size:

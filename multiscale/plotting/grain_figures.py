@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from multiscale.errors import CaseError
 from multiscale.plotting.figure import (
     Axes,
     add_colour_bar,
@@ -14,6 +13,7 @@ from multiscale.plotting.figure import (
     plot_energy_parts,
     save_figures,
 )
+from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset
 
 __all__ = [
@@ -23,23 +23,14 @@ __all__ = [
     "plot_biaxial_curve",
     "plot_contact_error",
     "plot_force_network",
-    "plot_grain_answer",
     "plot_grain_energies",
 ]
 
 GRAIN_PICTURES = ("grain_answer", "biaxial_curve", "force_network", "energies", "contact_error")
 """Names of all figures of grains."""
 
-WEIGHT, STRESS = "share of the weight (%)", "stress on the upper plate (kPa)"
-
-ANSWERS = {
-    "side_share": ("side walls", 100.0, WEIGHT),
-    "floor_share": ("floor", 100.0, WEIGHT),
-    "run_out": ("farthest grain", 1e3, "run-out beyond the gate (mm)"),
-    "plate_shear": ("shear stress", 1e-3, STRESS),
-    "plate_pressure": ("pressure", 1e-3, STRESS),
-}
-"""Labels, scales and axes of the quantities that a motion is asked for."""
+ANSWERS = ("side_share", "floor_share", "plate_shear", "plate_pressure")
+"""Quantities that a motion is asked for, beside its run-out."""
 
 
 def plot_force_network(
@@ -133,28 +124,13 @@ def plot_biaxial_curve(result: Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_grain_answer(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the quantity that a motion is asked for over time: weight borne, run-out or stress.
-
-    Raises
-    ------
-    CaseError
-        If the result has none of them.
-    """
-    ax, shown = axes_or_current(ax), [name for name in ANSWERS if name in result]
-    if not shown:
-        raise CaseError("the result has no share of the weight, run-out or stress on a plate")
-    start = np.append(0.0, result["time"].values)
-    for name in shown:
-        label, scale, axis = ANSWERS[name]
-        at = start[1:]
-        if result[name].dims == ("frame",):
-            at = start[result["frame_step"].values + 1]
-        ax.plot(at, scale * result[name].values, linewidth=0.8, label=label)
-    ax.set(xlabel="time (s)", ylabel=axis)
-    if len(shown) > 1:
-        ax.legend()
-    return ax
+def _plot_answer(result: Dataset, *, ax: Axes | None = None) -> Axes:
+    """Plot the quantity that a motion is asked for over time: weight borne, run-out or stress."""
+    if "run_out" in result:
+        times = np.append(0.0, result["time"].values)[result["frame_step"].values + 1]
+        shown = result[["run_out"]].assign(time=("frame", times))
+        return plot_lines(shown.rename(frame="step"), "run_out", over="time", ax=ax)
+    return plot_lines(result, *ANSWERS, over="time", ax=ax)
 
 
 def grain_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
@@ -163,8 +139,8 @@ def grain_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     middle, half = 0.5 * (y.min() + y.max()), 2.0 * float(result["radius"].max())
     slab = (float(middle - half), float(middle + half))
     plots: dict[str, Callable[..., object]] = {}
-    if any(name in result for name in ANSWERS):
-        plots["grain_answer"] = partial(plot_grain_answer, result)
+    if any(name in result for name in (*ANSWERS, "run_out")):
+        plots["grain_answer"] = partial(_plot_answer, result)
     if "stress" in result:
         plots["biaxial_curve"] = partial(plot_biaxial_curve, result)
     return plots | {

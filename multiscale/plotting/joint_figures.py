@@ -15,9 +15,9 @@ from multiscale.fe.faces import plane_axes
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.element_faces import list_faces
 from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, save_figures
-from multiscale.plotting.law_figures import BANDS, plot_joint_stiffness
+from multiscale.plotting.law_figures import plot_joint_stiffness
+from multiscale.plotting.lines import BANDS, plot_lines
 from multiscale.schema import Dataset
-from multiscale.units import Unit, stiffness_unit
 
 if TYPE_CHECKING:
     from matplotlib.collections import Collection
@@ -26,7 +26,6 @@ __all__ = [
     "draw_joint",
     "draw_points",
     "joint_pictures",
-    "plot_amplitudes",
     "plot_hysteresis",
     "plot_joint_plan",
 ]
@@ -46,15 +45,6 @@ BESIDE = 0.05
 
 LEVEL = 1e-6
 """Height, relative to a body, up to which corners lie on its top."""
-
-BANDS_SAID = "mean law and one part, 95 %"
-
-CYCLES = {
-    "secant_stiffness": ("secant shear stiffness", None),
-    "cycle_loss": ("loss per cycle", Unit("mJ", 1e3)),
-    "cycle_slip": ("contact force at sliding", Unit("%", 100.0)),
-}
-"""Quantities of closed cycles, with their labels and units but of stiffnesses."""
 
 QUANTITIES = {
     "pressure": "pressure (MPa)",
@@ -274,42 +264,16 @@ def plot_hysteresis(result: Dataset, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_amplitudes(
-    result: Dataset, *, quantity: str = "secant_stiffness", ax: Axes | None = None
-) -> Axes:
-    """Plot secant stiffness or loss of closed cycles over the amplitude, a line for each preload.
-
-    Parameters
-    ----------
-    quantity : str
-        ``"secant_stiffness"``, ``"cycle_loss"``, which has logarithmic axes, or ``"cycle_slip"``.
-    """
-    ax = axes_or_current(ax)
-    label, unit = CYCLES[quantity]
-    unit = unit or stiffness_unit(result["joint_stiffness"].values)
-    label, scale = f"{label} ({unit.name})", unit.scale
-    shear, low = 1e-6 * result["cycle_shear"].values, np.inf
-    for level, preload in enumerate(1e-6 * result["cycle_preload"].values):
-        value, colour = scale * result[quantity].values[level], f"C{level}"
-        if quantity == "cycle_loss":  # cycles without slip have no place on logarithmic axes
-            value = np.where(value > 0.0, value, np.nan)
-        if not np.isfinite(value).any():
-            continue
-        for kind, alpha in BANDS.items():
-            if f"{quantity}_{kind}" in result:
-                band = scale * result[f"{quantity}_{kind}"].values[:, level]
-                ax.fill_between(shear, *band, color=colour, alpha=0.7 * alpha, linewidth=0)
-        ax.plot(shear, value, "o-", color=colour, markersize=4, label=f"preload {preload:.3g} MPa")
-        low = min(low, np.nanmin(value))
-    if quantity == "cycle_loss":
+def _plot_cycles(result: Dataset, name: str, *, ax: Axes | None = None) -> Axes:
+    """Plot an answer of closed cycles over the amplitude, a line for each preload."""
+    if name == "cycle_loss":  # cycles without slip have no place on logarithmic axes
+        result = result.assign({name: result[name].where(result[name] > 0.0)})
+    ax = plot_lines(result, name, by="cycle_preload", ax=ax, title="closed cycles, by preload")
+    if name == "cycle_loss":
+        shear, low = 1e-6 * result["cycle_shear"].values, 1e3 * float(result[name].min())
         ax.set(xscale="log", yscale="log", xticks=shear, ylim=(0.5 * low, None))
         ax.set_xticks([], minor=True)
         ax.set_xticklabels([f"{one:.3g}" for one in shear])
-    ax.set(xlabel="amplitude of the shear (MPa)", ylabel=label)
-    bands = f"; bands: {BANDS_SAID}" if f"{quantity}_one_part" in result else ""
-    ax.set_title(f"closed cycles{bands}", fontsize="medium")
-    falls = quantity == "secant_stiffness"
-    ax.legend(fontsize="small", loc="lower left" if falls else "upper left")
     return ax
 
 
@@ -341,7 +305,7 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
     if "cycle_loss" in result:
         for name in ("secant_stiffness", "cycle_loss"):
             if (result[name].values > 0.0).sum(axis=1).max() > 1:  # one amplitude is no line
-                draw[name] = partial(plot_amplitudes, result, quantity=name)
+                draw[name] = partial(_plot_cycles, result, name)
     return draw
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from multiscale.plotting.figure import Axes, axes_or_current
-from multiscale.schema import Dataset
-from multiscale.units import stiffness_unit
+from multiscale.plotting.lines import draw_band, draw_bands, plot_lines
+from multiscale.schema import SHOWN, Dataset, unit_in
 from multiscale.upscaling import (
     areas_from_dataset,
     conductance_ratios,
@@ -34,9 +34,6 @@ __all__ = [
 
 BAND_PERCENTILES = (2.5, 97.5)
 """Percentiles of the 95 % bands."""
-
-BANDS = {"one_part": 0.2, "mean_law": 0.45}
-"""Both intervals of an answer, and the opacity of their bands."""
 
 LEAST = 0.1
 """Lower end of a band on a logarithmic axis over the least value, where it is zero."""
@@ -121,16 +118,14 @@ def plot_conductance(law: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot conductance against mean pressure: thermal, or else electrical, with its band."""
     ax = axes_or_current(ax)
     name, ratio = next(iter(conductance_ratios(law).items()))
-    scale, label = {
-        "thermal_conductance": (1e-3, "thermal conductance (kW/m²K)"),
-        "electrical_conductance": (1e-6, "electrical conductance (S/mm²)"),
-    }[name]
+    unit = SHOWN[name].in_unit(())
     data = law["fit_pressure"].to_numpy()
     along = np.geomspace(data.min(), data.max(), 200)
     laws = fitted_laws(law, [None, *range(law.sizes["sample"])])
-    conducted = [scale * ratio * one.stiffness(one.gap_at(along)) for one in laws]
+    conducted = [unit.scale * ratio * one.stiffness(one.gap_at(along)) for one in laws]
     _draw_law(ax, 1e-6 * along, conducted)
-    ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)", ylabel=label)
+    ax.set(xscale="log", yscale="log", xlabel="mean pressure (MPa)")
+    ax.set(ylabel=f"{SHOWN[name].label} ({unit.name})")
     ax.set_title("conductance of the interface")
     return ax
 
@@ -162,7 +157,7 @@ def plot_leakage(law: Dataset, *, ax: Axes | None = None) -> Axes:
     both = aperture.sel(direction="both").to_numpy()
     band = 1e6 * law["hydraulic_aperture_mean_law"].sel(direction="both").to_numpy()
     low, high = np.maximum(band, LEAST * np.nanmin(both, initial=np.inf)) + 0.0 * both
-    ax.fill_between(pressure, low, high, color="C0", alpha=0.3, linewidth=0, label="95 % band")
+    draw_band(ax, pressure, np.array([low, high]))
     ax.plot(pressure, both, color="C0", label="aperture, both")
     tight = pressure[law["hydraulic_aperture"].sel(direction="both") == 0.0]
     if tight.size:
@@ -197,28 +192,12 @@ def plot_shear_law(law: Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_joint_stiffness(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the stiffness of a joint against its preload, with its bands if it has a budget."""
-    ax = axes_or_current(ax)
-    result = result.isel(step=np.flatnonzero(np.isfinite(result["joint_stiffness"].values)))
-    preload = 1e-6 * result["preload"].values
-    unit = stiffness_unit(result["joint_stiffness"].values)
-    to_plot = unit.scale
-    for kind, alpha in BANDS.items():
-        if f"joint_stiffness_{kind}" in result:
-            low, high = to_plot * result[f"joint_stiffness_{kind}"].values
-            label = f"{kind.replace('_', ' ')}, 95 %"
-            ax.fill_between(preload, low, high, color="C0", alpha=alpha, linewidth=0, label=label)
-    ax.plot(preload, to_plot * result["joint_stiffness"].values, "o-", color="C0", label="joint")
-    if "unloading_stiffness" in result:
-        unloading = to_plot * result["unloading_stiffness"].values
-        ax.plot(preload, unloading, "s--", color="C3", label="joint, preload begins to fall")
-    interface = to_plot * result["interface_stiffness"].values
-    ax.plot(preload, interface, "--", color="C1", label="interface alone")
-    solid = to_plot * result["solid_stiffness"].values
-    ax.plot(preload, solid, color="0.4", linestyle=":", label="bodies alone")
-    ax.set(xscale="log", yscale="log")
-    ax.set(
-        xlabel="preload (MPa)", ylabel=f"normal stiffness ({unit.name})", title="joint stiffness"
-    )
+    """Plot the stiffness of a joint, of its interface and of its bodies against the preload."""
+    known = result.isel(step=np.flatnonzero(result["joint_stiffness"].notnull()))
+    names = ("joint", "unloading", "interface", "solid")
+    ax = plot_lines(known, *(f"{name}_stiffness" for name in names), ax=ax)
+    preload, unit = unit_in(known, "preload"), unit_in(known, "joint_stiffness")
+    draw_bands(known, "joint_stiffness", preload.shown(known["preload"]), ax, unit.scale)
+    ax.set(xscale="log", yscale="log", title="joint stiffness")
     ax.legend()
     return ax

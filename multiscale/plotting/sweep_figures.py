@@ -3,6 +3,7 @@
 import numpy as np
 
 from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.plotting.lines import draw_band
 from multiscale.schema import Dataset
 
 __all__ = ["plot_sweep", "plot_sweep_steps", "say_key", "sweep_ends"]
@@ -85,7 +86,7 @@ def plot_sweep(result: Dataset, answer: str, *, ax: Axes | None = None) -> Axes:
         value = scale * ends["value"].values[mine]
         for kind, alpha in INTERVALS.items():
             band = scale * ends[kind].values[mine].T
-            ax.fill_between(x[mine], *band, color=colour, alpha=alpha, linewidth=0)
+            draw_band(ax, x[mine], band, colour, alpha=alpha, label=None)
         bars = np.abs(scale * ends["mean_law"].values[mine].T - value)
         marks = "o:" if of_text else "o-"
         ax.errorbar(x[mine], value, bars, fmt=marks, color=colour, capsize=2, label=line)
@@ -124,9 +125,8 @@ def plot_sweep_steps(result: Dataset, answer: str, *, ax: Axes | None = None) ->
         ax.plot(wide * point[over], scale * point[answer], "o-", color=colour, label=label)
         for kind, alpha in INTERVALS.items():
             if (name := f"{answer}_{kind}") in result:
-                ax.fill_between(
-                    wide * point[over], *(scale * point[name]), color=colour, alpha=alpha, lw=0
-                )
+                band = scale * point[name].to_numpy()
+                draw_band(ax, wide * point[over].to_numpy(), band, colour, alpha=alpha, label=None)
     _label_answer(result, answer, ax)
     _label_answer(result, over, ax, axis="x")
     ax.set_title(", ".join(map(say_key, result["parameter"].values)))

@@ -15,10 +15,7 @@ from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import law_band
 from multiscale.upscaling.reading import friction_at
 
-__all__ = ["plot_braking_force", "plot_footprint", "plot_friction_bell"]
-
-BAND_PERCENTILES = (2.5, 97.5)
-"""Percentiles of the 95 % bands."""
+__all__ = ["plot_footprint", "plot_friction_bell"]
 
 
 def plot_friction_bell(
@@ -65,31 +62,6 @@ def plot_friction_bell(
     ax.set(xscale="log", xlabel="sliding speed (m/s)", ylabel="friction coefficient")
     ax.set_ylim(bottom=0.0)
     ax.set_title(f"friction at {1e-3 * nearest:.4g} kPa: cells and law with 95 % band")
-    ax.legend()
-    return ax
-
-
-def plot_braking_force(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the braking force of a tread block against its speed at every temperature."""
-    ax = axes_or_current(ax)
-    for temperature, colour in _temperatures(result):
-        part = result.isel(step=np.flatnonzero(result["temperature"].values == temperature))
-        speed = part["sliding_speed"].values
-        if "braking_force_sample" in part:
-            samples = part["braking_force_sample"].values
-            low, high = np.nanpercentile(samples, BAND_PERCENTILES, axis=0)
-            ax.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
-        ax.plot(
-            speed,
-            part["braking_force"].values,
-            "o-",
-            markersize=3,
-            color=colour,
-            label=f"{temperature - ZERO_CELSIUS:.4g} °C",
-        )
-    ax.set(xscale="log", xlabel="sliding speed (m/s)", ylabel="braking force of the block (N)")
-    ax.set_ylim(bottom=0.0)
-    ax.set_title(f"tread block under {1e-3 * float(result['preload'][0]):.4g} kPa")
     ax.legend()
     return ax
 

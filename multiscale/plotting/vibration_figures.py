@@ -11,7 +11,7 @@ import numpy as np
 from multiscale.plotting.element_faces import outer_faces
 from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
 from multiscale.plotting.joint_figures import draw_points
-from multiscale.plotting.law_figures import BANDS
+from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset
 from multiscale.units import Unit, length_unit
 
@@ -20,8 +20,8 @@ __all__ = ["plot_backbone", "plot_mode_shape", "plot_vibrating_joint", "vibratio
 LEAN = 0.12
 """Largest displacement in a figure of a mode, relative to the longest edge of the structure."""
 
-QUANTITIES = {"frequency": Unit("Hz", 1.0), "damping": Unit("% of critical", 100.0)}
-"""Quantities of backbones and their units."""
+QUANTITIES = ("frequency", "damping")
+"""Quantities of backbones."""
 
 AT_POINTS = {
     "pressure": ("pressure", Unit("MPa", 1e-6)),
@@ -37,30 +37,14 @@ def plot_backbone(
     mode: int | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot frequency or damping of a mode against its amplitude, with intervals if it has any.
-
-    Parameters
-    ----------
-    quantity : {"frequency", "damping"}
-    mode : int, optional, the first that was followed if not given
-    """
-    ax, unit = axes_or_current(ax), QUANTITIES[quantity]
+    """Plot frequency or damping of a mode, the first one if not given, against its amplitude."""
     number = int(result["step_mode"][0]) if mode is None else mode
     one = result.isel(step=np.flatnonzero(result["step_mode"] == number))
-    along = length_unit(one["largest_displacement"].values[-1:])
-    x, value = along.scale * one["largest_displacement"].values, unit.scale * one[quantity].values
-    for kind, alpha in BANDS.items():
-        if f"{quantity}_{kind}" in one:
-            low, high = unit.scale * one[f"{quantity}_{kind}"].values
-            label = f"{kind.replace('_', ' ')}, 95 %"
-            ax.fill_between(x, low, high, color="C0", alpha=alpha, linewidth=0, label=label)
-    ax.plot(x, value, "o-", color="C0", markersize=4, label=f"mode {number}")
+    ax = plot_lines(one, quantity, ax=ax, xscale="log", title=f"mode {number}")
     if quantity == "frequency":
         still = float(result["mode_frequency"].sel(mode=number))
         ax.axhline(still, color="0.6", linewidth=0.8, label="at rest")
-    ax.set(xscale="log", xlabel=f"largest displacement in mode {number} ({along.name})")
-    ax.set_ylabel(f"{quantity} ({unit.name})")
-    ax.legend(fontsize="small")
+        ax.legend(fontsize="small")
     return ax
 
 

@@ -78,13 +78,7 @@ class FinishedRun:
 
 
 def open_finished(out: Path) -> FinishedRun:
-    """Open what a finished run or sweep has left.
-
-    Raises
-    ------
-    SchemaError
-        If a dataset is missing or refused.
-    """
+    """Open what a finished run or sweep has left."""
     from multiscale.pipeline.run_folder import gather_cautions, open_stages
     from multiscale.pipeline.toml_model import read_toml
 
@@ -101,10 +95,6 @@ def draw_figures(out: str | Path) -> list[Path]:
     """Draw the figures of a finished run or sweep into its folder ``figures``.
 
     Figures that the stages of another case have left there are removed.
-
-    Returns
-    -------
-    list of Path, the PNG files, in the order of the page
     """
     with reading_run(out):
         return draw_run(Path(out), open_finished(Path(out)).sections())

@@ -33,12 +33,7 @@ __all__ = ["show_run", "write_inspection", "write_report", "write_reports"]
 
 
 def show_run(out: str | Path) -> FinishedRun:
-    """Draw the figures of a finished run or sweep and write its report; its datasets are read once.
-
-    Returns
-    -------
-    FinishedRun
-    """
+    """Draw the figures of a finished run or sweep and write its report from one reading."""
     with reading_run(out):
         run = open_finished(Path(out))
         sections = run.sections()

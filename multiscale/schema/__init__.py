@@ -35,7 +35,7 @@ from multiscale.schema.dataset_schema import (
     with_cautions,
 )
 from multiscale.schema.law_schema import ERROR_BUDGET, INTERFACE_LAW, LAW_COMPARISON
-from multiscale.schema.shown import SHOWN, Show
+from multiscale.schema.shown import SHOWN, Show, unit_in
 from multiscale.schema.structure_schema import (
     GRANULATE,
     HOMOGENISED,
@@ -95,6 +95,7 @@ __all__ = [
     "Show",
     "Variable",
     "branch_of",
+    "unit_in",
     "with_cautions",
 ]
 

@@ -27,18 +27,7 @@ LOADING, UNLOADING, HOLDING = range(3)
 
 
 def branch_of(load: np.ndarray) -> np.ndarray:
-    """Tell the branch of each step of a path.
-
-    Parameters
-    ----------
-    load : ndarray, shape (steps,), pressure, Pa, or approach, m, in order; nothing touches up to 0
-
-    Returns
-    -------
-    ndarray of int, shape (steps,)
-        ``LOADING`` where the load is larger than ever before, ``UNLOADING`` where it is below the
-        largest value before, ``HOLDING`` where it is equal to it.
-    """
+    """Tell the branch of each step of a path."""
     load = np.maximum(np.asarray(load, dtype=float), 0.0)
     before = np.maximum.accumulate([0.0, *load[:-1]])
     above, below = (load > before * (1.0 + 1e-9)), (load < before * (1.0 - 1e-9))

@@ -102,13 +102,7 @@ class Schema:
         return replace(self, optional={**self.optional, **ends})
 
     def check(self, dataset: Dataset) -> None:
-        """Raise if a variable is missing or has other dimensions or units.
-
-        Raises
-        ------
-        SchemaError
-            With every fault found, one a line.
-        """
+        """Raise if a variable is missing or has other dimensions or units."""
         faults = []
         for name, variable in {**self.variables, **self.optional}.items():
             if name not in dataset.variables:
@@ -136,21 +130,7 @@ class Schema:
             )
 
     def build(self, values: Mapping[str, Any], **attributes: str | float | int) -> Dataset:
-        """Make a dataset from plain arrays; dimensions, units and labels come from the schema.
-
-        Parameters
-        ----------
-        values : mapping of str to array_like
-            One array per variable or optional variable. A dimension without a coordinate of its
-            own name gets integer labels, ``component`` its names.
-        **attributes
-            Attributes of the dataset, strings and numbers.
-
-        Raises
-        ------
-        SchemaError
-            As :meth:`check`.
-        """
+        """Make a dataset from plain arrays; dimensions, units and labels come from the schema."""
         import xarray as xr
 
         described, coordinates = self._describe(values)
@@ -163,13 +143,7 @@ class Schema:
         return dataset
 
     def assign(self, dataset: Dataset, values: Mapping[str, Any]) -> Dataset:
-        """Add variables to a dataset; dimensions and units come from the schema.
-
-        Raises
-        ------
-        SchemaError
-            If the schema has no variable of a name.
-        """
+        """Add variables to a dataset; dimensions and units come from the schema."""
         described, coordinates = self._describe(values)
         return dataset.assign(described).set_coords(coordinates)
 
@@ -183,13 +157,6 @@ class Schema:
         """Join arrays whose first dimension is ``dim``; the others are the same in all datasets.
 
         An array that a dataset lacks is NaN there. What is joined has no attributes.
-
-        Raises
-        ------
-        SchemaError
-            If an array without the dimension differs.
-        ValueError
-            If sizes along other dimensions differ.
         """
         import numpy as np
 

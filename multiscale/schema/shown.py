@@ -2,10 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from multiscale.units import Unit, shown_unit
 
-__all__ = ["SHOWN", "Show"]
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+__all__ = ["SHOWN", "Show", "unit_in"]
 
 
 @dataclass(frozen=True)
@@ -139,3 +143,10 @@ SHOWN = {
 """Variables that are shown, by their names, which mean the same in all datasets."""
 
 SHOWN = {name: show.named(name) for name, show in SHOWN.items()}
+
+
+def unit_in(data: "Dataset", name: str) -> Unit:
+    """Return the unit of a variable; a family has that of its first variable in ``SHOWN``."""
+    family = SHOWN[name].unit
+    alike = (one for one in SHOWN if SHOWN[one].unit == family and one in data)
+    return SHOWN[name].in_unit(data[next(alike, name)].to_numpy().ravel())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from multiscale.plotting import draw_sliding, plot_sliding_friction, plot_steady_friction
+from multiscale.plotting import plot_lines
 from multiscale.schema import SLIDING_RESPONSE
 
 
@@ -28,7 +28,7 @@ def response():
 
 
 def test_every_pressure_has_a_line(response):
-    ax = plot_sliding_friction(response, ax=Figure().subplots())
+    ax = plot_lines(response, "effective_friction", by="nominal_pressure", ax=Figure().subplots())
     lines = [line for line in ax.lines if line.get_label().endswith("MPa")]
     assert [line.get_label() for line in lines] == ["1 MPa", "2 MPa"]
     np.testing.assert_allclose(lines[0].get_xdata(), [0.0, 1.0, 2.0])
@@ -36,9 +36,5 @@ def test_every_pressure_has_a_line(response):
 
 
 def test_the_steady_friction_stands_over_the_pressure(response):
-    ax = plot_steady_friction(response, ax=Figure().subplots())
+    ax = plot_lines(response, "steady_friction", ax=Figure().subplots())
     np.testing.assert_allclose(ax.lines[0].get_xydata(), [[1.0, 0.25], [2.0, 0.265]])
-
-
-def test_both_are_drawn_into_one_file(response, tmp_path):
-    assert draw_sliding(response, tmp_path / "friction.png").read_bytes().startswith(b"\x89PNG")

@@ -49,7 +49,9 @@ SHOWN = {
     "porous_bracket": lambda run, ax: plotting.plot_body_stress(run["macro_result"], ax=ax),
     "notched_concrete": lambda run, ax: plotting.plot_cracked_load(run["cracked_body"], ax=ax),
     "brake_reuss": lambda run, ax: draw_beam(run["vibration"], ax),
-    "tyre_on_road": lambda run, ax: plotting.plot_braking_force(run["macro_result"], ax=ax),
+    "tyre_on_road": lambda run, ax: plotting.plot_lines(
+        run["macro_result"], "braking_force", by="temperature", xscale="log", ax=ax
+    ),
     "tensegrity_grid": plotting.plot_sorted_tensions,
     "tensegrity_substructures": plotting.plot_deformed_links,
     "cable_net": plotting.plot_deformed_links,
@@ -63,7 +65,9 @@ SHOWN = {
     "shear_cell": plotting.plot_force_network,
     "biaxial": plotting.plot_biaxial_curve,
     "damage_to_joint": plotting.plot_woehler,
-    "ploughing": plotting.plot_sliding_friction,
+    "ploughing": lambda response, ax: plotting.plot_lines(
+        response, "effective_friction", by="nominal_pressure", ax=ax
+    ),
     "surfaces_to_joint": plotting.plot_hysteresis,
     "measured_stiffness": plotting.plot_joint_stiffness,
     "roughness_sweep": partial(plotting.plot_sweep, answer="slipping_load"),

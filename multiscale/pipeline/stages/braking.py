@@ -17,7 +17,8 @@ from multiscale.pipeline.showing import Table, View, list_facts, list_missing, t
 from multiscale.pipeline.stage import Datasets, Section, Stage, with_sample_band
 from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.plotting.figure import WIDE, on_axes
-from multiscale.plotting.tyre_figures import plot_braking_force, plot_footprint
+from multiscale.plotting.lines import plot_lines
+from multiscale.plotting.tyre_figures import plot_footprint
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import (
@@ -191,8 +192,9 @@ def _hardest(result: Dataset) -> Dataset:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[BRAKING.name]
-    force = on_axes(plot_braking_force, result, size=WIDE)
-    rows = TABLE.rows(with_sample_band(result, "braking_force"))
+    shown = with_sample_band(result, "braking_force")
+    force = on_axes(plot_lines, shown, "braking_force", by="temperature", xscale="log", size=WIDE)
+    rows = TABLE.rows(shown)
     yield Section(
         "Tread block", (), *rows, figures={"braking_force": force}, told=list_facts(result)
     )

@@ -12,7 +12,8 @@ from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
 from multiscale.pipeline.rough_bodies import RoughBody
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.plotting.sliding_figures import draw_sliding
+from multiscale.plotting.figure import on_axes
+from multiscale.plotting.lines import plot_lines
 from multiscale.schema import SLIDING_RESPONSE, Dataset
 from multiscale.surfaces.surface import Surface
 
@@ -67,7 +68,10 @@ def _needs(case: Case) -> Needs:
 
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     response = found[SLIDING.name]
-    figures = {"sliding": lambda file: draw_sliding(response, file)}
+    figures = {
+        "sliding": on_axes(plot_lines, response, "effective_friction", by="nominal_pressure"),
+        "steady_friction": on_axes(plot_lines, response, "steady_friction"),
+    }
     yield Section("Sliding", told=describe_sliding(response), figures=figures)
 
 
@@ -106,6 +110,6 @@ SLIDING = Stage(
     run=_run,
     needs=_needs,
     sections=_sections,
-    pictures=("sliding",),
+    pictures=("sliding", "steady_friction"),
     answers={"nominal_pressure": "", "steady_friction": ""},
 )
