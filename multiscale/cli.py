@@ -583,11 +583,11 @@ def stability_command(
     jobs: JobsOption = 0,
 ) -> None:
     """Run every stiff and extreme case: each converges, is refused, or fails."""
-    from multiscale.bench.stability import check_stability, stability_cases, tabulate_stability
+    from multiscale.bench.stability import check_stability, read_cases, tabulate_stability
     from multiscale.io import write_dataset
     from multiscale.schema import STABILITY
 
-    cases = stability_cases()
+    cases = read_cases()
     chosen = _choose(families, STABILITY_FAMILIES)
     _check_dataset(out)
     found = check_stability(

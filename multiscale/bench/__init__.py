@@ -1,7 +1,7 @@
 """Scenes with references, on which this package and others are measured side by side."""
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
@@ -12,22 +12,21 @@ __all__ = ["FAMILIES", "STABILITY_FAMILIES", "bench"]
 
 STABILITY_FILE = resources.files("multiscale.bench").joinpath("stability.toml")
 
-FAMILIES = (
-    "chain",
-    "damage",
-    "grains",
-    "joints",
-    "laws",
-    "limit",
-    "meshes",
-    "micro",
-    "nonsmooth",
-    "strain",
-    "structures",
-    "substructures",
-    "volumes",
-)
-"""Families of scenes; the module of each has a function that plans what :func:`bench` measures."""
+FAMILIES: Mapping[str, str] = {
+    "chain": "answers",
+    "damage": "answers",
+    "grains": "grains",
+    "laws": "answers",
+    "limit": "cells",
+    "meshes": "cells",
+    "micro": "rough_contact",
+    "nonsmooth": "nonsmooth",
+    "strain": "cells",
+    "structures": "structures",
+    "substructures": "substructures",
+    "volumes": "answers",
+}
+"""Families of scenes, with the module of each, in which it has its name in capitals."""
 
 STABILITY_FAMILIES = tuple(tomllib.loads(STABILITY_FILE.read_text()))
 """Families of stiff and extreme cases, in the order of their table."""
@@ -46,13 +45,16 @@ def bench(
     ----------
     family : str, one of ``FAMILIES``
     quick : bool, fewer scenes and grids, one run of each
-    report, keep : callable, see :func:`~.trials.measure_family`
+    report : callable, gets a line after each measurement
+    keep : callable, gets the dataset of all scenes so far after each scene
 
     Returns
     -------
-    Dataset, follows ``WORK_PRECISION``
+    Dataset
+        Follows ``WORK_PRECISION``. The attribute ``cautions`` has a sentence for each method that
+        is left out.
     """
-    from multiscale.bench.trials import measure_family
+    from multiscale.bench.runner import measure_family
 
-    plan = getattr(import_module(f"multiscale.bench.{family}_family"), f"plan_{family}")
-    return measure_family(plan(quick=quick), report, keep)
+    module = import_module(f"multiscale.bench.{FAMILIES[family]}")
+    return measure_family(getattr(module, family.upper()), quick=quick, report=report, keep=keep)

@@ -11,13 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from multiscale.bench import STABILITY_FILE
-from multiscale.bench.trials import versions
+from multiscale.bench import STABILITY_FILE, stability_cases
+from multiscale.bench.runner import versions
 from multiscale.errors import MultiscaleError
 from multiscale.executors import call_on_one_thread, process_pool
 from multiscale.schema import STABILITY, Dataset
 
-__all__ = ["OUTCOMES", "StabilityCase", "check_stability", "stability_cases", "tabulate_stability"]
+__all__ = [
+    "OUTCOMES",
+    "Outcome",
+    "StabilityCase",
+    "check_stability",
+    "read_cases",
+    "solve_case",
+    "tabulate_stability",
+]
 
 OUTCOMES = ("failed", "refused", "converged")
 """Meanings of the flag ``outcome``: 0, 1, 2."""
@@ -28,14 +36,7 @@ LONGEST = 1800
 
 @dataclass(frozen=True)
 class StabilityCase:
-    """One combination of parameters.
-
-    Parameters
-    ----------
-    family : str, function of ``stability_cases`` that solves it
-    parameters : tuple of (str, value), its arguments
-    tolerance : float, verified residual up to which it has converged
-    """
+    """A function of ``stability_cases`` with its arguments, and the residual that it may have."""
 
     family: str
     parameters: tuple[tuple[str, float | str], ...]
@@ -49,7 +50,16 @@ class StabilityCase:
         return ", ".join(values)
 
 
-def stability_cases() -> list[StabilityCase]:
+class Outcome(NamedTuple):
+    """Flag of the outcome, verified residual, seconds, and why there is no answer."""
+
+    outcome: int
+    residual: float = np.nan
+    seconds: float = np.nan
+    sentence: str = ""
+
+
+def read_cases() -> list[StabilityCase]:
     """Return the cases of the table, in its order."""
     cases = []
     for family, table in tomllib.loads(STABILITY_FILE.read_text()).items():
@@ -74,8 +84,8 @@ def check_stability(
     It was *refused* if the package said in a sentence why it gives no answer. Everything else has
     *failed*: another exception, a residual above the tolerance, a process that died or hangs.
     """
-    found: list[_Outcome] = []
-    for case, row in _run_all(cases, jobs):
+    found: list[Outcome] = []
+    for case, row in zip(cases, _run_all(cases, jobs), strict=True):
         found.append(row)
         answer = row.sentence or f"({row.residual:.1e})"
         report(f"{case.family}: {case}: {OUTCOMES[row.outcome]} {answer}")
@@ -83,27 +93,19 @@ def check_stability(
     return _join(cases, found)
 
 
-class _Outcome(NamedTuple):
-    """Flag of the outcome, verified residual, seconds, and why there is no answer."""
-
-    outcome: int
-    residual: float
-    seconds: float
-    sentence: str = ""
-
-
-def _join(cases: list[StabilityCase], found: list[_Outcome]) -> Dataset:
+def _join(cases: list[StabilityCase], found: list[Outcome]) -> Dataset:
     """Arrange the outcomes of the first cases."""
     done = cases[: len(found)]
+    outcome, residual, seconds, sentence = zip(*found, strict=True)
     return STABILITY.build(
         {
             "family": [case.family for case in done],
             "parameters": [str(case) for case in done],
             "tolerance": np.array([case.tolerance for case in done]),
-            "outcome": np.array([row.outcome for row in found]),
-            "residual": np.array([row.residual for row in found]),
-            "wall_time": np.array([row.seconds for row in found]),
-            "sentence": [row.sentence for row in found],
+            "outcome": np.array(outcome),
+            "residual": np.array(residual),
+            "wall_time": np.array(seconds),
+            "sentence": list(sentence),
         },
         title="stiff and extreme cases",
         versions=versions("numpy", "scipy", "numba"),
@@ -111,54 +113,55 @@ def _join(cases: list[StabilityCase], found: list[_Outcome]) -> Dataset:
     )
 
 
-def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[tuple[StabilityCase, _Outcome]]:
-    """Run the cases in order; a case whose process dies does not stop the others."""
+def _run_all(cases: list[StabilityCase], jobs: int) -> Iterator[Outcome]:
+    """Run the cases in order; a case that takes its process along does not stop the others."""
     left = list(cases)
     while left:
         with process_pool(jobs) as executor:
-            futures = [executor.submit(call_on_one_thread, _run, case) for case in left]
-            for case, future in zip(tuple(left), futures, strict=True):
-                try:
-                    found = future.result()
-                except BrokenProcessPool:
-                    yield left.pop(0), _run_alone(case)  # only this shows which of them dies
-                    break
-                yield left.pop(0), found
+            futures = [executor.submit(call_on_one_thread, solve_case, case) for case in left]
+            try:
+                for future in futures:
+                    yield future.result()
+                    left.pop(0)
+            except BrokenProcessPool:
+                pass
+        if left:
+            yield _run_alone(left.pop(0))  # only this shows which of them dies
 
 
-def _run_alone(case: StabilityCase) -> _Outcome:
+def _run_alone(case: StabilityCase) -> Outcome:
     """Solve a case in a process that nothing else depends on."""
     with process_pool(1) as executor:
         try:
-            return executor.submit(call_on_one_thread, _run, case).result()
+            return executor.submit(call_on_one_thread, solve_case, case).result()
         except BrokenProcessPool:
-            return _Outcome(0, np.nan, np.nan, "its process died")
+            return Outcome(0, sentence="its process died")
 
 
 def _give_up(*_: object) -> None:
     raise TimeoutError(f"no answer in {LONGEST} s")
 
 
-def _run(case: StabilityCase) -> _Outcome:
-    from multiscale.bench import stability_cases as families
-
+def solve_case(case: StabilityCase) -> Outcome:
+    """Solve a case in this process, within the time that it may take."""
     alarm = getattr(signal, "alarm", lambda seconds: None)  # Windows has none, and no limit
     if hasattr(signal, "SIGALRM"):
         signal.signal(signal.SIGALRM, _give_up)
     alarm(LONGEST)
     begin = perf_counter()
     try:
-        residual = float(getattr(families, case.family)(**dict(case.parameters)))
+        residual = float(getattr(stability_cases, case.family)(**dict(case.parameters)))
     except MultiscaleError as error:
-        return _Outcome(1, np.nan, perf_counter() - begin, str(error))
+        return Outcome(1, seconds=perf_counter() - begin, sentence=str(error))
     except Exception as error:  # whatever it is, it is the finding
-        return _Outcome(0, np.nan, perf_counter() - begin, f"{type(error).__name__}: {error}")
+        said = f"{type(error).__name__}: {error}"
+        return Outcome(0, seconds=perf_counter() - begin, sentence=said)
     finally:
         alarm(0)
     seconds = perf_counter() - begin
     if residual <= case.tolerance:
-        return _Outcome(2, residual, seconds)
-    return _Outcome(0, residual, seconds, f"residual {residual:.1e} above {case.tolerance:g}")
+        return Outcome(2, residual, seconds)
+    return Outcome(0, residual, seconds, f"residual {residual:.1e} above {case.tolerance:g}")
 
 
 def tabulate_stability(stability: Dataset) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

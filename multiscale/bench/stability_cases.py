@@ -4,17 +4,18 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from multiscale.bench.stability_faults import joint_faults, largest_overlap, unbalanced_share
 from multiscale.convergence import Status
 from multiscale.errors import ConvergenceError
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from functools import partial
 
     from multiscale.laws import Sliders
     from multiscale.macro import Assembly, LinkSystem
     from multiscale.macro.substructures import Method
+    from multiscale.macro.substructures.whole import Assembled
     from multiscale.micro.elastic_cell import ContactState
     from multiscale.surfaces.surface import Surface
 
@@ -59,7 +60,7 @@ def _grid(bar_over_cable: float, prestress: float) -> "LinkSystem":
 
 def structure(bar_over_cable: float, prestress: float, load_factor: float) -> float:
     """Tensegrity grid at rest: distance from equilibrium and from the laws of its links."""
-    from multiscale.bench.structures_family import GridMethod, solve_grid, verify
+    from multiscale.bench.structures import GridMethod, solve_grid, verify
 
     grid, method = _grid(bar_over_cable, prestress), GridMethod("auto", MODULES, pardiso=True)
     return verify(grid, load_factor, solve_grid(grid, load_factor, method))
@@ -109,7 +110,7 @@ def motion(bar_over_cable: float, prestress: float, step: float) -> float:
 
 def cut_structure(bar_over_cable: float, load_factor: float, parts: int) -> float:
     """Grid cut into substructures, by LATIN: distance of its tensions from the uncut grid."""
-    from multiscale.bench.structures_family import distance
+    from multiscale.bench.structures import distance
     from multiscale.macro import cut_links, solve_latin, solve_static
     from multiscale.macro.substructures import split_grid
 
@@ -423,3 +424,85 @@ def _refuse_failure(result: Dataset) -> None:
     """Raise the failure of a result whose path ended early."""
     if not result["converged"].values.all():
         raise ConvergenceError(result.attrs.get("failure") or "a step did not converge")
+
+
+# ---------------------------------------------------------------------------------------------
+# distances from what joints and grains obey, in the answers alone
+
+
+def joint_faults(
+    whole: "Assembled",
+    law: "Sliders",
+    steps: "Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]]",
+    stiffness: float,
+) -> float:
+    r"""Measure the distance of tractions and jumps from bodies and law.
+
+    Notes
+    -----
+    Errors are backward ones, as the jumps of a law that is much stiffer than the bodies do not tell
+    its tractions. The bodies have exactly the jumps :math:`B u` under the tractions
+    :math:`t + k (B u - y)` for
+
+    .. math:: (K + k B^T w B)\, u = f + B^T w\, (k y - t),
+
+    so that :math:`k |B u - y|` is the error of jumps and tractions together. The law gives the
+    tractions :math:`\hat t` at jumps that differ from y by no more than the rounding of y and of
+    the jumps before, with :math:`|\hat t - t|` wrong. It is asked for them by ``respond`` alone;
+    the resolvent just says where in the rounding to look.
+    """
+    from scipy.sparse import csr_array, diags_array
+
+    from multiscale.numerics.factorisation import factorise
+
+    B, weight = whole.jump, np.tile(whole.weight, 3)
+    solve = factorise(csr_array(whole.stiffness + stiffness * (B.T @ diags_array(weight) @ B)))
+    state = np.zeros((law.n_state, whole.weight.size))
+    before, faults = np.zeros((3, whole.weight.size)), []
+    for factor, jump, traction in steps:
+        y, t = jump.T, traction.T
+        u = solve(whole.load @ factor + B.T @ (weight * (stiffness * y - t).ravel()))
+        faults.append(stiffness * np.abs((B @ u).reshape(y.shape) - y).max())
+
+        moved = y - before  # a bed feels no more of the tangential jumps, which may be long
+        moved[0] = y[0]
+        rounding = 4.0 * np.finfo(float).eps * np.maximum(np.abs(y), np.abs(before))
+        nearest = law.resolvent(t + stiffness * moved, stiffness, state) - moved
+        response = law.respond(moved + np.clip(nearest, -rounding, rounding), state)
+        faults.append(np.abs(response.traction - t).max())
+        state, before = law.from_here(response.state), y
+    return float(np.max(faults))
+
+
+def largest_overlap(position: np.ndarray, radius: np.ndarray) -> float:
+    """Largest overlap of equal grains (frames, grains, 3) over their radius, m, in all frames."""
+    away = np.linalg.norm(position[:, :, None] - position[:, None], axis=-1)
+    away[:, np.arange(len(radius)), np.arange(len(radius))] = np.inf
+    return float(2.0 - away.min() / radius[0])
+
+
+def unbalanced_share(result: Dataset, friction: float) -> float:
+    """Largest fault in momentum and in Coulomb's cone of all frames, over the largest force.
+
+    The result follows ``GRANULATE``, with every step as a frame.
+    """
+    mass, n = result["mass"].values, result.sizes["grain"]
+    ends, force = result["contact_ends"].values, result["contact_force"].values
+    normal = result["branch"].values / np.linalg.norm(result["branch"], axis=1)[:, None]
+    pressing = np.sum(force * normal, axis=1)
+    shear = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
+    gain = np.diff(result["velocity"].values, axis=0) * mass[:, None]
+    gain /= result["time_step"].values[:, None, None]
+    gain[..., 2] += 9.81 * mass
+    after = result["contact_frame"].values > 0
+    frame, at = result["contact_frame"].values[after] - 1, ends[after]
+    np.subtract.at(gain, (frame, at[:, 0]), force[after])
+    inner = at[:, 1] < n
+    np.add.at(gain, (frame[inner], at[inner, 1]), force[after][inner])
+    largest = max(float(np.abs(force).max(initial=0.0)), float(9.81 * mass.max()))
+    faults = (
+        np.abs(gain).max(),
+        -pressing.min(initial=0.0),
+        (shear - friction * pressing).max(initial=0.0),
+    )
+    return float(max(faults)) / largest

@@ -18,8 +18,7 @@ SETTINGS: Mapping[str, str] = {
     "cables": "{:.0f} cables",
     "tolerance": "tolerance {:.2g}",
 }
-"""Settings of methods, with their format in the table."""
-
+"""Settings of methods, with their format in the table of cheapest answers."""
 
 COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "points": ("points", "d", 1),
@@ -28,6 +27,7 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "cables": ("cables", "d", 1),
     "unknowns": ("unknowns", ".0f", 1),
     "wall_time": ("time (s)", ".3g", 1),
+    "cpu_time": ("CPU (s)", ".3g", 1),
     "peak_memory": ("memory (MB)", ".0f", 1e-6),
     "iterations": ("iterations", ".0f", 1),
     "residual": ("residual", ".1e", 1),
@@ -36,7 +36,6 @@ COLUMNS: Mapping[str, tuple[str, str, float]] = {
     "over_copy": ("over a copy", ".3g", 1),
     "bytes_moved": ("bytes (MB)", ".3g", 1e-6),
     "operations": ("operations (1e6)", ".3g", 1e-6),
-    "effectivity": ("effectivity", ".2g", 1),
 }
 """Heading, format and factor of each variable."""
 
@@ -70,11 +69,7 @@ def say_load(work_precision: Dataset) -> str:
 
 
 def join_families(families: Mapping[str, Dataset]) -> Dataset:
-    """Join the runs of several families, without their histories.
-
-    The dataset follows ``WORK_PRECISION``, with ``family``; NaN where a family did not measure a
-    variable.
-    """
+    """Join the runs of families, without histories; a variable not measured in one is NaN there."""
     import xarray as xr
 
     parts = []
@@ -86,13 +81,9 @@ def join_families(families: Mapping[str, Dataset]) -> Dataset:
     return WORK_PRECISION.build(
         {str(name): joined[name].values for name in joined.data_vars},
         title="error against run time",
-        cautions="\n".join(
-            found.attrs["cautions"] for found in families.values() if found.attrs["cautions"]
-        ),
-        versions="; ".join(
-            f"{family}: {found.attrs['versions']}" for family, found in families.items()
-        ),
-        load="; ".join(f"{family}: {say_load(found)}" for family, found in families.items()),
+        cautions="\n".join(filter(None, (one.attrs["cautions"] for one in families.values()))),
+        versions="; ".join(f"{name}: {one.attrs['versions']}" for name, one in families.items()),
+        load="; ".join(f"{name}: {say_load(one)}" for name, one in families.items()),
     )
 
 
@@ -106,8 +97,8 @@ def tabulate_cheapest(
     less certain.
     """
     head = ("scene", *(f"{100.0 * target:g} %" for target in TARGETS))
-    timed_alone = work_precision["error"].isnull() & (work_precision["converged"] == 1)
-    scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values[~timed_alone])
+    timed_only = work_precision["error"].isnull() & (work_precision["converged"] == 1)
+    scenes = dict.fromkeys(str(scene) for scene in work_precision["scene"].values[~timed_only])
     return head, [
         (scene, *(_cheapest(work_precision, scene, target) for target in TARGETS))
         for scene in scenes
@@ -116,16 +107,13 @@ def tabulate_cheapest(
 
 def _cheapest(work_precision: Dataset, scene: str, target: float) -> str:
     """Name the run of least time below an error, with its time."""
-    runs = work_precision["scene"].values == scene
-    uncertainty = work_precision.get("error_uncertainty")
-    if uncertainty is not None and np.any(uncertainty.values[runs] > target):
+    runs = work_precision.isel(run=work_precision["scene"].values == scene)
+    if "error_uncertainty" in runs and np.any(runs["error_uncertainty"] > target):
         return "unknown"
-    good = runs & (work_precision["converged"].values == 1)
-    good &= work_precision["error"].values <= target
-    if not good.any():
+    good = runs.isel(run=((runs["converged"] == 1) & (runs["error"] <= target)).values)
+    if not good.sizes["run"]:
         return "none"
-    times = np.where(good, work_precision["wall_time"].values, np.inf)
-    run = work_precision.isel(run=int(np.argmin(times)))
+    run = good.isel(run=int(np.argmin(good["wall_time"].values)))
     settings = [
         form.format(run[name].item())
         for name, form in SETTINGS.items()

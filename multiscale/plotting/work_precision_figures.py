@@ -1,7 +1,4 @@
-"""Figures of bench results: error against run time, growth of time and memory with the size.
-
-They follow ``WORK_PRECISION``, the growth with the number of cables.
-"""
+"""Figures of ``WORK_PRECISION``: error against run time, growth of time and memory with cables."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,14 +10,8 @@ from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
-    from matplotlib.figure import Figure
 
-__all__ = [
-    "draw_work_precision",
-    "plot_growth",
-    "plot_history",
-    "plot_work_precision",
-]
+__all__ = ["draw_work_precision", "plot_growth", "plot_history", "plot_work_precision"]
 
 QUANTITIES = {"wall_time": ("wall time (s)", 1.0), "peak_memory": ("peak memory (MB)", 1e-6)}
 """Label and unit factor of each quantity that can be plotted."""
@@ -30,6 +21,9 @@ SETTINGS = ("points", "realisations", "time_step", "tolerance")
 
 SMALLEST_ERROR = 1e-17
 """Value at which an error of zero is drawn, dimensionless."""
+
+LEGEND_ROOM = 3.0
+"""Factor by which the axis extends above the lines of growth, for the legend."""
 
 
 def plot_work_precision(
@@ -132,41 +126,34 @@ def draw_work_precision(work_precision: Dataset, file: Path) -> Path:
     scene has a panel, in rows of three; otherwise scenes stand side by side, errors below each
     other.
     """
-    if "cables" in work_precision:
-        return save_figure(_draw_growth_panels(work_precision), file)
     scenes = list(dict.fromkeys(work_precision["scene"].values))
-    if "history_error" not in work_precision:
-        told = [name for name in ("error", "contact_error", "over_copy") if name in work_precision]
-        errors = [name for name in told if work_precision[name].notnull().any()]
+    if "cables" in work_precision:
+        figure = new_figure(11.0, 5.0)
+        for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
+            plot_growth(work_precision, quantity=quantity, ax=ax)
+    elif "history_error" in work_precision:
+        rows = -(-len(scenes) // 3)
+        figure = new_figure(13.8, 3.4 * rows + 0.6)
+        panels = figure.subplots(rows, 3, squeeze=False).ravel()
+        lines: dict[str, Artist] = {}
+        for ax, scene in zip(panels, scenes, strict=False):
+            plot_history(work_precision, scene=scene, ax=ax)
+            handles, labels = ax.get_legend_handles_labels()
+            lines |= dict(zip(labels, handles, strict=True))
+        for ax in panels[len(scenes) :]:
+            ax.set_axis_off()
+        title = "filled: converged; open: not converged; dotted: tolerance"
+        figure.legend([*lines.values()], [*lines], loc="outside lower center", ncols=6, title=title)
+    else:
+        shown = [name for name in ("error", "contact_error", "over_copy") if name in work_precision]
+        errors = [name for name in shown if work_precision[name].notnull().any()]
         figure = new_figure(4.6 * len(scenes), 3.6 * len(errors))
         panels = figure.subplots(len(errors), len(scenes), squeeze=False)
         for row, error in zip(panels, errors, strict=True):
             for ax, scene in zip(row, scenes, strict=True):
                 plot_work_precision(work_precision, scene=scene, error=error, ax=ax)
         panels[0, 0].legend(fontsize=7)
-        return save_figure(figure, file)
-    rows = -(-len(scenes) // 3)
-    figure = new_figure(13.8, 3.4 * rows + 0.6)
-    panels = figure.subplots(rows, 3, squeeze=False).ravel()
-    lines: dict[str, Artist] = {}
-    for ax, scene in zip(panels, scenes, strict=False):
-        plot_history(work_precision, scene=scene, ax=ax)
-        handles, labels = ax.get_legend_handles_labels()
-        lines |= dict(zip(labels, handles, strict=True))
-    for ax in panels[len(scenes) :]:
-        ax.set_axis_off()
-    figure.legend(
-        list(lines.values()),
-        list(lines),
-        loc="outside lower center",
-        ncols=6,
-        title="filled: converged; open: not converged; dotted: tolerance",
-    )
     return save_figure(figure, file)
-
-
-LEGEND_ROOM = 3.0
-"""Factor by which the axis extends above the lines, for the legend."""
 
 
 def plot_growth(
@@ -184,8 +171,6 @@ def plot_growth(
     quantity : str
         ``"wall_time"`` or ``"peak_memory"``.
     """
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
     ax = axes_or_current(ax)
     label, factor = QUANTITIES[quantity]
     runs = work_precision.isel(run=np.flatnonzero(work_precision["converged"].values))
@@ -204,27 +189,16 @@ def plot_growth(
                 markerfacecolor=f"C{i}" if first else "none",
                 label=f"{method}, {scene}{_growth(quantity, cables[mine], cost[mine])}",
             )
-    ax.set(xscale="log", yscale="log")
-    low, high = ax.get_ylim()
-    ax.set_ylim(low, LEGEND_ROOM * high)
-    if high < 100.0 * low:  # few decades: label 1, 2 and 5 of each
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+    ax.set(xscale="log", yscale="log", xlabel="number of cables", ylabel=label)
     if cables.size:
-        _draw_proportion(ax, cables, factor * cost)
-    ax.set(xlabel="number of cables", ylabel=label)
+        along = np.array([cables.min(), cables.max()])
+        lowest = factor * cost[cables == along[1]].min()  # the line ends at half of it
+        view = ax.get_ylim()
+        ax.plot(along, 0.5 * lowest * along / along[1], ":", color="0.5", label="slope 1")
+        ax.set_ylim(min(view[0], 0.4 * lowest), LEGEND_ROOM * view[1])
     ax.grid(color="0.92")
     ax.legend(loc="upper left", fontsize=8)
     return ax
-
-
-def _draw_growth_panels(work_precision: Dataset) -> "Figure":
-    """Draw time and memory side by side."""
-    figure = new_figure(11.0, 5.0)
-    for ax, quantity in zip(figure.subplots(1, 2), QUANTITIES, strict=True):
-        plot_growth(work_precision, quantity=quantity, ax=ax)
-    return figure
 
 
 def _growth(quantity: str, cables: np.ndarray, cost: np.ndarray) -> str:
@@ -237,14 +211,3 @@ def _growth(quantity: str, cables: np.ndarray, cost: np.ndarray) -> str:
         return f": slope {rise / run:.2f}"
     rise, run = (np.diff(values[last])[0] for values in (cost, cables))
     return f": {1e-3 * rise / run:.2g} kB per cable"
-
-
-def _draw_proportion(ax: Axes, cables: np.ndarray, cost: np.ndarray) -> None:
-    """Draw a line of slope one below the cheapest run of the largest structure, if in view."""
-    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-    largest = cables.max()
-    end = 0.5 * cost[cables == largest].min()
-    if end > bottom:
-        along = np.array([cables.min(), largest])
-        ax.plot(along, end * along / largest, ":", color="0.5", label="slope 1")
-        ax.set(xlim=(left, right), ylim=(bottom, top))

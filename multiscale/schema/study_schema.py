@@ -78,6 +78,7 @@ WORK_PRECISION = Schema(
         "converged": _run("1", "whether the run converged"),
     },
     optional={
+        "cpu_time": _run("s", "time of all processors"),
         "peak_memory": _run("byte", "peak memory"),
         "iterations": _run("1", "number of iterations"),
         "unknowns": _run("1", "number of unknowns"),
@@ -86,7 +87,6 @@ WORK_PRECISION = Schema(
         "slack_fraction": _run("1", "share of the cables that are slack"),
         "residual": _run("1", "relative residual, verified in the answer"),
         "own_error": _run("1", "relative error against the limit of the method"),
-        "effectivity": _run("1", "estimated over true error; heuristic with friction"),
         "error_uncertainty": _run("1", "uncertainty of the reference"),
         "contact_error": _run("1", "relative error of the contact fraction"),
         "own_contact_error": _run(

@@ -1,10 +1,9 @@
 """What the tests of families share."""
 
-import numpy as np
 import pytest
 
-from multiscale.bench import trials
-from multiscale.bench.measure import Measurement
+from multiscale.bench import runner
+from multiscale.bench.runner import Measurement
 from multiscale.io import open_dataset, write_dataset
 from multiscale.plotting import draw_work_precision
 from multiscale.schema import WORK_PRECISION
@@ -15,12 +14,12 @@ def in_this_process(monkeypatch):
     """Skip the processes; a test may append who dies, told by the arguments of a task."""
     deaths = []
 
-    def measure(task, **_):
+    def measure(task, warm_up, **_):
         if any(dies(*task.args) for dies in deaths):
-            return Measurement(None, np.nan, np.nan)
-        return Measurement(task(), 0.1, 1e8)
+            return Measurement(None)
+        return Measurement(task(), 0.1, 0.2, 1e8)
 
-    monkeypatch.setattr(trials, "measure", measure)
+    monkeypatch.setattr(runner, "measure", measure)
     return deaths
 
 

@@ -1,0 +1,268 @@
+"""Answers of the chain and of solids: the error of each against the run time from its data."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from multiscale.bench.runner import Family, Row, Runner, judge
+from multiscale.micro.damage import (
+    FatigueMaterial,
+    Recipe,
+    effective_stiffness,
+    two_scale_fatigue,
+    voxelise,
+    youngs_modulus_along,
+)
+
+__all__ = ["CHAIN", "DAMAGE", "DAMAGE_SCENES", "LAWS", "VOLUMES", "life"]
+
+# ---------------------------------------------------------------------------------------------
+# chain: stiffness of an interface of a shipped case, from surface to answer
+
+CASE, PRELOAD = "ground_steel", 2
+"""The shipped case, and which of its preloads is looked at."""
+SAMPLES, APART = 4, 1000
+"""Number of independent answers, over which an error is averaged; distance of the seeds of chains,
+more than any of them takes, with the flat cells beside."""
+
+
+def interface_stiffness(points: int, realisations: int, sample: int) -> tuple[float, float]:
+    """Run a sample of the case: stiffness of the interface and half of its 95 % interval, Pa/m."""
+    from multiscale.pipeline import Case, load_case, run
+
+    case = load_case(CASE)
+    assert isinstance(case, Case)  # as this shipped case is
+    cell = case.cell.model_copy(update={"points": (points, points)})
+    seed = case.micro.seed + APART * sample
+    # the ladder measures the error of the grid itself, without cells on half of the points
+    changes = {"realisations": realisations, "seed": seed, "coarser": 0}
+    micro = case.micro.model_copy(update=changes)
+    with TemporaryDirectory() as folder:
+        results = run(case.model_copy(update={"cell": cell, "micro": micro}), Path(folder))
+    at = results.macro_result.isel(step=PRELOAD)
+    low, high = at["interface_stiffness_mean_law"].values
+    return float(at["interface_stiffness"]), 0.5 * float(high - low)
+
+
+def interface_stiffnesses(points: int, realisations: int, samples: int = SAMPLES) -> np.ndarray:
+    """Stiffness of several runs, Pa/m."""
+    return np.array([interface_stiffness(points, realisations, k)[0] for k in range(samples)])
+
+
+def chain(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+    """Run the case on several grids with several numbers of realisations.
+
+    Errors of the stiffness of the interface, which the bodies beside it would hide in the stiffness
+    of the joint, are relative to four times as many other realisations on the finest grid, whose
+    stated 95 % interval is the uncertainty.
+    """
+    grids, counts = ((34, 48), (3,)) if quick else ((48, 64, 96, 128), (3, 6, 12))
+    rows = [
+        run(
+            "stiffness of an interface of ground steel",
+            f"{points} x {points} points",
+            *(interface_stiffnesses, points, count),
+            warm=(grids[0], 3, 1),
+            realisations=count,
+        )
+        for points in grids
+        for count in counts
+    ]
+    exact, half = interface_stiffness(grids[-1], 4 * counts[-1], SAMPLES)
+    yield judge(rows, exact, half / exact)
+
+
+CHAIN = Family("whole chain: stiffness of an interface", chain, ("scipy", "numba"))
+
+# ---------------------------------------------------------------------------------------------
+# laws: stiffness of a fitted law against the time of its cells
+
+YOUNG, POISSON, SLOPE = 210e9, 0.3, 0.1  # Pa, 1, 1
+SIZE, LONGEST, SHORTEST = 80e-6, 20e-6, 10e-6
+"""Edge of the cells, longest and shortest wave, m."""
+POINTS = 64
+LOWEST, ASKED, HIGHEST = 0.2e9, 1e9, 4e9
+"""Pressures between which cells are pressed, and where the stiffness is asked for, Pa."""
+MOST = 32
+"""Largest number of realisations of a law."""
+PARTS = 8
+"""Number of equal shares of the realisations of the truth, whose scatter is the uncertainty."""
+
+
+def fitted_stiffness(family: str, seeds: Iterable[int]) -> float:
+    """Press cells and fit a law of a family: its stiffness at 1 GPa, Pa/m."""
+    from multiscale.micro import Cell, Path, run_ensemble, self_affine
+    from multiscale.upscaling import fit_law, law_from_dataset
+
+    surfaces = [
+        self_affine(
+            (POINTS, POINTS),
+            (SIZE, SIZE),
+            int(seed),
+            hurst_exponent=0.8,
+            long_cutoff=LONGEST,
+            short_cutoff=SHORTEST,
+            rms_slope=SLOPE,
+        )
+        for seed in seeds
+    ]
+    cells = [Cell(one, SIZE, 8, YOUNG, POISSON, geometry="flat") for one in surfaces]
+    response = run_ensemble(cells, Path(pressure=tuple(np.geomspace(LOWEST, HIGHEST, 8))))
+    law = law_from_dataset(fit_law(response, family=family, n_samples=0))
+    return float(law.stiffness(law.gap_at(np.array([ASKED])))[0])
+
+
+def fitted_stiffnesses(family: str, count: int, samples: int = SAMPLES) -> np.ndarray:
+    """Stiffness of several ensembles, Pa/m."""
+    ensembles = np.arange(samples * count).reshape(samples, count)
+    return np.array([fitted_stiffness(family, seeds) for seeds in ensembles])
+
+
+def laws(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+    """Fit laws of several families to ensembles of flat cells of growing size.
+
+    Errors of the stiffness at 1 GPa are relative to the law of free form fitted to other
+    realisations; two standard errors, from eighths of them, are the uncertainty. More realisations
+    do not remove the misfit of a family of two parameters.
+    """
+    rows = [
+        run(
+            "stiffness of a rough interface",
+            family.replace("_", " "),
+            *(fitted_stiffnesses, family, count),
+            warm=("power", 2, 1),
+            realisations=count,
+        )
+        for family in ("convex_decreasing", "exponential", "power")
+        for count in ((2, 4) if quick else (2, 4, 8, 16, MOST))
+    ]
+    first = SAMPLES * MOST  # after the seeds of the ensembles
+    shares = np.arange(first, first + (16 if quick else 1024)).reshape(PARTS, -1)
+    parts = np.array([fitted_stiffness("convex_decreasing", share) for share in shares])
+    spread = 2.0 * parts.std(ddof=1) / np.sqrt(PARTS) / parts.mean()
+    yield judge(rows, float(parts.mean()), float(spread))
+
+
+LAWS = Family("interface laws: stiffness at 1 GPa", laws, ("scipy",))
+
+# ---------------------------------------------------------------------------------------------
+# volumes: stiffness of a porous solid over size, number and voxels of its volumes
+
+CASTING = Recipe(porosity=0.06, pore_radius=120e-6, pore_spread=0.25)
+"""Pores of the shipped case ``porous_bracket``."""
+
+WAYS = {
+    "larger volumes": tuple((size, 1, 24) for size in (0.5e-3, 1e-3, 2e-3)),
+    "more volumes": tuple((0.5e-3, count, 24) for count in (1, 4, 16)),
+    "smaller voxels": tuple((1e-3, 4, voxels) for voxels in (8, 16, 32)),
+}
+"""Edge of the volumes, m, their number, and voxels along 1 mm, by what is refined."""
+
+
+def mean_moduli(size: float, count: int, voxels: int, seeds: Sequence[int]) -> list[float]:
+    """Mean Young's modulus of volumes over all directions of their edges, Pa, for each seed."""
+
+    def modulus(seed: int) -> float:
+        image = voxelise(CASTING.draw((size,) * 3, seed), round(voxels * size / 1e-3))
+        C = effective_stiffness(image, 71e9, 0.33).unwrap()
+        return float(youngs_modulus_along(C, np.eye(3)).mean())
+
+    return [float(np.mean([modulus(seed + k) for k in range(count)])) for seed in seeds]
+
+
+def volumes(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+    """Find the stiffness of a porous solid by larger, more and finer volumes.
+
+    Errors are the root mean square over independent answers, against the mean of larger and finer
+    volumes, whose change by coarser voxels is the uncertainty.
+    """
+    seeds = range(1000, 3000 if quick else 7000, 1000)
+    rows = [
+        run(
+            "Young's modulus of a casting with 6 % of pores",
+            way,
+            *(mean_moduli, size, count, voxels, seeds),
+            warm=(0.5e-3, 1, 8, [0]),
+            points=round(voxels * size / 1e-3),
+            realisations=count,
+        )
+        for way, steps in WAYS.items()
+        for size, count, voxels in steps[: 2 if quick else None]
+    ]
+    exact, coarser = (mean_moduli(1.5e-3, 12, voxels, [0])[0] for voxels in (48, 24))
+    yield judge(rows, exact, abs(coarser / exact - 1.0))
+
+
+VOLUMES = Family("stiffness of a porous solid: error against run time", volumes, ("numba",))
+
+# ---------------------------------------------------------------------------------------------
+# damage: fatigue lives by jumps over cycles
+
+MATERIAL = FatigueMaterial(
+    200e9, 0.3, 200e6, 0.5e6, 2.0, hardening=20e9, threshold=0.05, closure=0.2
+)
+"""Material with feedback of damage, closure and hardening, which make cycles differ."""
+
+DAMAGE_SCENES = (
+    "reversed tension, 1.001 of the limit",
+    "tension and torsion",
+    "blocks of three kinds",
+)
+SUBSTEPS = 16
+"""Number of substeps of every piece of a cycle; four times as many give their error."""
+
+
+def stress_history(scene: str) -> np.ndarray:
+    """Corners of a cycle of stress, or of a program of cycles, of a scene, Pa."""
+    limit = MATERIAL.fatigue_limit
+    reversed_tension = limit * np.array([1.0, -1.0])
+    if scene == DAMAGE_SCENES[0]:
+        return 1.001 * reversed_tension
+    if scene == DAMAGE_SCENES[1]:  # out of phase: the principal axes turn
+        angle = np.arange(8) * np.pi / 4.0
+        path = np.zeros((8, 6))
+        path[:, 0], path[:, 5] = np.cos(angle), np.sin(angle) / np.sqrt(3.0)
+        return 1.05 * limit * path
+    blocks = ((1.05, 5), (0.9, 10), (1.15, 1))  # amplitude over the limit, cycles
+    return np.concatenate([np.tile(share * reversed_tension, count) for share, count in blocks])
+
+
+def life(scene: str, tolerance: float | None, substeps: int = SUBSTEPS) -> tuple[float, float]:
+    """Cycles to rupture, and cycles that were followed to find them."""
+    found = two_scale_fatigue(
+        stress_history(scene), MATERIAL, jump_tolerance=tolerance, substeps=substeps
+    )
+    return float(found["cycles_to_rupture"]), float(found["computed_cycles"])
+
+
+def damage(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+    """Find lives by following every cycle, and by jumps of several tolerances.
+
+    Errors of the cycles to rupture are relative to the run that follows every cycle in the same
+    substeps; its change by four times the substeps is the uncertainty, and the error of that run:
+    jumps need not be more accurate. ``iterations`` are the cycles that were followed.
+    """
+    jumps = (0.1, 0.01) if quick else (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+    for scene in DAMAGE_SCENES[1:2] if quick else DAMAGE_SCENES:
+        rows = [
+            run(
+                scene,
+                "cycle jumps" if tolerance else "every cycle",
+                *(life, scene, tolerance),
+                warm=(DAMAGE_SCENES[1], 0.3),
+                repeats=1 if quick else 3,
+                tolerance=tolerance or 0.0,
+            )
+            for tolerance in (None, *jumps)
+        ]
+        for row in rows:
+            row["value"], row["iterations"] = row["value"] or (np.nan, np.nan)
+        exact, _ = life(scene, None)
+        judge(rows, exact, abs(exact / life(scene, None, 4 * SUBSTEPS)[0] - 1.0))
+        rows[0]["error"] += rows[0]["error_uncertainty"]  # NaN if it did not end
+        yield rows
+
+
+DAMAGE = Family("two-scale fatigue: error of the life against run time", damage, ("numba",))

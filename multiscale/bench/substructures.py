@@ -1,0 +1,220 @@
+"""Cut structures: error against run time of LATIN, Newton-Schur and the solver of the whole."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from multiscale.bench.runner import Family, Row, Runner
+from multiscale.bench.structures import distance, scene_grid
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import Exponential, Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import (
+    Assembly,
+    Body,
+    LinkSystem,
+    cut_links,
+    solve_latin,
+    solve_schur,
+    solve_static,
+)
+from multiscale.macro.bodies import stacked_blocks
+from multiscale.macro.substructures import (
+    CutProblem,
+    assemble,
+    cut_assembly,
+    solve_whole,
+    split_grid,
+)
+from multiscale.schema import Dataset
+
+__all__ = ["CUT_METHODS", "RIGHT", "SUBSTRUCTURES", "CutAnswer", "CutScene", "make_scenes"]
+
+CUT_METHODS = ("whole structure", "Newton-Schur", "LATIN")
+"""Methods: the first one is the reference of the others, and the second one of the first one."""
+
+MODULES, QUICK_MODULES = (16, 32, 64, 128), (8, 16)
+"""Modules along an edge of the grid."""
+EDGE = 8
+"""Modules along an edge of a substructure, at most: half of the smallest grid."""
+TOLERANCE = 1e-8
+"""Tolerance of the substructured solvers."""
+RIGHT = 1e-7
+"""Error up to which an answer counts as converged: the stopping test of LATIN is heuristic."""
+ONCE = 64
+"""Modules along an edge from which on each method runs once."""
+
+
+class CutAnswer(NamedTuple):
+    """Tensions of the links, N, or displacement of the unknowns of the bodies, m, and its way.
+
+    The history has seconds and errors after each iteration, shape (samples, 2); it is empty without
+    a reference.
+    """
+
+    value: np.ndarray
+    converged: bool
+    iterations: float
+    unknowns: int
+    history: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class CutScene:
+    """A structure under one load: links, still to be cut, or bodies that are assembled and cut.
+
+    With factors of its load cases, shape (1, cases), and numbers of substructures of links along x
+    and y.
+    """
+
+    name: str
+    structure: LinkSystem | CutProblem
+    factor: np.ndarray
+    parts: tuple[int, int] = (1, 1)
+    repeats: int = 3
+
+    def error(self, value: np.ndarray, reference: np.ndarray) -> float:
+        """Relative distance of tensions, or of displacements, in the norm of the energy."""
+        if isinstance(self.structure, LinkSystem):
+            return distance(self.structure, value, reference)
+        K = assemble(self.structure).stiffness
+        change, size = (float(u @ (K @ u)) for u in (value - reference, reference))
+        return float(np.sqrt(max(change, 0.0) / size))
+
+    def solve(self, method: str, reference: CutAnswer | None = None) -> CutAnswer:
+        """Solve by one of ``CUT_METHODS``; with a reference, note the errors on the way."""
+        begin, history = perf_counter(), []
+        whole = self.structure
+        if method == CUT_METHODS[0] and isinstance(whole, LinkSystem):
+            result = solve_static(whole, float(self.factor[0, 0]))
+            unknowns, steps = int(np.count_nonzero(~whole.fixed)), int(result["iterations"]) - 1
+            tension, none = result["tension"].values, np.zeros((0, 2))
+            return CutAnswer(tension, bool(result["converged"]), steps, unknowns, none)
+        problem = (
+            cut_links(whole, split_grid(whole, self.parts))
+            if isinstance(whole, LinkSystem)
+            else whole
+        )
+        if method == CUT_METHODS[0]:
+            return _answer(problem, solve_whole(problem, self.factor), [])
+        latin = method == CUT_METHODS[2]
+        numbers = [part.links.number for part in problem.substructures if part.links]
+
+        def note(_: int, __: float, state: Any) -> None:
+            if reference is None:
+                return
+            if numbers:
+                order = np.concatenate(numbers)
+                value = np.empty(order.size)
+                value[order] = state.tension if latin else state.tension()
+            else:
+                value = problem.average(state.u) if latin else state.displacement()
+            history.append((perf_counter() - begin, self.error(value, reference.value)))
+
+        solve = solve_latin if latin else solve_schur
+        result = solve(problem, self.factor, tolerance=TOLERANCE, callback=note)
+        return _answer(problem, result, history)
+
+
+def _answer(
+    problem: CutProblem, result: Dataset, history: Sequence[tuple[float, float]]
+) -> CutAnswer:
+    """Tension of the links, or displacement of the unknowns, from the solver of a cut."""
+    value = (
+        result["tension"].values[0]
+        if problem.n_links
+        else problem.unknowns(result["displacement"].values[0])
+    )
+    return CutAnswer(
+        value,
+        bool(result["converged"][0]),
+        float(result["iterations"][0]),
+        problem.n,
+        np.array(history).reshape(-1, 2),
+    )
+
+
+def make_scenes(*, quick: bool = False) -> list[CutScene]:
+    """Make tensegrity grids with 14 % of slack cables, a plate and a rough joint."""
+    scenes, one = [], np.ones((1, 1))
+    for n in QUICK_MODULES if quick else MODULES:
+        parts = n // min(EDGE, n // 2)
+        repeats = 1 if quick or n >= ONCE else 3
+        name = f"grid, {n} x {n} modules in {parts} x {parts}"
+        scenes.append(CutScene(name, scene_grid(n), one, (parts, parts), repeats))
+    fine, repeats = (1, 1) if quick else (2, 3)
+    clamped = (0.0, 0.0, 0.0)
+    plate = Body(
+        box_mesh((4.0, 4.0, 0.2), (16 * fine, 16 * fine, fine)),
+        Elastic(70e9, 0.3),
+        supports={"left": clamped, "right": clamped},
+        tractions={"top": (0.0, 0.0, -1e3)},
+    )
+    cut = cut_assembly(Assembly((plate,)), (4, 4))
+    scenes.append(CutScene("plate in 4 x 4", cut, one, repeats=repeats))
+    law = Sliders(Exponential(2e9, 0.2e-6), 0.2, pressures=(1e6, 1e8))
+    elements = (8 * fine, 4 * fine, 4 * fine)
+    blocks = stacked_blocks((0.04, 0.02, 0.02), elements, [Elastic(210e9, 0.3)] * 2, [law])
+    load = np.array([[20e6, 3e6]])  # Pa; three fifths of the joint slip
+    name = "rough joint in 2 x 2 x 1"
+    scenes.append(CutScene(name, cut_assembly(blocks, (2, 1)), load, repeats=repeats))
+    return scenes
+
+
+def solve_cuts(run: Runner, quick: bool) -> Iterator[Sequence[Row]]:
+    """Solve every scene by LATIN, by Newton-Schur and without a cut.
+
+    Errors are distances in the norm of the energy: of the tensions, see
+    :func:`multiscale.bench.structures.distance`, or of the displacements of bodies, with the
+    stiffness of the bodies. The whole structure is the reference of the substructured solvers; its
+    own error is its distance from the answer of Newton-Schur.
+
+    Times begin with the structure of links, or with the assembled substructures of bodies, and
+    count the cut of the former. Memory counts the whole process. Each method has one process of one
+    thread, so that no substructure is solved beside another.
+    """
+    small = make_scenes(quick=True)
+    for scene in make_scenes(quick=quick):
+        warm = small[0 if isinstance(scene.structure, LinkSystem) else -1]
+        rows, whole = [], None
+        for method in CUT_METHODS:
+            rows.append(
+                run(
+                    scene.name,
+                    method,
+                    *(CutScene.solve, scene, method, whole),
+                    warm=(warm, method),
+                    repeats=scene.repeats,
+                    tolerance=TOLERANCE,
+                )
+            )
+            whole = rows[0]["value"]
+        yield judged(rows, scene)
+
+
+def judged(rows: Sequence[Row], scene: CutScene) -> Sequence[Row]:
+    """Compare the answers to a scene."""
+    for row, other in zip(rows, (rows[1], rows[0], rows[0]), strict=True):
+        mine, reference = row["value"], other["value"]
+        if mine is None:
+            continue
+        error = np.nan if reference is None else scene.error(mine.value, reference.value)
+        row |= {
+            "unknowns": mine.unknowns,
+            "iterations": mine.iterations,
+            "error": error,
+            "converged": int(mine.converged and error <= RIGHT),
+            "history": mine.history,
+        }
+    return rows
+
+
+SUBSTRUCTURES = Family(
+    "cut structures: LATIN, Newton-Schur and the whole structure, in one process",
+    solve_cuts,
+    ("scipy", "pypardiso"),
+    threads=1,
+)

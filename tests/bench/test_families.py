@@ -1,0 +1,87 @@
+"""Every family in its smallest form, and what its scenes are known to give."""
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from multiscale.bench import FAMILIES, cells
+from multiscale.bench.answers import DAMAGE_SCENES, life
+from multiscale.bench.cells import LIMIT_SCENES, measure_kernel
+from multiscale.bench.grains import BOUNCE, COMPLIANCES, EXACT, ROLL, STEPS, answer
+from multiscale.bench.rough_contact import CODES
+from multiscale.bench.structures import GRID_METHODS
+from multiscale.bench.substructures import CUT_METHODS, RIGHT
+from multiscale.io import open_dataset
+from multiscale.schema import WORK_PRECISION
+
+METHODS = {
+    "micro": {name for name, code in CODES.items() if find_spec(code.module)},
+    "structures": {n for n, m in GRID_METHODS.items() if not m.pardiso or find_spec("pypardiso")},
+    "substructures": set(CUT_METHODS),
+}
+LARGEST = {
+    "chain": 0.1,
+    "damage": 0.03,
+    "grains": 0.1,
+    "laws": 0.2,
+    "meshes": 0.3,
+    "micro": 0.03,
+    "strain": 0.25,
+    "structures": 1e-9,
+    "substructures": RIGHT,
+    "volumes": 0.15,
+}
+"""Largest error of a family; the others have no errors, or those of methods that fail."""
+OPEN = ("micro", "nonsmooth")
+"""Families with methods that may not converge, or codes that may not start."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_smallest_form_of_a_family_leaves_a_dataset_and_a_figure(command, tmp_path, family):
+    status, said, _ = command("bench", family, "-o", tmp_path, "--quick")
+    assert status == 0
+    found = open_dataset(tmp_path / f"{family}.nc", WORK_PRECISION)
+    methods = set(found["method"].values)
+    assert methods == METHODS.get(family, methods)
+    error, converged = found["error"].values, found["converged"].values == 1
+    assert converged[found["method"].str.startswith("multiscale")].all()
+    assert family in OPEN or converged.all()
+    if family in LARGEST:
+        assert np.isfinite(error[converged]).any()
+        assert np.nanmax(error[converged]) < LARGEST[family]
+    if family != "nonsmooth":  # whose runs share a process
+        assert np.all(found["peak_memory"].values[converged] > 5e7)
+    assert found.attrs["title"] in said
+    assert "load of the machine" in said
+    assert (tmp_path / f"{family}.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("scene", DAMAGE_SCENES)
+def test_jumps_give_the_life_of_every_cycle_for_a_share_of_them(scene):
+    every, followed = life(scene, None)
+    lives, counts = np.array([life(scene, tolerance) for tolerance in (0.1, 0.01)]).T
+    errors, shares = np.abs(lives / every - 1.0), counts / followed
+    assert errors[1] < 1e-3
+    assert errors[1] < errors[0] < 0.1
+    assert shares[0] < shares[1] < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", [BOUNCE, ROLL])
+@pytest.mark.parametrize("compliance", COMPLIANCES.values())
+def test_grains_follow_their_closed_forms_to_first_order_of_the_step(scene, compliance):
+    errors = np.array([answer(scene, compliance, step) - EXACT[scene] for step in STEPS])
+    order = np.log2(errors[:-1] / errors[1:])
+    np.testing.assert_allclose(order, 1.0, atol=0.3)
+
+
+@pytest.mark.parametrize("scene", LIMIT_SCENES)
+def test_a_kernel_is_measured_beside_a_copy_of_its_bytes(scene, monkeypatch):
+    monkeypatch.setattr(cells, "LEAST", 1e-3)
+    found = measure_kernel(scene, 34)
+    assert min(found[name] for name in ("over_copy", "wall_time", "operations")) > 0.0
+    arrays = 1 if scene == "compliance of a flat cell" else 3 * cells.LAYERS
+    precision = 4 if scene.endswith("single precision") else 8
+    assert found["bytes_moved"] >= 2 * precision * 34 * 34 * arrays  # in and out

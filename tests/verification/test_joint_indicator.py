@@ -1,0 +1,123 @@
+"""Rough joints with friction: the heuristic indicator of LATIN beside the true error.
+
+Blocks of steel are pressed unevenly, sheared, sheared further, unloaded and sheared back. In every
+iteration the indicator stands beside the true error of the same admissible fields, against the
+monolithic solution: the range in ``workflows/bench.md``.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from multiscale.fe.boxes import box_mesh
+from multiscale.laws import Exponential, Sliders
+from multiscale.laws.bulk import Elastic
+from multiscale.macro import Assembly, Body, Interface
+from multiscale.macro.substructures import LatinMethod, cut_assembly, solve_whole
+from multiscale.macro.substructures.error import Admissible, indicate_error
+from multiscale.macro.substructures.latin_solver import LatinSolver
+from multiscale.macro.substructures.state import JointState
+
+EDGE, YOUNG, PRESSURE = 0.02, 210e9, 20e6  # m, Pa, Pa
+TIMES = (1.0, 2.0, 3.0, 1.5, 0.0)
+"""Pressed; sheared by one amplitude and by two; unloaded to a half; sheared back by one."""
+
+
+class Scene(NamedTuple):
+    """Stiffness of the law over that of a block, friction, tilt of the pressure, shear (Pa), parts
+    along either edge."""
+
+    ratio: float
+    friction: float
+    tilt: float
+    shear: float
+    parts: int
+
+    def law(self):
+        normal = Exponential(PRESSURE, PRESSURE * EDGE / (self.ratio * YOUNG))
+        return Sliders(normal, self.friction, pressures=(0.1 * PRESSURE, 10.0 * PRESSURE))
+
+    def cut(self):
+        size, elements, steel = (EDGE,) * 3, (4, 4, 3), Elastic(YOUNG, 0.3)
+        lower = Body(
+            box_mesh(size, elements, origin=(0.0, 0.0, -EDGE)),
+            steel,
+            supports={"bottom": (0.0, 0.0, 0.0)},
+        )
+        upper = Body(
+            box_mesh(size, elements),
+            steel,
+            supports={"front": (None, 0.0, None)},
+            tractions={
+                "top": (
+                    lambda x, t: self.shear * (t - 1.0),
+                    0.0,
+                    lambda x, t: -PRESSURE * (1.0 + self.tilt * (2.0 * x[0] / EDGE - 1.0)),
+                )
+            },
+        )
+        joint = Interface((0, 1), ("top", "bottom"), self.law())
+        return cut_assembly(Assembly((lower, upper), (joint,), TIMES), (self.parts, self.parts))
+
+
+SCENES = {
+    "soft law": Scene(1e-2, 0.2, 0.2, 1.4e6, 2),
+    "law like the blocks": Scene(1.0, 0.2, 0.2, 1.4e6, 1),
+    "uneven pressure": Scene(1.0, 0.2, 1.5, 1.4e6, 2),
+    "stiff law": Scene(1e2, 0.2, 0.2, 1.6e6, 1),
+    "stiff law, much friction": Scene(1e2, 0.6, 1.0, 2e6, 2),
+}
+
+
+def effectivities(scene):
+    """Relative true errors above 1e-7 and estimated over true ones, in every iteration."""
+    problem, law = scene.cut(), scene.law()
+    judged = []
+    options = LatinMethod(
+        tolerance=1e-8,
+        max_iterations=400,
+        callback=lambda _, __, iterate: judged.append(indicate_error(admissible, iterate)),
+    )
+    solver, state = LatinSolver(problem, options, judged=False), JointState.at_rest(problem)
+    admissible = Admissible(solver.iteration)
+    K = solver.iteration.stack.stiffness
+    whole = solve_whole(problem, np.eye(len(TIMES)))
+    numbers = np.concatenate([part.unknown for part in problem.substructures])
+    found = []
+    for step in range(len(TIMES)):
+        u = problem.unknowns(whole["displacement"].values[step])[numbers]
+        jump, traction = (whole[name].values[step].T for name in ("jump", "traction"))
+        tangent = law.respond(jump, law.at_rest(jump)).tangent
+        k = np.stack([tangent[i, i] for i in range(3)])  # nothing slips
+        compliance = problem.weight / np.maximum(k, 1e-6 * k.mean(axis=1, keepdims=True))
+
+        def norm(u, traction, weight=compliance):
+            return np.sqrt(u @ (K @ u) + np.sum(weight * traction**2))  # J^1/2
+
+        judged.clear()
+        answer = solver.step(state, np.eye(len(TIMES))[step])
+        state, _ = state.advance(problem.law, answer.unknowns, answer.jump, answer.traction)
+        for one in judged:
+            error = norm(one.stressed - u, one.traction - traction)
+            found.append((error / norm(u, traction), one.estimate.error / error))
+    error, effectivity = np.array(found).T
+    assert error.size > 5 * 6
+    return error[error >= 1e-7], effectivity[error >= 1e-7]
+
+
+LEAST = {"stiff law, much friction": 0.15}
+"""Least effectivity, if it is not 0.3."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=[pytest.mark.slow] * (one != "stiff law")) for one in SCENES],
+)
+def test_the_indicator_is_near_the_true_error_of_sliding_joints(name):
+    error, effectivity = effectivities(SCENES[name])
+    late = effectivity[error < 1e-3]
+    assert late.size > 30
+    assert 0.6 < np.median(late) < 1.6
+    assert late.min() > LEAST.get(name, 0.3)
+    assert late.max() < 12.0
