@@ -140,29 +140,6 @@ def test_no_step_of_a_random_path_wins_energy(yields):
     assert np.max(lost) > 0.0
 
 
-@pytest.mark.parametrize("yields", [True, False])
-def test_the_tangent_is_the_derivative_of_the_traction(yields):
-    for law, jump, state in list(random_path(yields, steps=6))[2:]:
-        tangent = law.respond(jump, state).tangent
-        for axis in range(3):
-            step = np.zeros_like(jump)
-            step[axis] = 1e-13
-            change = law.respond(jump + step, state).traction
-            change = (change - law.respond(jump - step, state).traction) / 2e-13
-            scale = np.abs(tangent).max()
-            np.testing.assert_allclose(tangent[:, axis], change, rtol=1e-4, atol=1e-5 * scale)
-
-
-@pytest.mark.parametrize("stiffness", [1e10, 1e12, 1e15])
-@pytest.mark.parametrize("friction", [0.0, FRICTION])
-def test_the_resolvent_is_on_the_law_and_on_the_direction(stiffness, friction):
-    for law, jump, state in list(random_path(True, steps=4))[2:]:
-        law = replace(law, friction=friction)
-        source = law.respond(jump, state).traction + stiffness * jump
-        found = law.resolvent(source, stiffness, state)
-        np.testing.assert_allclose(found, jump, rtol=1e-6, atol=1e-15)
-
-
 def test_unloading_follows_flattened_spheres_of_their_larger_radii():
     law, deepest = AsperityLaw(ROUGH), 9e-6
     _, _, state = press(law, deepest)

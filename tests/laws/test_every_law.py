@@ -1,61 +1,156 @@
-"""What every interface law must satisfy, whatever its formula."""
+"""What every interface law must satisfy, whatever its formula: a further law is a row of LAWS."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.laws import (
+    AsperityLaw,
     ConvexDecreasing,
+    Coulomb,
     Exponential,
+    HystereticLaw,
     InterfaceLaw,
     ModifiedLaw,
     PowerLaw,
     Response,
+    SteadySliding,
     Tabulated,
 )
+from multiscale.laws.side_by_side import lay_side_by_side
+from tests.laws.test_asperities import FRICTION, ROUGH, random_path
+from tests.laws.test_sliders import NORMALS, bed, walked
 
 SIGNED = ConvexDecreasing(  # c < 0 in the middle: the curvature is a hat between ramps
     knot=np.array([-0.6, -0.2, 0.3, 0.9]), coefficient=np.array([0.4, 2.0, -1.5, 1.0]), gap=0.05
 )
-LAWS = [
-    pytest.param(Exponential(pressure_scale=2.0, decay_length=0.4, gap=0.1), id="exponential"),
-    pytest.param(
-        ConvexDecreasing(knot=np.array([0.2, 0.7]), coefficient=np.array([3.0, 1.0])), id="convex"
-    ),
-    pytest.param(SIGNED, id="convex-signed"),
-    pytest.param(ModifiedLaw(SIGNED, damage=0.3), id="damaged"),
-    pytest.param(ModifiedLaw(Exponential(2.0, 0.4, gap=-0.1), factor=1.3), id="stretched"),
-    pytest.param(PowerLaw(pressure_scale=2.0, support=0.9, exponent=2.5, gap=0.1), id="power"),
-    pytest.param(Tabulated(np.array([0.0, 0.5, 2.5]), np.array([0.0, -0.5, -0.9])), id="table"),
-]
+NORMAL_LAWS = {
+    "exponential": Exponential(pressure_scale=2.0, decay_length=0.4, gap=0.1),
+    "convex": ConvexDecreasing(knot=np.array([0.2, 0.7]), coefficient=np.array([3.0, 1.0])),
+    "convex-signed": SIGNED,
+    "damaged": ModifiedLaw(SIGNED, damage=0.3),
+    "stretched": ModifiedLaw(Exponential(2.0, 0.4, gap=-0.1), factor=1.3),
+    "power": PowerLaw(pressure_scale=2.0, support=0.9, exponent=2.5, gap=0.1),
+    "table": Tabulated(np.array([0.0, 0.5, 2.5]), np.array([0.0, -0.5, -0.9])),
+}
+normal_laws = pytest.mark.parametrize("law", NORMAL_LAWS.values(), ids=NORMAL_LAWS)
+PLASTIC = {
+    "hysteretic": HystereticLaw(Exponential(2.0, 0.4, gap=0.1), 2.5, 1.5),
+    "hysteretic, power": HystereticLaw(PowerLaw(2.0, 0.9, 2.0), 1.0, 1.5),
+}
 
 
-@pytest.fixture
-def jump():
-    return np.random.default_rng(seed=7).uniform(-1.0, 1.0, size=(2, 4, 3))
+@dataclass(frozen=True)
+class Place:
+    """A law, jumps and a committed state, and the sizes with which it is tested.
+
+    ``step`` of differences, ``rtol`` of the tangent, ``k`` that is a stiffness of the law, and the
+    number of points that may lie at a corner.
+    """
+
+    law: InterfaceLaw
+    jump: np.ndarray
+    state: np.ndarray
+    step: float = 1e-6
+    rtol: float = 1e-6
+    k: float = 1.0
+    corners: int = 0
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_tangent_is_the_derivative_of_the_traction(law, jump):
-    state = np.zeros((law.n_state, 4, 3))
-    tangent = law.respond(jump, state).tangent
-    for j in range(jump.shape[0]):
-        step = np.zeros_like(jump)
-        step[j] = 1e-6
-        difference = (
-            law.respond(jump + step, state).traction - law.respond(jump - step, state).traction
-        )
-        np.testing.assert_allclose(tangent[:, j], difference / 2e-6, rtol=1e-6, atol=1e-8)
+def places():
+    """A place of every law."""
+    rng = np.random.default_rng(seed=7)
+    for name, law in NORMAL_LAWS.items():
+        yield name, Place(law, rng.uniform(-1.0, 1.0, (3, 12)), np.zeros((0, 12)))
+    for name, law in PLASTIC.items():
+        state = rng.uniform(0.0, 2.0, (1, 60)) * (rng.random(60) < 0.8)
+        yield name, Place(law, rng.uniform(-0.2, 0.7, (3, 60)), state, 1e-7, 1e-5)
+    sliding = SteadySliding(SIGNED, Coulomb(0.3), velocity=(2.0, -1.0))
+    yield "steady sliding", Place(sliding, rng.uniform(-1.0, 0.8, (3, 12)), np.zeros((0, 12)))
+    for name, normal in NORMALS.items():
+        for slabs in (1, 24):
+            law = bed(normal, slabs)
+            place = Place(law, *walked(law, seed=3), 1e-13, 1e-4, 1e13, corners=2)
+            yield f"sliders, {name}, {slabs}", place
+    for yields in (True, False):
+        *_, (law, jump, state) = random_path(yields, steps=6)
+        yield f"asperities, {yields}", Place(law, jump, state, 1e-13, 1e-4, 1e12)
+    smooth = Place(replace(law, friction=0.0), jump, state, 1e-13, 1e-4, 1e12)
+    yield "asperities without friction", smooth
+    law, other = bed(slabs=5), AsperityLaw(ROUGH, FRICTION)
+    together = lay_side_by_side([law, other], [200, 20], np.zeros(220))
+    *_, (_, jump, state) = random_path(True, steps=6)
+    rows = np.zeros((together.n_state, 220))
+    rows[: law.n_state, :200], rows[: other.n_state, 200:] = walked(law, seed=3)[1], state
+    jump = np.concatenate([walked(law, seed=3)[0], jump], axis=1)
+    yield "side by side", Place(together, jump, rows, 1e-13, 1e-4, 1e13, corners=2)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_no_tension_and_no_traction_along_the_interface(law, jump):
+PLACES = dict(places())
+POINTWISE = list(PLACES.values())[:-1]  # laws side by side have so many points
+every_law = pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+
+
+@every_law
+def test_the_tangent_is_the_derivative_of_the_traction(place):
+    tangent = place.law.respond(place.jump, place.state).tangent
+    difference = np.empty_like(tangent)
+    for column in range(3):
+        step = place.step * np.eye(3)[:, column, None]
+        ends = [place.law.respond(place.jump + s * step, place.state).traction for s in (1, -1)]
+        difference[:, column] = (ends[0] - ends[1]) / (2.0 * place.step)
+    scale = np.maximum(np.abs(tangent).max(axis=(0, 1)), 1e-2 * place.k)
+    wrong = np.abs(tangent - difference).max(axis=(0, 1)) > place.rtol * scale
+    assert np.count_nonzero(wrong) <= place.corners
+
+
+@every_law
+@pytest.mark.parametrize("softer", [1e-7, 1e-3, 1.0, 1e5])
+@pytest.mark.parametrize("ratio", [1.0, 1e-6, 1e4])
+def test_the_resolvent_is_on_the_law_and_on_the_direction(place, softer, ratio):
+    k = softer * place.k * np.array([[1.0], [0.5], [ratio]])
+    source = place.law.respond(place.jump, place.state).traction + k * place.jump
+    found = place.law.resolvent(source, k * np.ones_like(source), place.state)
+    traction = place.law.respond(found, place.state).traction
+    scale = np.abs(traction) + k * np.abs(found) + np.abs(source)
+    scale = np.maximum(scale, scale.max(axis=1, keepdims=True) * (place.law.n_state > 0))
+    least = 1e-10 if place.law.n_state else 1e-12
+    assert np.all(np.abs(traction + k * found - source) <= least * scale)
+
+
+@pytest.mark.parametrize("place", POINTWISE, ids=list(PLACES)[:-1])
+@pytest.mark.parametrize("shape", [(), (5,), (2, 3), (0,)], ids=str)
+def test_arrays_keep_their_shape_and_arguments_their_values(place, shape):
+    count = int(np.prod(shape))
+    jump, state = (
+        np.ascontiguousarray(value[:, :count]).reshape(len(value), *shape)
+        for value in (place.jump, place.state)
+    )
+    before = jump.copy(), state.copy()
+    response = place.law.respond(jump, state)
+    assert response.traction.shape == jump.shape
+    assert response.tangent.shape == (3, *jump.shape)
+    assert response.state.shape == state.shape
+    assert place.law.sliding(jump, state).stored.shape == shape
+    assert place.law.at_rest(jump).shape == (place.law.n_state, *shape)
+    k = np.full(jump.shape, 10.0 * place.k)
+    found = place.law.resolvent(response.traction + k * jump, k, state)
+    np.testing.assert_allclose(found, jump, rtol=1e-6, atol=1e-9 * np.abs(place.jump).max())
+    np.testing.assert_array_equal(jump, before[0])
+    np.testing.assert_array_equal(state, before[1])
+
+
+@normal_laws
+def test_no_tension_and_no_traction_along_the_interface(law):
+    jump = np.random.default_rng(seed=7).uniform(-1.0, 1.0, size=(2, 4, 3))
     traction = law.respond(jump, np.zeros((law.n_state, 4, 3))).traction
     assert np.all(traction[0] <= 0.0)
     assert np.all(traction[1:] == 0.0)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@normal_laws
 def test_pressure_is_decreasing_and_convex(law):
     gap = np.linspace(-2.0, 2.0, 2001)
     p = law.pressure(gap)
@@ -64,28 +159,13 @@ def test_pressure_is_decreasing_and_convex(law):
     assert np.all(np.diff(law.stiffness(gap)) <= 1e-12 * law.stiffness(gap)[0])
 
 
-@pytest.mark.parametrize("law", LAWS)
+@normal_laws
 def test_gap_at_inverts_the_pressure_over_twelve_decades(law):
     pressure = np.geomspace(1e-6, 1e6, 101)
     np.testing.assert_allclose(law.pressure(law.gap_at(pressure)), pressure, rtol=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("stiffness", np.geomspace(1e-6, 1e6, 13))
-def test_resolvent_lies_on_the_law_and_on_the_search_direction(law, stiffness, jump):
-    state = np.zeros((law.n_state, 4, 3))
-    source = law.respond(jump, state).traction + stiffness * jump
-    found = law.resolvent(source, stiffness, state)
-    traction = law.respond(found, state).traction
-    scale = np.abs(traction) + stiffness * np.abs(found) + np.abs(source)
-    assert np.all(np.abs(traction + stiffness * found - source) <= 1e-12 * scale)
-    # the solution is the jump, as far as the data tell: a soft direction drowns in the traction
-    tangent = law.respond(jump, state).tangent[0, 0] + stiffness
-    spread = 1e-14 * scale[0] / tangent
-    assert np.all(np.abs(found[0] - jump[0]) <= 1e-9 + 100.0 * spread)
-
-
-@pytest.mark.parametrize("law", LAWS)
+@normal_laws
 @pytest.mark.parametrize("source", [-1e9, -1.0, -1e-9, 0.0, 1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("stiffness", [1e-9, 1.0, 1e9])
 def test_resolvent_finds_its_way_from_any_source(law, source, stiffness):
@@ -104,23 +184,6 @@ def test_resolvent_pushes_surfaces_apart_that_start_deep_inside_each_other(sourc
     t = law.respond(found, np.empty(0)).traction[0]
     assert found[0] > 0.09
     assert t + 1e-8 * found[0] == pytest.approx(source, rel=1e-9, abs=1e-17)
-
-
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(
-    "shape", [(2,), (3,), (2, 5), (3, 4, 6), (2, 0)], ids=lambda shape: "x".join(map(str, shape))
-)
-def test_arrays_keep_their_shape_and_arguments_their_values(law, shape):
-    jump = np.random.default_rng(seed=3).uniform(-0.5, 0.5, size=shape)
-    before, state = jump.copy(), np.zeros((law.n_state, *shape[1:]))
-    response = law.respond(jump, state)
-    assert response.traction.shape == shape
-    assert response.tangent.shape == (shape[0], *shape)
-    assert response.state.shape == state.shape
-    if jump.size:
-        found = law.resolvent(response.traction + 2.0 * jump, np.full(shape, 2.0), state)
-        np.testing.assert_allclose(found, jump, rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(jump, before)
 
 
 @pytest.mark.parametrize("length", [1e-9, 1e3], ids=["nm", "km"])

@@ -282,39 +282,6 @@ def test_the_share_that_slips_is_the_load_of_the_springs_that_do():
     np.testing.assert_allclose(slipping, 1.0 - (1.0 + x) * np.exp(-x), atol=0.03)
 
 
-@pytest.mark.parametrize("slabs", [1, 24])
-@pytest.mark.parametrize("name", NORMALS)
-def test_the_tangent_is_the_derivative_of_the_traction(name, slabs):
-    law = bed(NORMALS[name], slabs)
-    jump, state = walked(law, seed=3)
-    tangent = law.respond(jump, state).tangent
-    difference = np.empty_like(tangent)
-    for column in range(3):
-        step = np.zeros((3, 1))
-        step[column] = 1e-13
-        ends = [law.respond(jump + sign * step, state).traction for sign in (1, -1)]
-        difference[:, column] = (ends[0] - ends[1]) / 2e-13
-    scale = np.abs(tangent).max(axis=(0, 1))
-    wrong = np.abs(tangent - difference).max(axis=(0, 1)) > 1e-4 * scale
-    assert np.count_nonzero(wrong) <= 2  # a corner of the law lies within the difference
-
-
-@pytest.mark.parametrize("name", ["exponential with a gap", "convex decreasing", "flows"])
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [(1e6, 1.0), (1e9, 0.5), (1e13, 0.5), (1e18, 0.5), (1e17, 1e-4), (1e13, 1e4), (1e14, 1e-6)],
-)
-def test_the_resolvent_is_on_the_law_and_on_the_direction(name, first, second):
-    law = bed(NORMALS[name])
-    jump, state = walked(law, seed=1)
-    k = np.array([[first], [0.5 * first], [second * first]])
-    source = law.respond(jump, state).traction + k * jump
-    found = law.resolvent(source, k, state)
-    traction = law.respond(found, state).traction
-    scale = np.abs(source).max(axis=1, keepdims=True)
-    assert np.all(np.abs(traction + k * found - source) <= 1e-10 * scale)
-
-
 def test_in_one_direction_the_resolvent_is_the_root_between_sorted_corners():
     """t(x) + k x is piecewise linear with 2 M corners |B + m x| = c: find the piece, solve it."""
     law, k = bed(slabs=8), 1e14
@@ -399,20 +366,3 @@ def test_a_bed_needs_no_pressures_where_its_law_has_data():
 def test_parameters_outside_their_range_are_refused(make, message):
     with pytest.raises(CaseError, match=message):
         make()
-
-
-@pytest.mark.parametrize("shape", [(3,), (3, 5), (3, 4, 6), (3, 0)])
-def test_arrays_keep_their_shape_and_arguments_their_values(shape):
-    law, rng = bed(slabs=4), np.random.default_rng(3)
-    jump = np.stack([np.full(shape[1:], 0.6e-6), *rng.normal(0.0, 1e-7, (2, *shape[1:]))])
-    state = law.at_rest(0.9 * jump)
-    copies = jump.copy(), state.copy()
-    response = law.respond(jump, state)
-    assert response.traction.shape == shape
-    assert response.tangent.shape == (3, *shape)
-    assert response.state.shape == state.shape == (law.n_state, *shape[1:])
-    assert law.sliding(jump, state).stored.shape == shape[1:]
-    found = law.resolvent(response.traction + 1e13 * jump, 1e13, state)
-    np.testing.assert_allclose(found, jump, rtol=1e-9, atol=1e-16)
-    np.testing.assert_array_equal(jump, copies[0])
-    np.testing.assert_array_equal(state, copies[1])
