@@ -13,7 +13,7 @@ from multiscale.macro.links.statics import solve_static
 from multiscale.macro.monolithic import solve_interface
 from multiscale.macro.substructures import AssembledNewton, LatinMethod, NewtonSchur
 from multiscale.macro.substructures.latin_solver import simulate_latin
-from multiscale.micro.cell_solver import solve_cell
+from multiscale.micro.cell import solve_cell
 from multiscale.micro.damage.element_fatigue import local_fatigue
 from multiscale.micro.damage.rve import effective_stiffness
 from multiscale.micro.flat.viscoelastic import solve_sliding

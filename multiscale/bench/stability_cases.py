@@ -303,8 +303,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     from multiscale.laws.bulk import J2, NeoHookean
     from multiscale.micro import FiniteCell
     from multiscale.micro.finite.cell_newton import walk_step
-    from multiscale.micro.finite.finite_cell import largest_approach, make_scene
-    from multiscale.micro.finite.scene import rest_state
+    from multiscale.micro.finite.finite_cell import make_scene
     from multiscale.micro.path import Target
 
     law: NeoHookean | J2 = NeoHookean(YOUNG, POISSON)
@@ -314,7 +313,7 @@ def large_strain(material: str, slope: float, friction: float) -> float:
     surface = _surface(slope)
     cell = FiniteCell(surface, 0.5, LAYERS, law, friction_coefficient=friction)
     scene, away = make_scene(cell), 0.02 * np.ptp(surface.heights)
-    state = rest_state(scene)
+    state = scene.rest()
     faults = []
     for slide in np.array([[0.0, 0.0], [away, 0.0], [-away, 0.0]]):
         walk = walk_step(
@@ -323,13 +322,13 @@ def large_strain(material: str, slope: float, friction: float) -> float:
             Target(load, None, slide, 0.0),
             increments=1,
             tolerance=1e-8,
-            largest_approach=largest_approach(cell),
+            largest_approach=cell.largest_approach(),
         )
         state = walk.state
         if walk.reached < 1.0:
             raise ConvergenceError(f"the path ends: {state.status.value}")
         # the flowed body has its stress without flowing again
-        balance = scene.begin(state.material, 0.0).respond(state.displacement).force
+        balance = scene.begin(state.material, 0.0)(state.displacement).force
         scene.surface(balance)[:] -= state.force
         meeting = scene.meet(state.displacement, state.approach, state.slide)
         pressure = -np.sum(state.force * meeting.normal, axis=1)

@@ -2,7 +2,7 @@ from .cell import Cell as Cell
 from .cell import Surface as Surface
 from .cell import contact_modulus as contact_modulus
 from .cell import self_affine as self_affine
-from .cell_solver import solve_cell as solve_cell
+from .cell import solve_cell as solve_cell
 from .elastic.graph_cell import GraphCell as GraphCell
 from .ensemble import run_ensemble as run_ensemble
 from .finite.finite_cell import FiniteCell as FiniteCell

@@ -53,45 +53,23 @@ class Keep:
 
 @dataclass(frozen=True, eq=False)
 class ContactSurface:
-    """Contact surface of a cell in equilibrium; its nodes form a grid, (nx, ny), or a list, (n,).
+    """Contact surface of a cell in equilibrium, with nodes in a grid, (nx, ny), or a list, (n,)."""
 
-    Attributes
-    ----------
-    force, normal : ndarray, shape (nx, 3, ny) or (n, 3)
-        Contact forces on the body, N, and unit normals into the obstacle.
-    pressing : ndarray, shape (nx, ny) or (n,)
-        Force with which a node presses, N, from which the contact area follows; 0 if it is free.
-    gap : ndarray, vertical distance of each node to the obstacle, m
-    node_area, weight : ndarray
-        Area of each node on the mean plane, m2: nominal and in the current configuration.
-    jump : ndarray, shape (3,), mean displacement jump, normal component first, m
-    mean_gap : float, m
-    edges : tuple of EdgeLayer, edges of contact on the grid, along x and y
-    flowing : ndarray of bool or bool, nodes below which the material flows
-    slip : tuple of float, optional
-        With friction: share of the contact nodes that slip, and work of friction, J/m2.
-    flowing_share : float, optional, share of the points of a body of metal that flow
-    recovered_force : ndarray, shape (3,), optional, contact force from the Cauchy stress, N
-    neighbours : callable, optional
-        Pairs of neighbouring nodes, shape (2, pairs); those of a periodic grid if not given.
-    to_grid : callable, values on the grid of fields, (nx, ny), from values at nodes
-    """
-
-    force: np.ndarray
-    normal: np.ndarray
-    pressing: np.ndarray
-    gap: np.ndarray
-    node_area: np.ndarray
-    weight: np.ndarray
-    jump: np.ndarray
-    mean_gap: float
-    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
-    flowing: np.ndarray | bool = False
-    slip: tuple[float, float] | None = None
-    flowing_share: float | None = None
-    recovered_force: np.ndarray | None = None
-    neighbours: Callable[[], np.ndarray] | None = None
-    to_grid: Callable[[np.ndarray], np.ndarray] = np.asarray
+    force: np.ndarray  # (nx, 3, ny) or (n, 3), contact forces on the body, N
+    normal: np.ndarray  # (nx, 3, ny) or (n, 3), unit normals into the obstacle
+    pressing: np.ndarray  # force with which a node presses, N; 0 if it is free
+    gap: np.ndarray  # vertical distance of each node to the obstacle, m
+    node_area: np.ndarray  # nominal area of each node on the mean plane, m2
+    weight: np.ndarray  # the same area in the current configuration, m2
+    jump: np.ndarray  # (3,), mean displacement jump, normal component first, m
+    mean_gap: float  # m
+    edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)  # of contact, along x and y
+    flowing: np.ndarray | bool = False  # nodes below which the material flows
+    slip: tuple[float, float] | None = None  # share of slipping nodes, work of friction, J/m2
+    flowing_share: float | None = None  # of the points of a body of metal
+    recovered_force: np.ndarray | None = None  # (3,), contact force from the Cauchy stress, N
+    neighbours: Callable[[], np.ndarray] | None = None  # pairs of nodes, (2, pairs), of a mesh
+    to_grid: Callable[[np.ndarray], np.ndarray] = np.asarray  # nodal values on the grid of fields
 
     def on_grid(self, node: np.ndarray, edges: tuple[EdgeLayer, EdgeLayer]) -> "ContactSurface":
         """Arrange the nodes of a list on a periodic grid; ``node`` has the shape (nx, ny)."""

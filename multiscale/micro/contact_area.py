@@ -22,48 +22,41 @@ spacings beyond the outermost node, where :math:`b = \tfrac12 - a_1` and
 :math:`B = \tfrac14 - \sum n a_n`. As the edge moves by one spacing, :math:`\lambda_1 / \lambda_0`
 falls from infinity to :math:`1 + b`; there the next node comes into contact.
 
+Each contact node counts with its area, and each side on which the next node is free adds
+:math:`s - \tfrac12` of it. In (2), :math:`\lambda_1^2 - \lambda_0^2` is the slope of
+:math:`\lambda^2` at the outermost node, of second order in the spacing where :math:`\lambda^2` is
+concave, as under a round asperity. :math:`\lambda_1 / \lambda_0` is taken as at least
+:math:`1 + b`; where it is less in spots of one or two nodes, no place follows from the forces, and
+:math:`s` is its mean :math:`\tfrac12 - B`. Sides along x and y share an oblique edge by the squares
+of the slopes of :math:`\lambda^2`.
+
+Under a flowing material the pressure is even and drops at once. If :math:`\lambda^2`, which rises
+by equal steps inside a smooth edge, levels off at a flowing node :math:`k \le 2` (by less than a
+tenth of the step before), that node is full, and the nodes outside it are full by the shares of
+its force that they carry,
+
+.. math:: s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k.    \tag{3}
+
 References
 ----------
 .. [1] B. Noble, Methods Based on the Wiener-Hopf Technique, Pergamon Press, 1958: the method.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from multiscale.micro.layer import PeriodicLayer
-
-__all__ = [
-    "HALF_SPACE",
-    "EdgeLayer",
-    "contact_areas",
-    "contact_fraction",
-    "edge_layer",
-    "element_edges",
-]
+__all__ = ["HALF_SPACE", "EdgeLayer", "contact_areas", "contact_fraction", "edge_layer"]
 
 TINY = np.finfo(float).tiny
-EDGE_POINTS = 32  # of the wavelengths from which the effect of elements at an edge is computed
 LEVEL = 0.1  # of squares, step inwards over step before: 0 in an even pressure, 1 at a smooth edge
 
 
-@dataclass(frozen=True)
-class EdgeLayer:
-    """Effect of a grid on the forces at a straight edge of contact, (1).
+class EdgeLayer(NamedTuple):
+    """Effect of a grid on the forces at a straight edge of contact, (1), in spacings."""
 
-    Attributes
-    ----------
-    reach : float
-        :math:`B`: by how much more than half a spacing contact nodes reach beyond the edge in the
-        mean over its places, in spacings.
-    ratio : float
-        :math:`b`, dimensionless.
-    """
-
-    reach: float
-    ratio: float
+    reach: float  # B: how far contact nodes reach beyond half a spacing from the edge, in the mean
+    ratio: float  # b
 
 
 def edge_layer(compliance_ratio: np.ndarray) -> EdgeLayer:
@@ -92,29 +85,6 @@ HALF_SPACE = edge_layer(np.ones(65))
 """The exact compliance of a flat surface, by the Fourier series of the nodes."""
 
 
-def element_edges(cell: "PeriodicLayer") -> tuple[EdgeLayer, EdgeLayer]:
-    """Effect of the elements of the bodies of a cell at an edge of contact along x and y."""
-    from multiscale.micro.elastic.lateral_fft import factorise_flat_cell
-    from multiscale.micro.flat.compliance import layered_compliance
-
-    n, edges = EDGE_POINTS, []
-    for spacing in cell.surface.spacing:
-        discrete, exact = np.zeros((2, n // 2 + 1))
-        for body in cell.bodies:
-            planes = body.planes
-            inverse = factorise_flat_cell(
-                (n, 1),
-                (spacing, spacing),
-                planes,
-                *body.layer_moduli,
-                mean_dilatation=body.mean_dilatation,
-            )
-            discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
-            exact += layered_compliance((1, n), (1.0, n * spacing), planes, *body.layer_moduli)[0]
-        edges.append(edge_layer(discrete / exact))
-    return edges[0], edges[1]
-
-
 def contact_fraction(
     force: np.ndarray,
     weight: np.ndarray,
@@ -122,26 +92,7 @@ def contact_fraction(
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE),
     flowing: np.ndarray | bool = False,
 ) -> float:
-    r"""Real over nominal contact area.
-
-    Notes
-    -----
-    Each contact node counts with its area, and each side on which the next node is free adds
-    :math:`s - \tfrac12` of it, with :math:`s` of (2). In (2),
-    :math:`\lambda_1^2 - \lambda_0^2` is the slope of :math:`\lambda^2` at the outermost node, of
-    second order in the spacing where :math:`\lambda^2` is concave, as under a round asperity.
-    :math:`\lambda_1 / \lambda_0` is taken as at least :math:`1 + b`; where it is less in spots of
-    one or two nodes, no place follows from the forces, and :math:`s` is its mean
-    :math:`\tfrac12 - B`. Sides along x and y share an oblique edge by the squares of the slopes of
-    :math:`\lambda^2`.
-
-    Under a flowing material the pressure is even and drops at once. If :math:`\lambda^2`, which
-    rises by equal steps inside a smooth edge, levels off at a flowing node :math:`k \le 2` (by less
-    than a tenth of the step before), that node is full, and the nodes outside it are full by the
-    shares of its force that they carry,
-
-    .. math:: s = \tfrac12 - k + \sum_{i < k} \lambda_i / \lambda_k.    \tag{3}
-    """
+    """Real over nominal contact area."""
     area = contact_areas(force, weight, edges=edges, flowing=flowing)
     return max(float(np.sum(area)) / float(np.sum(weight)), 0.0)
 
@@ -153,7 +104,7 @@ def contact_areas(
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE),
     flowing: np.ndarray | bool = False,
 ) -> np.ndarray:
-    """Real contact area that each node stands for, m2; see :func:`contact_fraction`."""
+    """Real contact area that each node stands for, m2."""
     active = force > 0.0
     area = np.where(active, weight, 0.0)
     if force.ndim == 2 and active.any() and not active.all():

@@ -9,73 +9,37 @@ import numpy as np
 from multiscale.convergence import Status
 from multiscale.micro.averages import ContactSurface, to_components
 from multiscale.micro.contact_area import HALF_SPACE, EdgeLayer
-from multiscale.micro.path import Target
-from multiscale.micro.step_loop import Step
+from multiscale.micro.path import Step, Target
 
-__all__ = ["ContactState", "ElasticCell", "at_first_touch", "obstacle_normal", "untouched"]
+__all__ = ["ContactState", "ElasticCell", "obstacle_normal", "untouched"]
 
 
 @dataclass(frozen=True)
 class ContactState:
-    """A solution of a contact problem, or the last iterate.
+    """A solution of a contact problem, or the last iterate."""
 
-    Attributes
-    ----------
-    displacement : ndarray
-        m.
-    force : ndarray, contact forces, N
-    approach : float
-        m, counted from the first touch.
-    active : ndarray of bool, contact nodes
-    reference_force : ndarray
-        Contact forces of the problem with :math:`K_0` in place of :math:`K`, N.
-    status : Status
-    residuals : tuple of float
-        Norm of the forces out of balance over the norm of the contact forces, after each
-        active-set iteration.
-    linear_iterations : int
-        Conjugate-gradient iterations in all.
-    """
-
-    displacement: np.ndarray
-    force: np.ndarray
-    approach: float
-    active: np.ndarray
-    reference_force: np.ndarray
+    displacement: np.ndarray  # m
+    force: np.ndarray  # contact forces, N
+    approach: float  # counted from the first touch, m
+    active: np.ndarray  # contact nodes
+    reference_force: np.ndarray  # contact forces of the problem with K_0 in place of K, N
     status: Status = Status.MAX_ITERATIONS
-    residuals: tuple[float, ...] = ()
+    residuals: tuple[float, ...] = ()  # relative forces out of balance, of each iteration
     linear_iterations: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticCell:
-    """Model of a linear elastic cell: each step is solved, from the state of the one before.
+    """Model of a linear elastic cell: each step is solved, from the state of the one before."""
 
-    Attributes
-    ----------
-    solve : callable
-        ``solve(load=, approach=, start=, tolerance=)`` returns a :class:`ContactState`.
-    normal : ndarray, shape (nx, 3, ny) or (nodes, 3), unit normals into the obstacle
-    surface_height, obstacle_height : ndarray
-        Heights of the body before deformation and of the obstacle at first touch, m.
-    node_area : ndarray, nominal area of each contact node, m2; they add up to the nominal area
-    surface_displacement : callable, displacement of the contact nodes, components along axis 1, m
-    recover : callable, optional
-        ``recover(displacement, active)`` integrates the traction from the Cauchy stress over the
-        facets that touch an active node, shape (3,), N.
-    cap : float, largest contact force of a node, N
-    edges : tuple of EdgeLayer, edges of contact on the grid of nodes, along x and y
-    arrange : callable, contact surface with its nodes in the order in which it is averaged
-    """
-
-    solve: Callable[..., ContactState]
-    normal: np.ndarray
-    surface_height: np.ndarray
-    obstacle_height: np.ndarray
-    node_area: np.ndarray
-    surface_displacement: Callable[[np.ndarray], np.ndarray]
-    recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
-    cap: float = np.inf
+    solve: Callable[..., ContactState]  # solve(load=, approach=, start=, tolerance=)
+    normal: np.ndarray  # (nx, 3, ny) or (nodes, 3), unit normals into the obstacle
+    surface_height: np.ndarray  # of the body before deformation, m
+    obstacle_height: np.ndarray  # at first touch, m
+    node_area: np.ndarray  # nominal area of each contact node, m2
+    surface_displacement: Callable[[np.ndarray], np.ndarray]  # of the nodes, components in axis 1
+    recover: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None  # stress to force, N
+    cap: float = np.inf  # largest contact force of a node, N
     edges: tuple[EdgeLayer, EdgeLayer] = (HALF_SPACE, HALF_SPACE)
     arrange: Callable[[ContactSurface], ContactSurface] = lambda surface: surface
     remembers: ClassVar[bool] = False
@@ -125,14 +89,6 @@ class ElasticCell:
             recovered_force=recover and recover(state.displacement, state.active),
         )
         return self.arrange(surface)
-
-
-def at_first_touch(
-    heights: np.ndarray, obstacle: np.ndarray | float = 0.0
-) -> tuple[np.ndarray, float]:
-    """Heights of an obstacle that touches a surface, and how far it is raised, m."""
-    distance = float(np.max(heights - obstacle))
-    return np.broadcast_to(obstacle + distance, heights.shape), distance
 
 
 def obstacle_normal(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:

@@ -13,10 +13,8 @@ from multiscale.errors import CaseError, SchemaError
 from multiscale.executors import run_jobs
 from multiscale.io import make_folder, open_dataset, remove, write_dataset
 from multiscale.micro.averages import SPOTS, Keep, pad_spots
-from multiscale.micro.cell import AnyCell
-from multiscale.micro.cell_solver import record_cell
+from multiscale.micro.cell import WORTH, AnyCell, Checkpoint, record_cell
 from multiscale.micro.path import Path
-from multiscale.micro.step_loop import WORTH, Checkpoint
 from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset, Schema
 
 __all__ = ["record_realisation", "run_ensemble", "run_realisations"]

@@ -22,6 +22,7 @@ __all__ = [
     "Linear",
     "PeriodicLayer",
     "SecondBody",
+    "at_first_touch",
     "depth_caution",
     "elements_of",
     "graded_planes",
@@ -31,6 +32,10 @@ __all__ = [
 
 FEWEST_ELEMENTS = 3
 """Layers of elements from which a coating is resolved."""
+
+_LANES = 32  # elements along y in one batch of the kernels
+_KRYLOV = 15  # directions, each with its image
+_VECTORS = 4  # displacement-sized arrays alive at the peak of a contact solve, the last step's too
 
 Linear = Elastic | GradedElastic
 LayerLaw = Linear | NeoHookean | J2 | Prony
@@ -108,6 +113,8 @@ class PeriodicLayer:
     layers : int, layers of elements, graded towards the top
     law : Elastic, GradedElastic, NeoHookean, J2 or Prony
         Graded moduli have the shape (layers,), from the base up, or (nx, layers, ny).
+    obstacle : Surface, optional
+        Underside of the counterface on the same grid; a flat if not given.
     coating : tuple of Coating
         Layers of other materials at the top, outermost first, on a body of one Elastic law. Node
         planes of a mesh move onto their lower faces.
@@ -122,6 +129,7 @@ class PeriodicLayer:
     depth: float
     layers: int
     law: LayerLaw
+    obstacle: Surface | None = None
     coating: tuple[Coating, ...] = field(default=(), kw_only=True)
     small_slopes: ClassVar[bool] = False
 
@@ -151,6 +159,49 @@ class PeriodicLayer:
                 f"{type(self.law).__name__}; leave out the coating, or give Elastic"
             )
         coating_faces(self.coating, self.depth)  # checks itself
+        self._check_obstacle()
+
+    def _check_obstacle(self) -> None:
+        """Refuse an obstacle on another grid."""
+        surface, obstacle = self.surface, self.obstacle
+        if obstacle is not None and (
+            obstacle.heights.shape != surface.heights.shape or obstacle.size != surface.size
+        ):
+            raise CaseError(
+                f"the obstacle must have the grid of the surface, "
+                f"{surface.heights.shape} points on {surface.size} m, got "
+                f"{obstacle.heights.shape} on {obstacle.size} m; resample it"
+            )
+
+    @property
+    def raised_obstacle(self) -> np.ndarray:
+        """Heights of the obstacle at first touch, m."""
+        heights = 0.0 if self.obstacle is None else self.obstacle.heights
+        return at_first_touch(self.surface.heights, heights)[0]
+
+    @property
+    def node_area(self) -> np.ndarray:
+        """Nominal area of each point of the surface, m2."""
+        return np.full(self.surface.heights.shape, float(np.prod(self.surface.spacing)))
+
+    @property
+    def unknowns(self) -> int:
+        """Number of displacements of the mesh."""
+        return 3 * self.surface.heights.size * self.layers
+
+    def memory(self, friction_coefficient: float) -> int:
+        """Estimated peak of the mesh in a solve, byte."""
+        nx, ny = self.surface.heights.shape
+        mixed = self.law.finite_strain and self.mean_dilatation
+        vector = nx * self.layers * (4 if mixed else 3) * ny
+        factors = (nx // 2 + 1) * self.layers * 12 * (ny // 2 + 1)
+        if not self.law.finite_strain and friction_coefficient == 0.0:
+            if self.nearly_incompressible:  # tilted, in double precision
+                return int(8 * ((_VECTORS + 3) * vector + factors))
+            return int(8 * ((_VECTORS + 0.5) * vector + 0.5 * factors))
+        points = 8 * nx * self.layers * _LANES * -(-ny // _LANES)
+        rows = 24 + 2 * self.law.n_state if self.law.finite_strain else 0  # 48 of half the size
+        return int(8 * (2 * _KRYLOV * vector + factors + rows * points))
 
     @property
     def field_shape(self) -> tuple[int, int]:
@@ -254,18 +305,6 @@ class PeriodicLayer:
         """Return the statistics of the surface that a response keeps, and its heights, m."""
         return statistics_of(self.surface, heights=heights)
 
-    def _check_obstacle(self, obstacle: Surface | None) -> None:
-        """Refuse a rigid obstacle on another grid."""
-        surface = self.surface
-        if obstacle is not None and (
-            obstacle.heights.shape != surface.heights.shape or obstacle.size != surface.size
-        ):
-            raise CaseError(
-                f"the obstacle must have the grid of the surface, "
-                f"{surface.heights.shape} points on {surface.size} m, got "
-                f"{obstacle.heights.shape} on {obstacle.size} m; resample it"
-            )
-
 
 @dataclass(frozen=True, eq=False)
 class SecondBody:
@@ -312,6 +351,14 @@ def statistics_of(surface: Surface, *, heights: bool) -> dict[str, np.ndarray]:
     return record | ({"height": surface.heights.T[None]} if heights else {})
 
 
+def at_first_touch(
+    heights: np.ndarray, obstacle: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, float]:
+    """Heights of an obstacle that touches a surface, and how far it is raised, m."""
+    distance = float(np.max(heights - obstacle))
+    return np.broadcast_to(obstacle + distance, heights.shape), distance
+
+
 def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray:
     r"""Heights of the node planes, geometrically coarser from the top to the base, m."""
     if top_thickness * layers >= depth:
@@ -335,17 +382,10 @@ class GraphMesh:
 
     The vertical map puts the rough surface exactly on the top nodes. The node planes :math:`Z_l`
     run from the base 0 to the depth, :math:`\varphi_l = Z_l / H`.
-
-    Attributes
-    ----------
-    surface : Surface
-        Heights :math:`h`, m, with even numbers of points; a single point across is plane strain.
-    planes : ndarray, shape (layers + 1,)
-        :math:`Z_l`, m.
     """
 
-    surface: Surface
-    planes: np.ndarray
+    surface: Surface  # even numbers of points; a single point across is plane strain
+    planes: np.ndarray  # (layers + 1,), Z_l, m
 
     def __post_init__(self) -> None:
         nx, ny = self.surface.heights.shape

@@ -1,31 +1,61 @@
-"""Paths of cells: load, approach, slide and time, step by step."""
+"""Paths of cells, step by step, and the protocol of the models that follow them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from multiscale.errors import CaseError
+from multiscale.micro.averages import ContactSurface
 from multiscale.schema import branch_of
 
-__all__ = ["Path", "Target"]
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["CellModel", "Path", "State", "Step", "Target"]
+
+State = TypeVar("State", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """End of a step of a path, or of an increment of it.
+    """End of a step of a path, or of an increment of it; load or approach is prescribed."""
 
-    Attributes
-    ----------
-    load : float or None, vertical load, N; None if the approach is prescribed
-    approach : float or None, approach of the obstacle, m; None if the load is prescribed
-    slide : ndarray, shape (2,), displacement of the obstacle in its plane, m
-    time_step : float, duration, s
-    """
+    load: float | None  # vertical, N
+    approach: float | None  # of the obstacle, m
+    slide: np.ndarray  # (2,), displacement of the obstacle in its plane, m
+    time_step: float = 0.0  # s
 
-    load: float | None
-    approach: float | None
-    slide: np.ndarray
-    time_step: float = 0.0
+
+@dataclass(frozen=True, eq=False)
+class Step(Generic[State]):
+    """Result of one step."""
+
+    state: State  # at the end of the step, or the last equilibrium before a failure
+    cost: Mapping[str, float]  # variables of the response that count iterations
+    ended: str = ""  # why the step ended without a result
+
+
+class CellModel(Protocol[State]):
+    """Model of a cell for the loop over steps; the cell itself answers the fourth, ``needs``."""
+
+    @property
+    def area(self) -> float:
+        """Nominal area, m2."""
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a path ends at a failed step, on the state of which the later ones depend."""
+
+    def rest(self) -> State:
+        """Return the state before any load."""
+
+    def step(self, state: State, target: Target, tolerance: float) -> Step[State]:
+        """Solve for the state at a target, starting from another state."""
+
+    def surface(self, state: State) -> ContactSurface:
+        """Contact surface of a state, from which all averages follow."""
 
 
 @dataclass(frozen=True, eq=False)

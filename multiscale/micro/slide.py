@@ -10,8 +10,7 @@ from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
 from multiscale.laws.bulk.moduli import mindlin_ratio
-from multiscale.micro.cell import GridCell
-from multiscale.micro.cell_solver import solve_cell
+from multiscale.micro.cell import GridCell, solve_cell
 from multiscale.micro.finite.finite_cell import FiniteCell
 from multiscale.micro.path import Path
 from multiscale.schema import SLIDING_RESPONSE, Dataset

@@ -219,7 +219,7 @@ def composite_coating(case: Case) -> tuple[Coating, ...]:
 
 def coating_caution(case: Case) -> list[str]:
     """Say how far one meshed, coated body is from both; flat cells add up both, without a mesh."""
-    from multiscale.micro.flat.flat_cell import flat_gap
+    from multiscale.micro.flat.flat_cell import flat_compliance
 
     if not case.coated or case.cell.geometry == "flat":
         return []
@@ -227,7 +227,7 @@ def coating_caution(case: Case) -> list[str]:
     line = Surface(np.zeros((n, 1)), (max(case.cell.size), case.cell.spacing))
     one, both = _grid_cell(case, line), flat_pair(case, line)
     alone = FlatCell(line, one.depth, one.layers, one.law, coating=one.coating)
-    own, exact = (flat_gap(cell)[2][1:, 0] for cell in (alone, both))
+    own, exact = (flat_compliance(cell)[1:, 0] for cell in (alone, both))
     error = float(np.max(np.abs(own / exact - 1.0)))
     found = one.element_cautions()
     if error <= ALIKE:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from multiscale.errors import MultiscaleError
 from multiscale.io import make_folder, open_dataset, write_dataset
-from multiscale.micro.step_loop import WORTH
+from multiscale.micro.cell import WORTH
 from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.planner import plan

@@ -15,18 +15,12 @@ from multiscale import executors
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.executors import process_pool, run_jobs, thread_count
-from multiscale.micro import (
-    Cell,
-    FlatCell,
-    GraphCell,
-    Path,
-    run_ensemble,
-    step_loop,
-)
+from multiscale.micro import Cell, FlatCell, GraphCell, Path, run_ensemble
+from multiscale.micro import cell as steps_module
 from multiscale.micro import ensemble as module
+from multiscale.micro.cell import Checkpoint
 from multiscale.micro.elastic import active_set
 from multiscale.micro.elastic_cell import ContactState
-from multiscale.micro.step_loop import Checkpoint
 from multiscale.schema import MICRO_RESPONSE, PlainDataset
 from multiscale.surfaces import rms_slope
 from tests.support import rough_square
@@ -185,8 +179,8 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
     kind = {"flat": FlatCell, "conforming": GraphCell}[geometry]
     one = [kind(flat.surface, flat.depth, flat.layers, flat.law)]
     whole = run_ensemble(one, path)
-    monkeypatch.setattr(step_loop, "WORTH", 0.0)
-    average, solved = step_loop.average_surface, []
+    monkeypatch.setattr(steps_module, "WORTH", 0.0)
+    average, solved = steps_module.average_surface, []
 
     def killed(surface, *kept):
         if len(solved) == 3:
@@ -194,11 +188,11 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
         solved.append(surface)
         return average(surface, *kept)
 
-    monkeypatch.setattr(step_loop, "average_surface", killed)
+    monkeypatch.setattr(steps_module, "average_surface", killed)
     with pytest.raises(KeyboardInterrupt):
         run_ensemble(one, path, folder=tmp_path, identity="a")
     monkeypatch.setattr(
-        step_loop,
+        steps_module,
         "average_surface",
         lambda *given: solved.append(0) or average(*given),
     )
@@ -214,7 +208,7 @@ def test_a_realisation_that_is_killed_goes_on_after_its_last_step(
 
 @pytest.mark.parametrize("content", [b"", b"PK no archive", None])
 def test_steps_of_another_case_or_a_damaged_file_are_not_taken(content, tmp_path, monkeypatch):
-    monkeypatch.setattr(step_loop, "WORTH", 0.0)
+    monkeypatch.setattr(steps_module, "WORTH", 0.0)
     kept = Checkpoint(tmp_path / "steps.npz", "a")
     state = ContactState(np.ones(3), np.ones(2), 1.0, np.array([True, False]), np.zeros(2))
     kept.write([{"wall_time": 1.0, "ended": "step 0"}], state)

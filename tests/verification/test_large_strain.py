@@ -5,7 +5,8 @@ import pytest
 
 from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import Cell, Path, Surface, layer, solve_cell
-from multiscale.micro.contact_area import HALF_SPACE, element_edges
+from multiscale.micro.contact_area import HALF_SPACE
+from multiscale.micro.elastic.flat_reference import element_edges
 from tests.closed_forms import mindlin
 from tests.support import egg_box, observed_rate, rough_square, slow
 

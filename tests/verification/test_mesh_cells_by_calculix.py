@@ -8,7 +8,7 @@ import pytest
 
 from multiscale.laws.bulk import Elastic
 from multiscale.micro import CellSides, Path, solve_cell
-from multiscale.micro.mesh.elastic_mesh import assemble_elastic_mesh
+from multiscale.micro.mesh.mesh_cell import assemble_elastic_mesh
 from multiscale.micro.mesh.meshing import ElementKind, cell_from_file
 from tests.voxels import write_voxels
 

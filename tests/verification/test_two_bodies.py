@@ -7,7 +7,6 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean
 from multiscale.micro import Cell, Path, SecondBody, Surface, solve_cell
 from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.finite_cell import make_scene
-from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.layer import graded_planes
 from multiscale.micro.path import Target
 from tests.closed_forms import mindlin
@@ -243,7 +242,7 @@ def plough(increments, mu):
     down = [(far * share, 0.0) for share in np.linspace(0.0, 1.0, 7)[1:]]
     along = [(far, share) for share in np.linspace(0.0, 0.25, increments + 1)[1:]]
     up = [(far * share, 0.25) for share in np.linspace(1.0, -0.2, 9)[1:]]
-    state, work = rest_state(scene), 0.0
+    state, work = scene.rest(), 0.0
     for approach, slide in down + along + up:
         before = state
         target = Target(None, approach, np.array([slide, 0.0]))

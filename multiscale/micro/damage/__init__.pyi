@@ -9,9 +9,9 @@ from .cracks import grow_microcracks as grow_microcracks
 from .cracks import grow_volumes as grow_volumes
 from .cracks import softening_of as softening_of
 from .element_fatigue import local_fatigue as local_fatigue
+from .fatigue import FatigueMaterial as FatigueMaterial
 from .fatigue import two_scale_fatigue as two_scale_fatigue
 from .fatigue import woehler_curve as woehler_curve
-from .fatigue_material import FatigueMaterial as FatigueMaterial
 from .packing import Recipe as Recipe
 from .packing import boolean_spheres as boolean_spheres
 from .packing import random_spheres as random_spheres

@@ -10,13 +10,18 @@ Damage of an inclusion is not measurable from outside; an inclusion that cracks
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from multiscale.convergence import check_limits
 from multiscale.errors import CaseError
-from multiscale.micro.damage.fatigue import FatigueProgress, Inclusions
-from multiscale.micro.damage.fatigue_material import STATE_SIZE, FatigueMaterial
+from multiscale.micro.damage.fatigue import (
+    STATE_SIZE,
+    FatigueMaterial,
+    FatigueProgress,
+    Inclusions,
+)
 from multiscale.schema import FATIGUE_LIFE, Dataset
 
 __all__ = ["first_cracks", "limit_factors", "local_fatigue", "von_mises"]
@@ -57,12 +62,7 @@ def first_cracks(
     ``stress`` has the shape (corners, elements, 6), Pa. Infinite where the inclusion stays elastic
     or does not crack by ``max_cycles``.
     """
-    return _first_cracks(Inclusions(material, limit_factors(scatter)[:1]), stress, max_cycles)
-
-
-def _first_cracks(weakest: Inclusions, stress: np.ndarray, max_cycles: float) -> np.ndarray:
-    run = weakest.follow(np.zeros((stress.shape[1], STATE_SIZE)), stress, int(max_cycles))
-    return np.where(run.broken, run.cycles, np.inf)
+    return Inclusions(material, limit_factors(scatter)[:1]).lives(stress, max_cycles)
 
 
 def local_fatigue(
@@ -118,8 +118,7 @@ def local_fatigue(
 
     share, stress = np.zeros(elements), stress_of(np.zeros(elements))
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
-    weakest_class = Inclusions(material, factors[:1], jump_tolerance, substeps)
-    first = _first_cracks(weakest_class, stress, max_cycles)
+    first = replace(inclusions, factors=factors[:1]).lives(stress, max_cycles)
     weakest = float(first.min())
     # half the largest von Mises stress between two corners
     ranges = [von_mises(stress[k:] - stress[k]).max(axis=0) for k in range(len(stress))]

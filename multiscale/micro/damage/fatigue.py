@@ -5,23 +5,26 @@ its state slowly are jumped over, with an error control.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from time import perf_counter
 from typing import Self
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.damage.fatigue_material import LIMIT, STATE_SIZE, FatigueMaterial
 from multiscale.schema import FATIGUE, WOEHLER, Dataset
 
 __all__ = [
+    "STATE_SIZE",
+    "FatigueMaterial",
     "FatigueProgress",
     "Inclusions",
-    "pass_cycles",
     "two_scale_fatigue",
     "woehler_curve",
 ]
+
+STATE_SIZE = 20
+"""Length of the state: D, p, plastic strain (6), back stress (6, Pa), last macro stress (6, Pa)."""
 
 STRAIGHT = 1e-6
 """Distance of a corner from the line of its neighbours, over the largest stress, that is zero."""
@@ -31,27 +34,85 @@ SHORTEST_JUMP = 4  # cycles of the shortest jump that is worth its two trial cyc
 RECORD_SHARE = 20  # a record for every twentieth of the cycles done, where none is jumped
 
 
-@dataclass
-class FatigueProgress:
-    """Progress of the fatigue lives of some inclusions, changed in place with every pass.
+Note = Callable[["FatigueProgress"], None]
 
-    Attributes
+
+@dataclass(frozen=True)
+class FatigueMaterial:
+    r"""Elastic volume and micro-inclusion; see :mod:`~multiscale.micro.damage.inclusion`.
+
+    Parameters
     ----------
-    state : ndarray, shape (points, 20)
-        State of each inclusion, see :mod:`~multiscale.micro.damage.inclusion`.
-    number : ndarray of int, shape (points,), number of each inclusion among all
-    cycles : ndarray, shape (points,), cycles done, with jumps
-    computed : ndarray, shape (points,), cycles whose stress path was computed
-    broken : ndarray of bool, shape (points,), whether the critical damage was reached
-    elastic : ndarray of bool, shape (points,), whether an inclusion stays elastic from now on
+    youngs_modulus, poissons_ratio : float, moduli of volume and inclusion, Pa and dimensionless
+    fatigue_limit : float
+        :math:`\sigma_f`, yield stress of the inclusion, Pa.
+    damage_strength : float
+        :math:`S` of the damage law, Pa.
+    damage_exponent : float
+        :math:`s`, dimensionless.
+    hardening : float, kinematic modulus :math:`C`, Pa
+    threshold : float
+        Plastic strain :math:`p_D` of the inclusion at which damage begins, dimensionless.
+    critical_damage : float
+        :math:`D_c` at which a crack starts, dimensionless, above 0 and up to 1.
+    closure : float
+        :math:`h`, share of the damage that acts in compression, 0 to 1.
+    feedback : bool
+        Whether damage changes the stress of the inclusion. Without it the model has a closed
+        form for reversed tension.
     """
 
-    state: np.ndarray
-    number: np.ndarray
-    cycles: np.ndarray
-    computed: np.ndarray
-    broken: np.ndarray
-    elastic: np.ndarray
+    youngs_modulus: float
+    poissons_ratio: float
+    fatigue_limit: float
+    damage_strength: float
+    damage_exponent: float = 1.0
+    hardening: float = 0.0
+    threshold: float = 0.0
+    critical_damage: float = 0.3
+    closure: float = 1.0
+    feedback: bool = True
+
+    def __post_init__(self) -> None:
+        for name, unit in (
+            ("youngs_modulus", "Pa"),
+            ("fatigue_limit", "Pa"),
+            ("damage_strength", "Pa"),
+            ("damage_exponent", "dimensionless"),
+        ):
+            value = getattr(self, name)
+            if not (value > 0.0 and np.isfinite(value)):
+                raise CaseError(f"{name} must be positive ({unit}), got {value:g}")
+        for name, unit in (("hardening", "Pa"), ("threshold", "dimensionless")):
+            value = getattr(self, name)
+            if not (value >= 0.0 and np.isfinite(value)):
+                raise CaseError(f"{name} must not be negative ({unit}), got {value:g}")
+        if not -1.0 < self.poissons_ratio < 0.5:
+            raise CaseError(
+                f"poissons_ratio must lie between -1 and 0.5, got {self.poissons_ratio:g}"
+            )
+        if not 0.0 < self.critical_damage <= 1.0:
+            raise CaseError(
+                f"critical_damage must lie above 0 and up to 1, got {self.critical_damage:g}"
+            )
+        if not 0.0 <= self.closure <= 1.0:
+            raise CaseError(f"closure must lie from 0 to 1, got {self.closure:g}")
+
+    def parameters(self) -> np.ndarray:
+        """Return the parameters in SI units, in the order of the fields and of the kernel."""
+        return np.array(astuple(self), dtype=float)
+
+
+@dataclass
+class FatigueProgress:
+    """Progress of the fatigue lives of some inclusions, changed in place with every pass."""
+
+    state: np.ndarray  # (points, 20), of each inclusion
+    number: np.ndarray  # (points,), of each inclusion among all
+    cycles: np.ndarray  # (points,), cycles done, with jumps
+    computed: np.ndarray  # (points,), cycles with a stress path that was computed
+    broken: np.ndarray  # (points,), whether the critical damage was reached
+    elastic: np.ndarray  # (points,), whether an inclusion stays elastic from now on
 
     @classmethod
     def begin(cls, state: np.ndarray) -> Self:
@@ -68,79 +129,6 @@ class FatigueProgress:
         """Write the progress of some inclusions."""
         for field in fields(self):
             getattr(self, field.name)[index] = getattr(part, field.name)
-
-
-def pass_cycles(
-    run: FatigueProgress,
-    once: Callable[[FatigueProgress], None],
-    count: int,
-    material: FatigueMaterial,
-    tolerance: float,
-    note: Callable[[FatigueProgress], None] = lambda run: None,
-) -> None:
-    r"""Pass through a program ``count`` times, with jumps under an error control.
-
-    Every inclusion has jumps of a separate length.
-
-    Notes
-    -----
-    Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
-    \varepsilon^p` of the back stress. Let :math:`y` be their values after a pass that changed them
-    by :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
-    not extrapolated, to its cycle there; a second pass from the same :math:`y + J d_1` changes the
-    slow variables by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is
-    at most the tolerance times the larger of both changes, in damage and in accumulated strain,
-    and takes the slow variables to :math:`y + J (d_1 + d_2)/2`.
-    """
-    jump, done = np.full(len(run.state), float(SHORTEST_JUMP)), np.zeros(len(run.state))
-
-    def going() -> np.ndarray:
-        return np.flatnonzero(~(run.broken | run.elastic) & (done < count))
-
-    while (passing := going()).size:
-        part = run.take(passing)
-        before, start = _slow(part.state, material), part.cycles.copy()
-        once(part)
-        run.put(passing, part)
-        done[passing] += 1
-        note(run)
-        y = _slow(part.state, material)
-        first, length = y - before, part.cycles - start
-        at = np.flatnonzero(np.isin(passing, going()))  # places among those that have passed
-        while at.size:
-            all_at = passing[at]
-            J = np.minimum(jump[all_at], count - done[all_at])
-            J = np.floor(np.minimum(J, _longest(part.state[at], first[at], material)))
-            short = J < SHORTEST_JUMP
-            jump[all_at[short]] = np.maximum(jump[all_at[short]], SHORTEST_JUMP)
-            at, all_at, J = at[~short], all_at[~short], J[~short]
-            if not at.size:
-                break
-            near = y[at] + J[:, None] * first[at]
-            trial = part.take(at)
-            trial.computed[:] = 0.0
-            for _ in range(2):
-                _set_slow(trial.state, near, material)
-                once(trial)
-            run.computed[all_at] += trial.computed
-            second = _slow(trial.state, material) - near
-            size = np.maximum(np.abs(first[at]), np.abs(second))[:, :2]  # damage, plastic strain
-            half = 0.5 * np.abs(second - first[at])[:, :2]
-            change = np.max(half / np.where(size > 0.0, size, 1.0), axis=1)
-            ahead = y[at] + 0.5 * J[:, None] * (first[at] + second)
-            broken = trial.broken | (ahead[:, 0] >= material.critical_damage)
-            fits = ~broken & (change <= tolerance)
-            ratio = 0.8 * tolerance / np.maximum(change, 1e-300)
-            again = np.where(broken, 0.5, np.maximum(0.2, ratio))
-            jump[all_at] = J * np.where(fits, np.minimum(LARGEST_GROWTH, ratio), again)
-            _set_slow(trial.state, ahead, material)
-            taken = all_at[fits]
-            run.state[taken] = trial.state[fits]
-            run.cycles[taken] += J[fits] * length[at[fits]]
-            done[taken] += J[fits]
-            if taken.size:
-                note(run)
-            at = at[~fits]
 
 
 def _slow(state: np.ndarray, material: FatigueMaterial) -> np.ndarray:
@@ -166,34 +154,39 @@ def _longest(state: np.ndarray, change: np.ndarray, material: FatigueMaterial) -
 
 @dataclass(frozen=True, eq=False)
 class Inclusions:
-    """Inclusions of elements, in classes of fatigue limits: point ``e * classes + k`` is class k.
+    r"""Inclusions of elements, in classes of fatigue limits: point ``e * classes + k`` is class k.
 
-    Attributes
-    ----------
-    material : FatigueMaterial
-    factors : ndarray, shape (classes,), fatigue limits over the limit of the material
-    tolerance : float or None, of the jumps of :func:`pass_cycles`; None computes every cycle
-    substeps : int, of the plastic part of each straight piece of a path
+    Every inclusion has jumps of a separate length.
+
+    Slow variables are damage, accumulated plastic strain and the drift :math:`X - \tfrac23 C (1-D)
+    \varepsilon^p` of the back stress. Let :math:`y` be their values after a pass that changed them
+    by :math:`d_1`. A trial pass from :math:`y + J d_1` brings the plastic strain, which is fast and
+    not extrapolated, to its cycle there; a second pass from the same :math:`y + J d_1` changes the
+    slow variables by :math:`d_2`. The jump over J passes is accepted if :math:`|d_2 - d_1| / 2` is
+    at most the tolerance times the larger of both changes, in damage and in accumulated strain,
+    and takes the slow variables to :math:`y + J (d_1 + d_2)/2`.
     """
 
     material: FatigueMaterial
-    factors: np.ndarray
-    tolerance: float | None = 0.02
-    substeps: int = 16
+    factors: np.ndarray  # (classes,), fatigue limits over the limit of the material
+    tolerance: float | None = 0.02  # of the jumps; None computes every cycle
+    substeps: int = 16  # of the plastic part of each straight piece of a path
 
     def follow(
         self,
         state: np.ndarray,
         stress: np.ndarray,
         cycles: int,
-        note: Callable[[FatigueProgress], None] = lambda run: None,
+        note: Note = lambda run: None,
     ) -> FatigueProgress:
         """Repeat a cycle of stress, (corners, elements, 6), from states (points, 20)."""
         from multiscale.micro.damage.inclusion import run_points
 
         path, n = np.ascontiguousarray(_bends(stress).swapaxes(0, 1)), self.factors.size
-        kinds = np.tile(self.material.parameters(), (n, 1))
-        kinds[:, LIMIT] *= self.factors
+        limits = self.material.fatigue_limit * self.factors
+        kinds = np.array(
+            [replace(self.material, fatigue_limit=limit).parameters() for limit in limits]
+        )
         run = FatigueProgress.begin(state)
         run.broken[:] = state[:, 0] >= self.material.critical_damage
 
@@ -207,8 +200,7 @@ class Inclusions:
             part.broken[:] = part.state[:, 0] >= self.material.critical_damage
 
         if self.tolerance is not None:
-            once = lambda part: compute(part, 1)  # noqa: E731
-            pass_cycles(run, once, cycles, self.material, self.tolerance, note)
+            self.pass_cycles(run, compute, cycles, note)
             return run
         done = 0
         while done < cycles and (going := np.flatnonzero(~(run.broken | run.elastic))).size:
@@ -218,6 +210,71 @@ class Inclusions:
             done += count
             note(run)
         return run
+
+    def pass_cycles(
+        self,
+        run: FatigueProgress,
+        compute: Callable[[FatigueProgress, int], None],
+        count: int,
+        note: Note,
+    ) -> None:
+        """Pass through ``count`` cycles, with jumps under an error control."""
+        assert self.tolerance is not None
+        jump, done = np.full(len(run.state), float(SHORTEST_JUMP)), np.zeros(len(run.state))
+
+        def going() -> np.ndarray:
+            return np.flatnonzero(~(run.broken | run.elastic) & (done < count))
+
+        while (passing := going()).size:
+            part = run.take(passing)
+            before, start = _slow(part.state, self.material), part.cycles.copy()
+            compute(part, 1)
+            run.put(passing, part)
+            done[passing] += 1
+            note(run)
+            y = _slow(part.state, self.material)
+            first, length = y - before, part.cycles - start
+            at = np.flatnonzero(np.isin(passing, going()))  # places among those that have passed
+            while at.size:
+                all_at = passing[at]
+                J = np.minimum(jump[all_at], count - done[all_at])
+                J = np.floor(np.minimum(J, _longest(part.state[at], first[at], self.material)))
+                short = J < SHORTEST_JUMP
+                jump[all_at[short]] = np.maximum(jump[all_at[short]], SHORTEST_JUMP)
+                at, all_at, J = at[~short], all_at[~short], J[~short]
+                if not at.size:
+                    break
+                near = y[at] + J[:, None] * first[at]
+                trial = part.take(at)
+                trial.computed[:] = 0.0
+                for _ in range(2):
+                    _set_slow(trial.state, near, self.material)
+                    compute(trial, 1)
+                run.computed[all_at] += trial.computed
+                second = _slow(trial.state, self.material) - near
+                size = np.maximum(np.abs(first[at]), np.abs(second))[:, :2]  # of damage and strain
+                half = 0.5 * np.abs(second - first[at])[:, :2]
+                change = np.max(half / np.where(size > 0.0, size, 1.0), axis=1)
+                ahead = y[at] + 0.5 * J[:, None] * (first[at] + second)
+                broken = trial.broken | (ahead[:, 0] >= self.material.critical_damage)
+                fits = ~broken & (change <= self.tolerance)
+                ratio = 0.8 * self.tolerance / np.maximum(change, 1e-300)
+                again = np.where(broken, 0.5, np.maximum(0.2, ratio))
+                jump[all_at] = J * np.where(fits, np.minimum(LARGEST_GROWTH, ratio), again)
+                _set_slow(trial.state, ahead, self.material)
+                taken = all_at[fits]
+                run.state[taken] = trial.state[fits]
+                run.cycles[taken] += J[fits] * length[at[fits]]
+                done[taken] += J[fits]
+                if taken.size:
+                    note(run)
+                at = at[~fits]
+
+    def lives(self, stress: np.ndarray, max_cycles: float) -> np.ndarray:
+        """Return the cycles at which every inclusion cracks, infinite if later, (points,)."""
+        start = np.zeros((stress.shape[1] * self.factors.size, STATE_SIZE))
+        run = self.follow(start, stress, int(max_cycles))
+        return np.where(run.broken, run.cycles, np.inf)
 
     def cracked(self, run: FatigueProgress) -> np.ndarray:
         """Share (1) of the inclusions of every element that have cracked."""

@@ -63,21 +63,12 @@ References
 
 import numpy as np
 
-from multiscale.micro.damage.fatigue_material import (
-    CLOSURE,
-    CRITICAL,
-    EXPONENT,
-    FEEDBACK,
-    HARDENING,
-    LIMIT,
-    NU,
-    STRENGTH,
-    THRESHOLD,
-    E,
-)
 from multiscale.numerics.compiled import compiled
 
 __all__ = ["damage_rate", "effective_stress", "run_cycles", "run_points"]
+
+# places of the parameters in the array of a material, as the fields of FatigueMaterial
+E, NU, LIMIT, STRENGTH, EXPONENT, HARDENING, THRESHOLD, CRITICAL, CLOSURE, FEEDBACK = range(10)
 
 
 @compiled
@@ -97,11 +88,10 @@ def run_cycles(state, path, cycles, material, substeps):  # type: ignore[no-unty
 
 @compiled
 def run_points(state, path, path_of, cycles, material, kind_of, substeps):  # type: ignore[no-untyped-def]
-    """Follow the paths of many inclusions, as :func:`run_cycles`.
+    """Follow the paths of many inclusions: cycles done, and whether the last one was elastic.
 
     ``state`` has the shape (points, 20), ``path`` (paths, corners, 6) and ``material`` (kinds, 10);
     ``path_of`` and ``kind_of``, shape (points,), are the numbers of path and kind of each point.
-    Returns the cycles done and whether the last one was elastic, both of shape (points,).
     """
     done, elastic = np.empty(len(state)), np.empty(len(state), dtype=np.bool_)
     for k in range(len(state)):

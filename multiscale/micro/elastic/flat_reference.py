@@ -6,11 +6,21 @@ from functools import cached_property
 
 import numpy as np
 
+from multiscale.micro.contact_area import EdgeLayer, edge_layer
 from multiscale.micro.elastic.lateral_fft import LateralInverse, SurfaceFilter, factorise_flat_cell
+from multiscale.micro.flat.compliance import layered_compliance
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
-from multiscale.surfaces.surface import Surface
 
-__all__ = ["Field", "Reference", "flat_inverse", "flat_reference", "surface_slopes"]
+__all__ = [
+    "Field",
+    "Reference",
+    "element_edges",
+    "flat_inverse",
+    "flat_reference",
+    "surface_slopes",
+]
+
+EDGE_POINTS = 32  # of the wavelengths from which the effect of elements at an edge is computed
 
 Field = np.ndarray
 
@@ -19,16 +29,6 @@ Field = np.ndarray
 class Reference:
     r"""The flat cell, tilted along the slopes of the rough cell if they are given.
 
-    Attributes
-    ----------
-    inverse : LateralInverse, factorised stiffness of the flat cell
-    map_factor : ndarray, shape (layers,)
-        Displacement of each node plane relative to the height of the surface, dimensionless.
-    slopes : tuple of ndarray, shape (nx, ny), optional
-        Slopes of the surface in x and y, dimensionless.
-
-    Notes
-    -----
     In a nearly incompressible material, the divergence of the flat cell's field would be large
     where the divergence of the true cell is small: then :math:`K_0^{-1}` is replaced by
     :math:`T K_0^{-1} T^t` with the tilt of Piola's type
@@ -36,9 +36,9 @@ class Reference:
     in the slopes.
     """
 
-    inverse: LateralInverse
-    map_factor: np.ndarray
-    slopes: tuple[np.ndarray, np.ndarray] | None = None
+    inverse: LateralInverse  # factorised stiffness of the flat cell
+    map_factor: np.ndarray  # (layers,), displacement of each node plane over the surface's height
+    slopes: tuple[np.ndarray, np.ndarray] | None = None  # (nx, ny), of the surface in x and y
 
     @property
     def convolves(self) -> bool:
@@ -101,28 +101,40 @@ class Reference:
 
 def flat_inverse(
     layer: PeriodicLayer,
-    mesh: GraphMesh,
-    grid: Surface,
+    shape: tuple[int, int],
+    spacing: tuple[float, float],
     dtype: type[np.floating] = np.float64,
 ) -> LateralInverse:
-    """Factorise the flat cell of a meshed layer on the points of a surface."""
+    """Factorise the flat cell of a meshed layer on a grid of points."""
+    dilatation = layer.mean_dilatation
+    moduli = layer.layer_moduli
     return factorise_flat_cell(
-        grid.heights.shape,
-        grid.spacing,
-        mesh.planes,
-        *layer.layer_moduli,
-        mean_dilatation=layer.mean_dilatation,
-        dtype=dtype,
+        shape, spacing, layer.planes, *moduli, mean_dilatation=dilatation, dtype=dtype
     )
+
+
+def element_edges(cell: PeriodicLayer) -> tuple[EdgeLayer, EdgeLayer]:
+    """Effect of the elements of the bodies of a cell at an edge of contact along x and y."""
+    n, edges = EDGE_POINTS, []
+    for spacing in cell.surface.spacing:
+        discrete, exact = np.zeros((2, n // 2 + 1))
+        for body in cell.bodies:
+            inverse = flat_inverse(body, (n, 1), (spacing, spacing))
+            discrete += spacing**2 * inverse.surface_compliance[5][: n // 2 + 1, 0]
+            size = (1.0, n * spacing)
+            exact += layered_compliance((1, n), size, body.planes, *body.layer_moduli)[0]
+        edges.append(edge_layer(discrete / exact))
+    return edges[0], edges[1]
 
 
 def flat_reference(
     layer: PeriodicLayer, mesh: GraphMesh, dtype: type[np.floating] = np.float64
 ) -> Reference:
     """Return the flat cell of a meshed layer, tilted if it is nearly incompressible."""
-    grid = layer.surface
-    slopes = surface_slopes(grid.heights, grid.spacing) if layer.nearly_incompressible else None
-    return Reference(flat_inverse(layer, mesh, grid, dtype), mesh.map_factor[1:], slopes)
+    heights, spacing = layer.surface.heights, layer.surface.spacing
+    slopes = surface_slopes(heights, spacing) if layer.nearly_incompressible else None
+    inverse = flat_inverse(layer, heights.shape, spacing, dtype)
+    return Reference(inverse, mesh.map_factor[1:], slopes)
 
 
 def surface_slopes(

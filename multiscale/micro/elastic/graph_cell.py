@@ -3,23 +3,18 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.micro.averages import recovered_force
-from multiscale.micro.cell_needs import CellPart, cell_choices, layer_memory, layer_unknowns
-from multiscale.micro.contact_area import element_edges
-from multiscale.micro.elastic_cell import ElasticCell, at_first_touch, obstacle_normal
+from multiscale.micro.cell_needs import cell_choices
+from multiscale.micro.elastic_cell import ElasticCell, obstacle_normal
 from multiscale.micro.finite.finite_cell import FiniteCell
 from multiscale.micro.layer import GraphMesh, PeriodicLayer
-from multiscale.micro.path import Path
+from multiscale.micro.path import CellModel, Path
 from multiscale.needs import Needs
-from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    from multiscale.micro.step_loop import CellModel
 
 __all__ = ["GraphCell", "assemble_graph_cell"]
 
@@ -32,25 +27,16 @@ ELASTIC = 5.5e-7  # s of one core for a load step and an unknown, measured
 class GraphCell(PeriodicLayer):
     """A linear elastic layer with a mesh that follows its surface, pressed by a rigid obstacle.
 
-    Contact acts along the normal of the obstacle, without friction. In addition to the parameters
-    of :class:`PeriodicLayer`:
-
-    Parameters
-    ----------
-    obstacle : Surface, optional
-        Underside of the rigid obstacle on the same grid; a flat if not given.
-
-    A law that is not linear and an obstacle on another grid are refused.
+    Contact acts along the normal of the rigid obstacle, without friction. The parameters are those
+    of :class:`PeriodicLayer`; a law that is not linear is refused.
     """
 
-    obstacle: Surface | None = None
     recovers_stress: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.law.finite_strain:
             raise CaseError("a graph cell is linear elastic; use FiniteCell for large strain")
-        self._check_obstacle(self.obstacle)
 
     def needs(self) -> Needs:
         """Parts, memory and time that a step takes."""
@@ -58,21 +44,21 @@ class GraphCell(PeriodicLayer):
             kinematics="small strain, the mesh follows the surface",
             choices=cell_choices(
                 {
-                    CellPart.STIFFNESS: True,
-                    CellPart.LAYER_FACTORS: True,
-                    CellPart.MEAN_DILATATION: self.mean_dilatation,
-                    CellPart.TILT: self.nearly_incompressible,
-                    CellPart.OBSTACLE_NORMALS: self.obstacle is not None,
-                    CellPart.ELEMENT_MODULI: self.heterogeneous,
-                    CellPart.COATING: bool(self.coating),
+                    "stiffness": True,
+                    "layer factors": True,
+                    "mean dilatation": self.mean_dilatation,
+                    "tilt": self.nearly_incompressible,
+                    "obstacle normals": self.obstacle is not None,
+                    "element moduli": self.heterogeneous,
+                    "coating": bool(self.coating),
                 }
             ),
             libraries=("numba",),
-            memory=layer_memory(self, 0.0),
-            seconds=ELASTIC * layer_unknowns(self),
+            memory=self.memory(0.0),
+            seconds=ELASTIC * self.unknowns,
         )
 
-    def model(self, path: Path, *, recover_stress: bool = False) -> "CellModel[Any]":
+    def model(self, path: Path, *, recover_stress: bool = False) -> CellModel[Any]:
         """Set up the contact of the cell for a path; a sliding obstacle turns its normals."""
         if path.slide is not None:
             fields = self.surface, self.depth, self.layers, self.law, self.obstacle
@@ -88,7 +74,11 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
         ReferenceInverse,
         solve_elastic_contact,
     )
-    from multiscale.micro.elastic.flat_reference import flat_reference, surface_slopes
+    from multiscale.micro.elastic.flat_reference import (
+        element_edges,
+        flat_reference,
+        surface_slopes,
+    )
     from multiscale.micro.elastic.stiffness import stiffness_operator
 
     surface = cell.surface
@@ -98,9 +88,7 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
     # iterations with single precision are as many; nearly incompressible cells need all digits
     dtype = np.float64 if cell.nearly_incompressible else np.float32
     reference = flat_reference(cell, mesh, dtype)
-    obstacle, _ = at_first_touch(
-        surface.heights, 0.0 if cell.obstacle is None else cell.obstacle.heights
-    )
+    obstacle = cell.raised_obstacle
     normal = obstacle_normal(*surface_slopes(obstacle, spacing))
     along, push = _along_normals(None if cell.obstacle is None else normal)
     vertical, stiffness = reference.vertical
@@ -132,7 +120,7 @@ def assemble_graph_cell(cell: GraphCell, *, recover_stress: bool = False) -> Ela
         normal,
         surface.heights,
         obstacle,
-        np.full((nx, ny), spacing[0] * spacing[1]),
+        cell.node_area,
         surface_displacement=lambda u: u[:, -1],
         recover=partial(_recover, cell, mesh) if recover_stress else None,
         edges=element_edges(cell),

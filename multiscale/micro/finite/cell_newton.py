@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from multiscale.convergence import Status
-from multiscale.micro.finite.equations import CellEquations, Iterate
-from multiscale.micro.finite.scene import CellScene, CellState
+from multiscale.micro.finite.equations import CellEquations, CellScene, CellState, Iterate
 from multiscale.micro.path import Target
 from multiscale.numerics.newton import Limits, NewtonRun
 
@@ -80,7 +79,7 @@ def solve_increment(
         now.u,
         now.delta,
         target.slide,
-        equations.increment.finish(now.u) if run.converged else start.material,
+        now.response.state() if run.converged else start.material,
         now.contact_force,
         now.active,
         now.slipping,
@@ -118,21 +117,13 @@ def _search(
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Result and cost of a step of the path.
+    """Result and cost of a step of the path."""
 
-    Attributes
-    ----------
-    state : CellState, state at the end, or last equilibrium before a failure
-    increments : int, number of increments, accepted or cut
-    newton_iterations, linear_iterations : int, numbers of all increments
-    reached : float, share of the step that was completed, 0 to 1
-    """
-
-    state: CellState
-    increments: int
+    state: CellState  # at the end, or the last equilibrium before a failure
+    increments: int  # accepted or cut
     newton_iterations: int
     linear_iterations: int
-    reached: float
+    reached: float  # share of the step that was completed
 
 
 def walk_step(

@@ -1,4 +1,6 @@
-r"""The equations of one load increment: geometry, material, contact and friction at once.
+r"""Bodies, states and equations of cells with friction, large strain or two bodies.
+
+One load increment joins geometry, material, contact and friction.
 
 Unknowns are the displacement :math:`u` and, if the load is prescribed, the approach
 :math:`\delta`. The contact forces are the internal forces :math:`f(u)` at the surface. With the
@@ -19,41 +21,197 @@ References
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from multiscale.micro.finite.scene import BodyResponse, CellScene, CellState, Increment
-from multiscale.micro.finite.surfaces import Meeting
+from multiscale.convergence import Status
+from multiscale.micro.finite.surfaces import Meeting, OppositeSide
 from multiscale.micro.path import Target
 
-__all__ = ["CellEquations", "Iterate", "Tangential"]
+__all__ = [
+    "BodyResponse",
+    "CellEquations",
+    "CellScene",
+    "CellState",
+    "FiniteBody",
+    "Iterate",
+    "join",
+]
 
 LARGEST_SHARE = 0.9999  # bound on share, for a finite resistance across the slip
 UNLOADED = 1e-3  # least scale of residuals over the largest contact forces so far
 
 
 @dataclass(frozen=True, eq=False)
-class Tangential:
-    """Tangential part of the contact equations.
+class BodyResponse:
+    """Response of a body, or of all bodies of a scene, to a displacement at the end of a step."""
 
-    Attributes
-    ----------
-    slip : ndarray, shape (nx, 3, ny), tangential motion past the obstacle in the increment, m
-    direction : ndarray, shape (2, nx, 3, ny)
-        Unit tangents along and across the trial friction force.
-    bound : ndarray, shape (nx, ny), largest friction force, N
-    slipping : ndarray of bool, shape (nx, ny), whether a node slips
-    share : ndarray, shape (nx, ny)
-        Bound over trial friction force where a node slips, 0 elsewhere; dimensionless.
+    force: np.ndarray  # internal forces, N, in the shape of the displacement
+    tangent: Callable[[np.ndarray], np.ndarray]  # times a displacement, N, until the next response
+    state: Callable[[], Any] = lambda: None  # internal variables at the end of the step
+    least_dilatation: float = 1.0  # smallest det F; the forces are undefined unless it is positive
+    flowing: float = 0.0  # share of the Gauss points that flow
+    matrix: csr_array | None = None  # the tangent of a body that assembles it, N/m
+
+
+Respond = Callable[[np.ndarray], BodyResponse]
+"""From the displacement at the end of a step, m, to the response of a body."""
+
+
+class FiniteBody(Protocol):
+    """A deformable body; a layer has displacements of the shape (nx, layers, 3 or 4, ny)."""
+
+    shape: tuple[int, ...]
+
+    def begin(self, state: Any, time_step: float) -> Respond:
+        """Begin a step in time, s, from internal variables."""
+
+    def rest(self) -> Any:
+        """Return the internal variables before any load; None of a body without any."""
+        return None
+
+    def surface(self, displacement: np.ndarray) -> np.ndarray:
+        """Return the part of a displacement at the surface, a view of shape (nx, 3, ny)."""
+        return displacement[:, -1, :3]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearLayer(FiniteBody):
+    """A linear elastic layer."""
+
+    shape: tuple[int, ...]
+    stiffness: Callable[[np.ndarray], np.ndarray]  # times a displacement, N
+
+    def begin(self, state: Any, time_step: float) -> Respond:
+        """Begin a step in time."""
+        return lambda u: BodyResponse(self.stiffness(u), self.stiffness)
+
+
+@dataclass(frozen=True, eq=False)
+class CellState:
+    """A state of the cell in equilibrium, or the last iterate."""
+
+    displacement: np.ndarray  # of all bodies, m, as a vector
+    approach: float  # of the opposite side since the first touch, m
+    slide: np.ndarray  # (2,), displacement of the opposite side in its plane, m
+    material: tuple[Any, ...]  # internal variables of each body; None for a body without any
+    force: np.ndarray  # (nx, 3, ny), force of the opposite side on the first body, N
+    active: np.ndarray  # (nx, ny), contact nodes
+    slipping: np.ndarray  # (nx, ny), contact nodes that slip
+    dissipation: float = 0.0  # work of friction since the first state, J
+    status: Status = Status.MAX_ITERATIONS
+    residuals: tuple[float, ...] = ()  # relative to the contact forces, after each iteration
+    linear_iterations: int = 0
+    flowing: float = 0.0  # share of the Gauss points that flow
+    peak: float = 0.0  # largest norm of the contact forces so far, N
+    moved: np.ndarray | None = None  # change of the displacement in the last increment, m
+    change: np.ndarray = field(default_factory=lambda: np.zeros(5))
+    # of the last increment: slide, m, load, N, approach, m, and time, s
+
+    @property
+    def load(self) -> float:
+        """Vertical load that the contact carries, N."""
+        return -float(self.force[:, 2].sum())
+
+
+class LinearSolver(Protocol):
+    """Solves the linear problems of Newton steps, and the elastic cell for a first estimate."""
+
+    def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
+        """Estimate contact nodes and approach, m, of an open cell under a load, N."""
+
+    def step(self, now: "Iterate", forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
+        """Solve for a step from an iterate: displacement, m, approach, m, and linear iterations.
+
+        ``forcing`` is the tolerance relative to the residual, ``floor`` relative to its scale.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class CellScene:
+    r"""The constant data of a path on a cell: one body against a rigid side, or two bodies.
+
+    Vectors contain the displacements of, or the forces on, all bodies. The second body is in its
+    own frame, in which z points out of its surface.
     """
 
-    slip: np.ndarray
-    direction: np.ndarray
-    bound: np.ndarray
-    slipping: np.ndarray
-    share: np.ndarray
+    bodies: tuple[FiniteBody, ...]  # one or two
+    opposite: OppositeSide
+    friction: float  # local coefficient; 0 leaves out all tangential equations
+    weights: tuple[float, float]  # rho_n and rho_t of the contact equations, N/m
+    solver: LinearSolver
+
+    def split(self, vector: np.ndarray) -> list[np.ndarray]:
+        """Return the field of each body, as views."""
+        ends = np.cumsum([np.prod(body.shape) for body in self.bodies])[:-1]
+        parts = zip(np.split(vector, ends), self.bodies, strict=True)
+        return [part.reshape(body.shape) for part, body in parts]
+
+    def surfaces(self, vector: np.ndarray) -> list[np.ndarray]:
+        """Return the field at the surface of each body, views of shape (nx, 3, ny)."""
+        parts = zip(self.bodies, self.split(vector), strict=True)
+        return [body.surface(part) for body, part in parts]
+
+    def surface(self, vector: np.ndarray) -> np.ndarray:
+        """Return the field at the surface of the first body, a view of shape (nx, 3, ny)."""
+        return self.surfaces(vector)[0]
+
+    def rest(self) -> CellState:
+        """Return the cell before any load."""
+        nx, ny = self.opposite.body.heights.shape
+        nothing = np.zeros((nx, ny), dtype=bool)
+        u = join([np.zeros(body.shape) for body in self.bodies])
+        material, force = tuple(body.rest() for body in self.bodies), np.zeros((nx, 3, ny))
+        contact = force, nothing, nothing, 0.0, Status.CONVERGED, (0.0,)
+        return CellState(u, 0.0, np.zeros(2), material, *contact)
+
+    def begin(self, material: tuple[Any, ...], time_step: float) -> Respond:
+        """Begin a time step, s, of all bodies, as a function of vectors."""
+        states = zip(self.bodies, material, strict=True)
+        steps = [body.begin(state, time_step) for body, state in states]
+        sizes = [float(np.prod(body.shape)) for body in self.bodies]
+
+        def respond(u: np.ndarray) -> BodyResponse:
+            responses = [step(v) for step, v in zip(steps, self.split(u), strict=True)]
+
+            def tangent(v: np.ndarray) -> np.ndarray:
+                parts = zip(responses, self.split(v), strict=True)
+                return join([response.tangent(part) for response, part in parts])
+
+            return BodyResponse(
+                join([response.force for response in responses]),
+                tangent,
+                lambda: tuple(response.state() for response in responses),
+                min(response.least_dilatation for response in responses),
+                float(np.average([response.flowing for response in responses], weights=sizes)),
+                responses[0].matrix,
+            )
+
+        return respond
+
+    def meet(self, u: np.ndarray, approach: float, slide: np.ndarray) -> Meeting:
+        """Find the contact points at a displacement, m, an approach, m, and a slide, (2,), m."""
+        return self.opposite.meet(self.surfaces, u, approach, slide)
+
+
+def join(fields: list[np.ndarray]) -> np.ndarray:
+    """Concatenate the fields of all bodies."""
+    return np.concatenate([part.reshape(-1) for part in fields])
+
+
+@dataclass(frozen=True, eq=False)
+class Tangential:
+    """Tangential part of the contact equations."""
+
+    slip: np.ndarray  # (nx, 3, ny), tangential motion past the obstacle in the increment, m
+    direction: np.ndarray  # (2, nx, 3, ny), tangents along and across the trial friction force
+    bound: np.ndarray  # (nx, ny), largest friction force, N
+    slipping: np.ndarray  # (nx, ny), whether a node slips
+    share: np.ndarray  # (nx, ny), bound over trial friction force where a node slips, else 0
 
     @cached_property
     def stretch(self) -> np.ndarray:
@@ -90,31 +248,19 @@ def evaluate_friction(
 
 @dataclass(frozen=True, eq=False)
 class CellEquations:
-    """The equations (1) of one increment.
-
-    Attributes
-    ----------
-    scene : CellScene
-    start : CellState
-    target : Target, end of the increment
-    """
+    """The equations (1) of one increment."""
 
     scene: CellScene
     start: CellState
-    target: Target
+    target: Target  # end of the increment
 
     @cached_property
-    def increment(self) -> Increment:
-        """Time step of the bodies from the state at the start."""
+    def _respond(self) -> Respond:
         return self.scene.begin(self.start.material, self.target.time_step)
 
     def at(self, u: np.ndarray, delta: float, active: np.ndarray | None = None) -> "Iterate":
-        """Evaluate (1) and choose the slipping nodes and, if not given, the contact nodes.
-
-        ``u`` and ``delta`` are the displacement and the approach, m; ``active`` has the shape (nx,
-        ny).
-        """
-        return self._with(self.increment.respond(u), u, delta, active)
+        """Evaluate (1), and choose the slipping nodes and, if not given, the contact nodes."""
+        return self._with(self._respond(u), u, delta, active)
 
     def error_at_start(self, delta: float) -> float:
         """Residual of (1) at the start, if the forces inside are still as they were."""
@@ -164,26 +310,15 @@ class CellEquations:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """The equations at one displacement.
-
-    Attributes
-    ----------
-    equations : CellEquations
-    response : BodyResponse
-    u, delta : ndarray, float, displacement and approach, m
-    meeting : Meeting
-    active : ndarray of bool, shape (nx, ny), contact nodes
-    pressure : ndarray, shape (nx, ny), pressure force p, N
-    friction : Tangential or None, none without friction
-    """
+    """The equations at one displacement."""
 
     equations: CellEquations
     response: BodyResponse
-    u: np.ndarray
-    delta: float
+    u: np.ndarray  # m
+    delta: float  # approach, m
     meeting: Meeting
-    active: np.ndarray
-    pressure: np.ndarray
+    active: np.ndarray  # (nx, ny), contact nodes
+    pressure: np.ndarray  # (nx, ny), pressure force p, N
     friction: Tangential | None
 
     @property

@@ -9,34 +9,19 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, GradedElastic
 from multiscale.micro.averages import ContactSurface
-from multiscale.micro.cell_needs import (
-    AVERAGES,
-    CellPart,
-    cell_choices,
-    layer_memory,
-    layer_unknowns,
-)
-from multiscale.micro.contact_area import EdgeLayer, element_edges
+from multiscale.micro.cell_needs import AVERAGES, cell_choices
+from multiscale.micro.contact_area import EdgeLayer
 from multiscale.micro.layer import GraphMesh, PeriodicLayer, SecondBody
-from multiscale.micro.path import Path, Target
-from multiscale.micro.step_loop import Step
+from multiscale.micro.path import Path, Step, Target
 from multiscale.needs import Needs
 from multiscale.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from multiscale.micro.elastic.flat_reference import Reference
     from multiscale.micro.elastic.lateral_fft import LateralInverse
-    from multiscale.micro.finite.scene import CellScene, CellState, FiniteBody
+    from multiscale.micro.finite.equations import CellScene, CellState, FiniteBody
 
-__all__ = [
-    "FiniteCell",
-    "FiniteModel",
-    "HistoryModel",
-    "current_weight",
-    "largest_approach",
-    "make_scene",
-    "plastic_approach",
-]
+__all__ = ["FiniteCell", "HistoryModel", "current_weight", "make_scene", "plastic_approach"]
 
 PLASTIC_APPROACH = 0.05  # largest approach of an increment over the gap amplitude, plastic body
 LONGEST_SLIDE = 1000  # largest number of increments of a slide in one step of the path
@@ -53,15 +38,11 @@ class FiniteCell(PeriodicLayer):
 
     Parameters
     ----------
-    obstacle : Surface, optional
-        Underside of the counterface; a flat if not given. It has the grid of the surface or, of
-        a second body, another one on the same area.
     friction_coefficient : float, coefficient of the local Coulomb law
     second : SecondBody, optional
-        Makes the obstacle deformable.
+        Makes the obstacle deformable, which may then have another grid on the same area.
     """
 
-    obstacle: Surface | None = None
     friction_coefficient: float = 0.0
     second: SecondBody | None = None
     recovers_stress: ClassVar[bool] = False
@@ -71,8 +52,10 @@ class FiniteCell(PeriodicLayer):
         mu = self.friction_coefficient
         if not 0.0 <= mu < np.inf:
             raise CaseError(f"the friction coefficient must not be negative, got {mu:g}")
+
+    def _check_obstacle(self) -> None:
         if self.second is None:
-            self._check_obstacle(self.obstacle)
+            super()._check_obstacle()
             return
         if self.obstacle is not None and self.obstacle.size != self.surface.size:
             raise CaseError(
@@ -124,59 +107,92 @@ class FiniteCell(PeriodicLayer):
             else small + (here if pair else ""),
             choices=cell_choices(
                 {
-                    CellPart.STIFFNESS: linear,
-                    CellPart.TANGENT: large,
-                    CellPart.FRICTION: mu > 0.0,
-                    CellPart.SECOND_BODY: pair,
-                    CellPart.LAYER_FACTORS: True,
-                    CellPart.MEAN_DILATATION: self.mean_dilatation or self.flows,
-                    CellPart.TILT: self.nearly_incompressible and linear,
-                    CellPart.OBSTACLE_NORMALS: self.obstacle is not None or pair,
-                    CellPart.ELEMENT_MODULI: self.heterogeneous,
-                    CellPart.COATING: any(body.coating for body in self.bodies),
-                },
-                {CellPart.MEAN_DILATATION: AVERAGES.format("pressures are unknowns")}
-                if large
-                else {},
+                    "stiffness": linear,
+                    "tangent": large,
+                    "friction": mu > 0.0,
+                    "opposite body": pair,
+                    "layer factors": True,
+                    "mean dilatation": (self.mean_dilatation or self.flows)
+                    and (not large or AVERAGES.format("pressures are unknowns")),
+                    "tilt": self.nearly_incompressible and linear,
+                    "obstacle normals": self.obstacle is not None or pair,
+                    "element moduli": self.heterogeneous,
+                    "coating": any(body.coating for body in self.bodies),
+                }
             ),
             state_variables=tuple(name for law in laws for name in law.history),
             libraries=("numba",),
-            memory=sum(layer_memory(body, mu) for body in self.bodies),
+            memory=sum(body.memory(mu) for body in self.bodies),
             seconds=(FLOWING if large or self.flows else PAIR)
-            * sum(map(layer_unknowns, self.bodies)),
+            * sum(body.unknowns for body in self.bodies),
         )
 
     def model(self, path: Path, *, recover_stress: bool = False) -> "FiniteModel":
         """Set up the scene of the cell for a path."""
-        _check(self, path)
-        largest, area = largest_approach(self, path.refinement), float(np.prod(self.surface.size))
-        edges = element_edges(self)
+        from multiscale.micro.elastic.flat_reference import element_edges
+
+        viscous = any(body.law.rate_dependent for body in self.bodies)
+        if path.time is not None and not viscous:
+            raise CaseError(
+                "the path has times, but the body has no viscosity and its answer no rate; leave "
+                "out time or take a Prony law"
+            )
+        if viscous and path.time is None:
+            raise CaseError("a viscous body needs the time (s) at the end of each step of its path")
+        largest = self.largest_approach(path.refinement)
+        if path.slide is not None:
+            steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
+            longest = float(np.hypot(*steps.T).max())
+            if self.slid_increments(longest, largest) > LONGEST_SLIDE:
+                raise CaseError(
+                    f"a slide of {longest:.3g} m in one step is "
+                    f"{longest / min(self.surface.size):.3g} periods of the cell and needs more "
+                    f"than {LONGEST_SLIDE} increments; the cell repeats itself after one period"
+                )
+        area, edges = float(np.prod(self.surface.size)), element_edges(self)
         return FiniteModel(make_scene(self), area, largest, path.increments, self, edges)
+
+    def largest_approach(self, refinement: int = 1) -> float:
+        """Return the largest change of the approach in one increment, m."""
+        if not self.flows:
+            return np.inf
+        heights, obstacle = self.surface.heights, self.obstacle
+        if obstacle is None or obstacle.heights.shape != heights.shape:
+            span = np.ptp(heights) + (0.0 if obstacle is None else np.ptp(obstacle.heights))
+        else:
+            span = np.ptp(heights - obstacle.heights)
+        return plastic_approach(float(span), refinement)
+
+    def slid_increments(self, length: float, largest: float) -> int:
+        """Count the increments of a slide: a node passes at most one point in each.
+
+        In a body that flows, sliding up the slopes closes at most one largest approach in each. A
+        node that slides along a rigid flat passes no points.
+        """
+        from multiscale.micro.elastic.flat_reference import surface_slopes
+
+        if self.obstacle is None and self.second is None:
+            return 1
+        surfaces = [self.surface] + ([] if self.obstacle is None else [self.obstacle])
+        slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
+        closed = length * float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
+        spacing = min(min(body.surface.spacing) for body in self.bodies)
+        return int(np.ceil(max(length / spacing, closed / largest) - 1e-9))
 
 
 @dataclass(frozen=True, eq=False)
 class HistoryModel(ABC):
-    """Model of a cell with an answer that depends on its path: each step takes increments.
-
-    Attributes
-    ----------
-    scene : CellScene
-    area : float, nominal area, m2
-    largest_approach : float, largest change of the approach in one increment, m
-    increments : int, fewest increments of a step
-    """
+    """Model of a cell with an answer that depends on its path: each step takes increments."""
 
     scene: "CellScene"
-    area: float
-    largest_approach: float
-    increments: int
+    area: float  # nominal, m2
+    largest_approach: float  # largest change of the approach in one increment, m
+    increments: int  # fewest of a step
     remembers: ClassVar[bool] = True
 
     def rest(self) -> "CellState":
         """Return the cell before any load."""
-        from multiscale.micro.finite.scene import rest_state
-
-        return rest_state(self.scene)
+        return self.scene.rest()
 
     def step(self, state: "CellState", target: Target, tolerance: float) -> "Step[CellState]":
         """Walk from a state to a target, or as far as there is equilibrium."""
@@ -224,24 +240,16 @@ class HistoryModel(ABC):
 
 @dataclass(frozen=True, eq=False)
 class FiniteModel(HistoryModel):
-    """Model of one or two bodies below a graph.
-
-    Attributes
-    ----------
-    cell : FiniteCell
-    edges : tuple of EdgeLayer, edges of contact along x and y
-    """
+    """Model of one or two bodies below a graph."""
 
     cell: FiniteCell
-    edges: tuple[EdgeLayer, EdgeLayer]
+    edges: tuple[EdgeLayer, EdgeLayer]  # of contact, along x and y
 
     def fewest_increments(self, state: "CellState", target: Target) -> int:
         """Count the increments of a prescribed approach or slide."""
-        count = super().fewest_increments(state, target)
-        if not _passes(self.cell):
-            return count
         length = float(np.hypot(*(target.slide - state.slide)))
-        return max(count, _slid_increments(self.cell, length, self.largest_approach))
+        slid = self.cell.slid_increments(length, self.largest_approach)
+        return max(super().fewest_increments(state, target), slid)
 
     def surface(self, state: "CellState") -> ContactSurface:
         """Contact surface of a state in the current configuration."""
@@ -272,69 +280,14 @@ class FiniteModel(HistoryModel):
         )
 
 
-def _check(cell: FiniteCell, path: Path) -> None:
-    viscous = any(body.law.rate_dependent for body in cell.bodies)
-    if path.time is not None and not viscous:
-        raise CaseError(
-            "the path has times, but the body has no viscosity and its answer no rate; leave out "
-            "time or take a Prony law"
-        )
-    if viscous and path.time is None:
-        raise CaseError("a viscous body needs the time (s) at the end of each step of its path")
-    if path.slide is not None and _passes(cell):
-        steps = np.diff(np.array([(0.0, 0.0), *path.slide]), axis=0)
-        longest = float(np.hypot(*steps.T).max())
-        if _slid_increments(cell, longest, largest_approach(cell, path.refinement)) > LONGEST_SLIDE:
-            raise CaseError(
-                f"a slide of {longest:.3g} m in one step is "
-                f"{longest / min(cell.surface.size):.3g} periods of the cell and needs more than "
-                f"{LONGEST_SLIDE} increments; the cell repeats itself after one period"
-            )
-
-
-def _slid_increments(cell: FiniteCell, length: float, largest: float) -> int:
-    """Count the increments of a slide: a node passes at most one point of the other side in each.
-
-    In a body that flows, sliding up the slopes closes at most one largest approach in each.
-    """
-    from multiscale.micro.elastic.flat_reference import surface_slopes
-
-    surfaces = [cell.surface] + ([] if cell.obstacle is None else [cell.obstacle])
-    slopes = [surface_slopes(surface.heights, surface.spacing) for surface in surfaces]
-    closed = length * float(np.sqrt(sum(np.mean(x**2 + y**2) for x, y in slopes)))
-    spacing = min(min(body.surface.spacing) for body in cell.bodies)
-    passed = max(length / spacing, closed / largest)
-    return int(np.ceil(passed - 1e-9))
-
-
-def largest_approach(cell: FiniteCell, refinement: int = 1) -> float:
-    """Return the largest change of the approach in one increment, m."""
-    if not cell.flows:
-        return np.inf
-    heights, obstacle = cell.surface.heights, cell.obstacle
-    if obstacle is None or obstacle.heights.shape != heights.shape:
-        span = np.ptp(heights) + (0.0 if obstacle is None else np.ptp(obstacle.heights))
-    else:
-        span = np.ptp(heights - obstacle.heights)
-    return plastic_approach(float(span), refinement)
-
-
 def plastic_approach(span: float, refinement: int) -> float:
     """Return the largest approach of an increment of a body that flows, m, for a span of gaps."""
     return PLASTIC_APPROACH * 0.5 * span / refinement or np.inf
 
 
-def _passes(cell: FiniteCell) -> bool:
-    """Whether a node that slides passes points of the other surface."""
-    return cell.obstacle is not None or cell.second is not None
-
-
 def _weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
     """Area of each node on the mean plane, m²; at large strain of the deformed surface."""
-    if cell.law.finite_strain:
-        return current_weight(cell, moved)
-    heights = cell.surface.heights
-    return np.full(heights.shape, float(np.prod(cell.surface.size)) / heights.size)
+    return current_weight(cell, moved) if cell.law.finite_strain else cell.node_area
 
 
 def _means(cell: PeriodicLayer, moved: np.ndarray) -> tuple[np.ndarray, float]:
@@ -358,8 +311,8 @@ def current_weight(cell: PeriodicLayer, moved: np.ndarray) -> np.ndarray:
 def make_scene(cell: FiniteCell) -> "CellScene":
     """Set up the scene of a cell with friction, at large strain or with two bodies."""
     from multiscale.micro.elastic.flat_reference import flat_inverse
+    from multiscale.micro.finite.equations import CellScene
     from multiscale.micro.finite.preconditioner import FlatCells, join_flat_cells
-    from multiscale.micro.finite.scene import CellScene
     from multiscale.micro.finite.surfaces import OppositeSide
 
     body, reference = _layer(cell)
@@ -369,9 +322,8 @@ def make_scene(cell: FiniteCell) -> "CellScene":
     if cell.second is not None:
         other = cell.second_layer
         second, opposite_reference = _layer(other)
-        compliance = flat_inverse(
-            other, GraphMesh(other.surface, other.planes), cell.surface
-        ).surface_compliance
+        grid = cell.surface.heights.shape, cell.surface.spacing
+        compliance = flat_inverse(other, *grid).surface_compliance
         bodies, cells = (body, second), join_flat_cells(reference, opposite_reference, compliance)
         underside = Surface(-other.surface.heights, other.surface.size)
         opposite = OppositeSide(cell.surface, underside)
@@ -393,16 +345,16 @@ def _layer(cell: PeriodicLayer) -> tuple["FiniteBody", "Reference"]:
     """Body, and its flat cell; at large strain both have pressures where volumes are mean."""
     from multiscale.micro.elastic.flat_reference import flat_reference
     from multiscale.micro.elastic.stiffness import stiffness_operator
-    from multiscale.micro.finite.large_strain import large_strain_body
+    from multiscale.micro.finite.equations import LinearLayer
+    from multiscale.micro.finite.large_strain import LargeStrainLayer
     from multiscale.micro.finite.preconditioner import mixed_reference
-    from multiscale.micro.finite.scene import linear_body
 
     mesh, law = GraphMesh(cell.surface, cell.planes), cell.law
     precision = np.float64 if cell.nearly_incompressible else np.float32  # of the preconditioner
     if isinstance(law, Elastic | GradedElastic):
         nx, ny, layers = mesh.shape
         stiffness = stiffness_operator(mesh, *cell.moduli, mean_dilatation=cell.mean_dilatation)
-        return linear_body(stiffness, (nx, layers, 3, ny)), flat_reference(cell, mesh, precision)
-    body = large_strain_body(mesh, law, mixed=cell.mean_dilatation)
+        body = LinearLayer((nx, layers, 3, ny), stiffness)
+        return body, flat_reference(cell, mesh, precision)
     make = mixed_reference if cell.mean_dilatation else flat_reference
-    return body, make(cell, mesh, precision)
+    return LargeStrainLayer(mesh, law, cell.mean_dilatation), make(cell, mesh, precision)

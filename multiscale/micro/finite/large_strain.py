@@ -16,23 +16,28 @@ import numpy as np
 from multiscale.executors import run_ranges
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro.elastic.hexahedron import BATCH, gather, scatter
+from multiscale.micro.finite.equations import BodyResponse, FiniteBody, Respond
 from multiscale.micro.finite.matrix import (
     ENTRIES,
+    FIRST,
     MOTIONS,
     POINT_ROWS,
+    SECOND,
+    STEP,
     add_matrix,
     multiply,
     walsh,
 )
-from multiscale.micro.finite.neo_hookean import neo_hookean
 from multiscale.micro.finite.plastic import SINGLE_ROWS, plastic, plastic_state
-from multiscale.micro.finite.scene import BodyResponse, FiniteBody, Increment
 from multiscale.micro.finite.strain import (
     CHANGE,
     COFACTOR,
     DET,
     DILATED,
     FLUX,
+    GEOMETRY,
+    GRADIENT,
+    LAW,
     LOG,
     MEAN,
     NODES,
@@ -53,7 +58,7 @@ from multiscale.micro.finite.strain import (
 )
 from multiscale.micro.layer import GraphMesh
 
-__all__ = ["large_strain_body", "pressure_scale"]
+__all__ = ["LargeStrainLayer", "pressure_scale"]
 
 NEO_HOOKEAN, PLASTIC = 0, 1
 LEAST_DILATATION = 1e-3  # smallest det F with forces
@@ -62,6 +67,86 @@ LEAST = 1000  # elements for a thread
 LEAST_SLOPE = 0.1  # of ln J / J times J^2, which falls to 0 at J = e
 NO_STATE = np.zeros((1, 1, 1, 8, 7, 1))
 State = np.ndarray | None
+
+# of a Neo-Hookean point
+METRIC = LAW  # 6: R
+LATER = METRIC + 6 * BATCH  # 9: columns of X
+CURVED = LATER + 9 * BATCH  # 6: M
+
+
+@kernel
+def _neo_hookean(s, q, shear, frozen, has_frozen, tangent):  # type: ignore[no-untyped-def]
+    r"""Add the flux of one Gauss point and write its tangent, both pulled back.
+
+    With :math:`R = \mu I + S_v`, the frozen second Piola-Kirchhoff stress :math:`S_v` (rows 11, 22,
+    33, 12, 23, 13), :math:`g = F^{-T} T^t`, the volumetric Kirchhoff stress :math:`\tau` and its
+    derivative :math:`\tau'` by :math:`\ln J`,
+
+    .. math::
+        P T^t = F R T^t + (\tau - \mu)\, g, \qquad
+        A_{ia,kb} = \delta_{ik} (T R T^t)_{ab} + (\mu - \tau)\, g_{ib} g_{ka} + \tau' g_{ia} g_{kb}.
+    """
+    rx, ry, _, rt = point_rows(q)
+    f, weight = s[GRADIENT + 9 * q * BATCH :], s[WEIGHT + q * BATCH :]
+    height = s[GEOMETRY + rt :]
+    by_x, by_y = s[GEOMETRY + rx + 4 * BATCH :], s[GEOMETRY + ry + 4 * BATCH :]
+    for row in range(6):
+        for v in range(BATCH):
+            s[METRIC + row * BATCH + v] = shear if row < 3 else 0.0
+        if has_frozen:
+            for v in range(BATCH):
+                s[METRIC + row * BATCH + v] += frozen[row, v]
+    for v in range(BATCH):
+        xx, yy, zz = s[METRIC + v], s[METRIC + BATCH + v], s[METRIC + 2 * BATCH + v]
+        xy, yz = s[METRIC + 3 * BATCH + v], s[METRIC + 4 * BATCH + v]
+        xz = s[METRIC + 5 * BATCH + v]
+        inverse = 1.0 / height[v]
+        tx, ty = -by_x[v] * inverse, -by_y[v] * inverse
+        x = tx * xx + ty * xy + inverse * xz
+        y = tx * xy + ty * yy + inverse * yz
+        z = tx * xz + ty * yz + inverse * zz
+        s[LATER + v], s[LATER + BATCH + v], s[LATER + 2 * BATCH + v] = xx, xy, xz
+        s[LATER + 3 * BATCH + v], s[LATER + 4 * BATCH + v], s[LATER + 5 * BATCH + v] = xy, yy, yz
+        s[LATER + 6 * BATCH + v], s[LATER + 7 * BATCH + v], s[LATER + 8 * BATCH + v] = x, y, z
+        s[CURVED + v], s[CURVED + BATCH + v], s[CURVED + 2 * BATCH + v] = xx, xy, x
+        s[CURVED + 3 * BATCH + v], s[CURVED + 4 * BATCH + v] = yy, y
+        s[CURVED + 5 * BATCH + v] = tx * x + ty * y + inverse * z
+    force = s[LOG:]
+    for k in range(3):
+        for a in range(3):
+            row = (rx, ry, 8 * BATCH + rt)[a] + 12 * k * BATCH
+            fk, xa, out = f[3 * k * BATCH :], s[LATER + 3 * a * BATCH :], s[FLUX + row :]
+            g = s[PULLED + (3 * k + a) * BATCH :]
+            for v in range(BATCH):
+                push = fk[v] * xa[v] + fk[BATCH + v] * xa[BATCH + v]
+                push += fk[2 * BATCH + v] * xa[2 * BATCH + v]
+                out[v] += weight[v] * (push + (force[v] - shear) * g[v])
+    _neo_hookean_tangent(s, weight, shear, tangent)
+
+
+@kernel
+def _neo_hookean_tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-def]
+    """Write the six blocks of A."""
+    for block in range(6):
+        i, k = FIRST[block], SECOND[block]
+        same = 1.0 if i == k else 0.0
+        g, h, m = s[PULLED + 3 * i * BATCH :], s[PULLED + 3 * k * BATCH :], s[CURVED:]
+        out = tangent[(block if block < 3 else 24 + block) * BATCH :]
+        for v in range(BATCH):
+            p, w = weight[v] * (shear - s[LOG + v]), weight[v] * s[LOG + BATCH + v]
+            x, y, z = g[v], g[BATCH + v], g[2 * BATCH + v]
+            a, b, c = h[v], h[BATCH + v], h[2 * BATCH + v]
+            curved = same * weight[v]
+            xy, xz, yz = curved * m[BATCH + v], curved * m[2 * BATCH + v], curved * m[4 * BATCH + v]
+            out[v] = (p + w) * x * a + curved * m[v]
+            out[STEP + v] = p * y * a + w * x * b + xy
+            out[2 * STEP + v] = p * z * a + w * x * c + xz
+            out[3 * STEP + v] = p * x * b + w * y * a + xy
+            out[4 * STEP + v] = (p + w) * y * b + curved * m[3 * BATCH + v]
+            out[5 * STEP + v] = p * z * b + w * y * c + yz
+            out[6 * STEP + v] = p * x * c + w * z * a + xz
+            out[7 * STEP + v] = p * y * c + w * z * b + yz
+            out[8 * STEP + v] = (p + w) * z * c + curved * m[5 * BATCH + v]
 
 
 @part
@@ -168,7 +253,7 @@ def _respond(  # type: ignore[no-untyped-def]
                     if mixed:
                         _dilate(s, q)
                     if law == NEO_HOOKEAN:
-                        neo_hookean(s, q, moduli.shear, before[q], has, point)
+                        _neo_hookean(s, q, moduli.shear, before[q], has, point)
                     else:
                         flowing += plastic(s, q, moduli, before[q], single, point, lanes)
                 add_matrix(points, sums, mesh.dx, mesh.dy, rows)
@@ -283,101 +368,93 @@ def _from_modes(y, s):  # type: ignore[no-untyped-def]
         walsh(values, 0, BATCH, SHARE)
 
 
-def large_strain_body(mesh: GraphMesh, law: NeoHookean | J2 | Prony, *, mixed: bool) -> FiniteBody:
-    """Return the layered cell at large strain as a body."""
-    layer = _LargeStrainLayer(mesh, law, mixed)
-    begin = {NeoHookean: layer.begin_elastic, J2: layer.begin_plastic, Prony: layer.begin_viscous}
-    return FiniteBody(layer.shape, begin[type(law)], layer.rest)
-
-
 def pressure_scale(mesh: GraphMesh, shear_modulus: float) -> float:
     """Return the pressure over its unknown, Pa/m, for equations of one size."""
     return shear_modulus / min(mesh.surface.spacing)
 
 
 @dataclass(frozen=True, eq=False)
-class _LargeStrainLayer:
+class LargeStrainLayer(FiniteBody):
+    """The layered cell at large strain, with pressures as unknowns if it is mixed."""
+
     mesh: GraphMesh
     law: NeoHookean | J2 | Prony
     mixed: bool
 
     @property
-    def shape(self) -> tuple[int, int, int, int]:
+    def shape(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Shape of the displacement."""
         nx, ny, layers = self.mesh.shape
         return nx, layers, 4 if self.mixed else 3, ny
 
     @property
-    def points(self) -> tuple[int, ...]:
+    def _points(self) -> tuple[int, ...]:
         """Shape of the Gauss points, but for the lanes."""
         nx, ny, layers = self.mesh.shape
         return nx, layers, -(-ny // BATCH), 8
 
     @cached_property
-    def layer(self) -> Layer:
+    def _layer(self) -> Layer:
         heights = np.ascontiguousarray(self.mesh.surface.heights, dtype=np.float64)
         return Layer(heights, self.mesh.planes, self.mesh.map_factor, *self.mesh.surface.spacing)
 
     @cached_property
-    def tangent(self) -> np.ndarray:
+    def _tangent(self) -> np.ndarray:
         """One buffer for the tangents of all iterations."""
         rows = ENTRIES + MOTIONS + 1 if self.mixed else ENTRIES
-        return np.empty((*self.points[:3], rows * BATCH), dtype=np.float32)
+        return np.empty((*self._points[:3], rows * BATCH), dtype=np.float32)
 
-    def moduli(self, share: float = 1.0) -> Moduli:
-        law = self.law
-        hardening = law.hardening if isinstance(law, J2) else ()
-        return Moduli(share * law.shear_modulus, law.volume_modulus, *hardening)
-
-    def rest(self) -> State:
-        """State before any load, for each batch of elements."""
-        rows = self.law.n_state
-        return np.zeros((*self.points, rows, BATCH)) if rows else None
-
-    def apply(self, v: np.ndarray) -> np.ndarray:
+    def _apply(self, v: np.ndarray) -> np.ndarray:
         out = np.zeros_like(v)
-        _run_coloured(_apply_tangent, v, self.tangent, v, out)
+        _run_coloured(_apply_tangent, v, self._tangent, v, out)
         return out
 
-    def update(self, law: int, u: np.ndarray, state: np.ndarray, rows: int) -> np.ndarray:
-        """State of a kind of law, rows of each Gauss point, at the end of a step."""
-        nx, ny, layers = self.mesh.shape
-        new = np.empty((*self.points, rows, BATCH))
-        arguments = self.layer, law, self.moduli(), u, state, new
-        run_ranges(_update, nx, *arguments, least=-(-LEAST // (layers * ny)))
-        return new
+    def rest(self) -> State:
+        """Return the state before any load, for each batch of elements."""
+        rows = self.law.n_state
+        return np.zeros((*self._points, rows, BATCH)) if rows else None
 
-    def step(
-        self, state: np.ndarray, moduli: Moduli, finish: Callable[[np.ndarray], State]
-    ) -> Increment:
-        """Return the increment for given internal variables and moduli."""
-        law = PLASTIC if isinstance(self.law, J2) else NEO_HOOKEAN
+    def begin(self, state: Any, time_step: float) -> Respond:
+        """Begin a step in time; viscous branches push with the stress of the step before."""
+        law = self.law
+        if isinstance(law, J2):
+            hard = Moduli(law.shear_modulus, law.volume_modulus, *law.hardening)
+            rows = law.n_state
+            return self._step(PLASTIC, hard, state, lambda u: self._update(hard, u, state, rows))
+        soft = Moduli(law.shear_modulus, law.volume_modulus)
+        if isinstance(law, NeoHookean):
+            return self._step(NEO_HOOKEAN, soft, NO_STATE, lambda u: None)
+        viscous, branches = law.over(time_step), np.moveaxis(state, -2, 0)
+
+        def finish(u: np.ndarray) -> np.ndarray:
+            elastic = law.shear_modulus * self._update(soft, u, NO_STATE, 6)
+            new = viscous.advance(branches, np.moveaxis(elastic, -2, 0))
+            return np.ascontiguousarray(np.moveaxis(new, 0, -2))
+
+        frozen = np.ascontiguousarray(np.moveaxis(viscous.frozen_stress(branches), 0, -2))
+        moduli = soft._replace(shear=viscous.share * law.shear_modulus)
+        return self._step(NEO_HOOKEAN, moduli, frozen, finish)
+
+    def _step(
+        self, kind: int, moduli: Moduli, state: np.ndarray, finish: Callable[[np.ndarray], State]
+    ) -> Respond:
         scale = pressure_scale(self.mesh, self.law.shear_modulus) if self.mixed else 0.0
 
         def respond(u: np.ndarray) -> BodyResponse:
             force, flags = np.zeros_like(u), np.empty((len(u), 2))
-            arguments = self.layer, law, moduli, scale, u, state, force, self.tangent, flags
+            arguments = self._layer, kind, moduli, scale, u, state, force, self._tangent, flags
             _run_coloured(_respond, u, *arguments)
             flowing = float(flags[:, 1].sum()) / (8.0 * np.prod(self.mesh.shape))
-            return BodyResponse(force, self.apply, float(flags[:, 0].min()), flowing)
+            least = float(flags[:, 0].min())
+            return BodyResponse(force, self._apply, lambda: finish(u), least, flowing)
 
-        return Increment(respond, finish)
+        return respond
 
-    def begin_elastic(self, state: State, time_step: float) -> Increment:
-        return self.step(NO_STATE, self.moduli(), lambda u: None)
-
-    def begin_plastic(self, state: np.ndarray, time_step: float) -> Increment:
-        rows = self.law.n_state
-        return self.step(state, self.moduli(), lambda u: self.update(PLASTIC, u, state, rows))
-
-    def begin_viscous(self, state: np.ndarray, time_step: float) -> Increment:
-        assert isinstance(self.law, Prony)
-        law = self.law.over(time_step)
-        rows = np.moveaxis(state, -2, 0)
-
-        def finish(u: np.ndarray) -> np.ndarray:
-            elastic = law.shear_modulus * self.update(NEO_HOOKEAN, u, NO_STATE, 6)
-            new = law.advance(rows, np.moveaxis(elastic, -2, 0))
-            return np.ascontiguousarray(np.moveaxis(new, 0, -2))
-
-        frozen = np.ascontiguousarray(np.moveaxis(law.frozen_stress(rows), 0, -2))
-        return self.step(frozen, self.moduli(law.share), finish)
+    def _update(self, moduli: Moduli, u: np.ndarray, state: np.ndarray, rows: int) -> np.ndarray:
+        """Return the state at the end of a step, rows of each Gauss point."""
+        nx, ny, layers = self.mesh.shape
+        new = np.empty((*self._points, rows, BATCH))
+        kind = PLASTIC if self.law.flows else NEO_HOOKEAN
+        arguments = self._layer, kind, moduli, u, state, new
+        run_ranges(_update, nx, *arguments, least=-(-LEAST // (layers * ny)))
+        return new

@@ -43,9 +43,8 @@ import numpy as np
 
 from multiscale.micro.elastic.flat_reference import Field, Reference, flat_inverse
 from multiscale.micro.elastic.lateral_fft import LateralInverse
-from multiscale.micro.finite.equations import Iterate
+from multiscale.micro.finite.equations import Iterate, join
 from multiscale.micro.finite.large_strain import pressure_scale
-from multiscale.micro.finite.scene import join
 from multiscale.micro.finite.strain import kernel
 from multiscale.micro.finite.surfaces import MIRROR, Meeting
 from multiscale.micro.flat.flat_contact import solve_flat
@@ -65,18 +64,10 @@ _MIRRORED = np.array([1.0, 1.0, -1.0, 1.0, -1.0, 1.0])[:, None, None]  # of xx, 
 
 @dataclass(frozen=True, eq=False)
 class FlatCells:
-    """The flat cells of one or two bodies.
+    """The flat cells of one or two bodies."""
 
-    Attributes
-    ----------
-    references : tuple of Reference, of each body in its own frame
-    both : Reference
-        Flat cell with the sum of the surface compliances, on the grid of the first body; of one
-        body its reference.
-    """
-
-    references: tuple[Reference, ...]
-    both: Reference
+    references: tuple[Reference, ...]  # of each body in its own frame
+    both: Reference  # flat cell with the sum of the compliances, on the grid of the first body
 
     def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
         """Press the flat cells under a load, N; see :class:`.LinearSolver`."""
@@ -177,23 +168,13 @@ def join_flat_cells(first: Reference, second: Reference, compliance: np.ndarray)
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """Rows of (1), one for each direction of each surface node.
-
-    Attributes
-    ----------
-    cells : FlatCells
-    now : Iterate
-    direction : ndarray, shape (rows, nx, 3, ny), unit directions
-    held : ndarray of bool, shape (rows, nx, ny), whether a motion is prescribed
-    spring : ndarray, shape (rows, nx, ny)
-        Stiffness of the spring that supports a motion, N/m; 0 without a spring.
-    """
+    """Rows of (1), one for each direction of each surface node."""
 
     cells: FlatCells
     now: Iterate
-    direction: np.ndarray
-    held: np.ndarray
-    spring: np.ndarray
+    direction: np.ndarray  # (rows, nx, 3, ny), unit directions
+    held: np.ndarray  # (rows, nx, ny), whether a motion is prescribed
+    spring: np.ndarray  # (rows, nx, ny), stiffness that supports a motion, N/m; 0 without
 
     @cached_property
     def touched(self) -> np.ndarray:
@@ -276,17 +257,10 @@ class Constraint:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MixedReference(Reference):
-    """The flat cell of a body of shape (nx, layers, 4, ny), with pressures over a scale.
+    """The flat cell of a body of shape (nx, layers, 4, ny), with pressures over a scale."""
 
-    Attributes
-    ----------
-    faces : ndarray, shape (3, layers)
-        A quarter of the faces of an element across x, y and z, times the scale, N/m.
-    give : ndarray, shape (layers,), V over kappa times the square of the scale, N/m
-    """
-
-    faces: np.ndarray
-    give: np.ndarray
+    faces: np.ndarray  # (3, layers), quarter of an element's faces across x, y, z, times scale, N/m
+    give: np.ndarray  # (layers,), V over kappa times the square of the scale, N/m
 
     def solve(
         self,
@@ -365,7 +339,7 @@ def mixed_reference(
     heights, scale = np.diff(mesh.planes), pressure_scale(mesh, float(shear[0]))
     areas = np.array([dy * heights, dx * heights, np.full(len(heights), dx * dy)])
     return MixedReference(
-        flat_inverse(layer, mesh, layer.surface, dtype),
+        flat_inverse(layer, layer.surface.heights.shape, layer.surface.spacing, dtype),
         mesh.map_factor[1:],
         faces=scale * areas / 4.0,
         give=scale**2 * dx * dy * heights / (lame + 2.0 / 3.0 * shear),

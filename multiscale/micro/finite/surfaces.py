@@ -36,8 +36,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from multiscale.executors import run_ranges
-from multiscale.micro.elastic_cell import at_first_touch
 from multiscale.micro.finite.strain import kernel
+from multiscale.micro.layer import at_first_touch
 from multiscale.numerics.compiled import compiled
 from multiscale.surfaces.surface import Surface
 
@@ -123,26 +123,15 @@ def _locate(  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    r"""Points of the opposite surface.
+    """Points of the opposite surface."""
 
-    Attributes
-    ----------
-    place : ndarray, shape (2, nx, ny)
-        :math:`\xi`, in grid points of the opposite surface; not wrapped.
-    values : ndarray, shape (nx * ny, 6, 3)
-        Position and its derivatives by :math:`\xi`: 1, 2, 11, 12, 22, m. NaN where no point is
-        above a node because the surface has folded.
-    column : ndarray of int, shape (nx * ny, 16), nodes of the opposite surface around each point
-    weight : ndarray, shape (3, nx * ny, 16)
-        Weights (1) of these nodes for the value and its derivatives 1 and 2, dimensionless.
-    points : tuple of int, grid of the opposite surface
-    """
-
-    place: np.ndarray
-    values: np.ndarray
-    column: np.ndarray
-    weight: np.ndarray
-    points: tuple[int, int]
+    place: np.ndarray  # (2, nx, ny), xi in grid points of the opposite surface, not wrapped
+    values: (
+        np.ndarray
+    )  # (nx * ny, 6, 3), position and derivatives 1, 2, 11, 12, 22, m; NaN in folds
+    column: np.ndarray  # (nx * ny, 16), nodes of the opposite surface around each point
+    weight: np.ndarray  # (3, nx * ny, 16), weights (1) of the value and its derivatives 1 and 2
+    points: tuple[int, int]  # grid of the opposite surface
 
     @property
     def grid(self) -> tuple[int, ...]:
@@ -176,17 +165,10 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class DeformedSurface:
-    """A surface in its current position.
+    """A surface in its current position."""
 
-    Attributes
-    ----------
-    spacing : tuple of float, distances of its nodes before deformation, m
-    field : ndarray, shape (nx, 3, ny)
-        Lateral displacements of its nodes from their grid, and their heights, m.
-    """
-
-    spacing: tuple[float, float]
-    field: np.ndarray
+    spacing: tuple[float, float]  # of its nodes before deformation, m
+    field: np.ndarray  # (nx, 3, ny), lateral displacements of its nodes, and their heights, m
 
     def above(self, place: np.ndarray) -> Projection:
         """Find the points above or below places in the plane, shape (2, nx, ny), m."""
@@ -213,22 +195,12 @@ class DeformedSurface:
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Contact points of the nodes of the first body on the opposite side.
+    """Contact points of the nodes of the first body on the opposite side."""
 
-    Attributes
-    ----------
-    gap : ndarray, shape (nx, ny)
-        Distance along the normal, m; negative where one side is inside the other.
-    normal : ndarray, shape (nx, 3, ny), unit normals into the opposite side
-    point : Projection or None, points of the opposite side; None if normals do not turn
-    surfaces : callable
-        ``surfaces(vector)``, the surface of each body, views of shape (nx, 3, ny).
-    """
-
-    gap: np.ndarray
-    normal: np.ndarray
-    point: Projection | None
-    surfaces: Surfaces
+    gap: np.ndarray  # (nx, ny), along the normal, m; negative where one side is inside the other
+    normal: np.ndarray  # (nx, 3, ny), unit normals into the opposite side
+    point: Projection | None  # points of the opposite side; None if normals do not turn
+    surfaces: Surfaces  # of each body, views of a vector, (nx, 3, ny)
 
     def relative(self, vector: np.ndarray) -> np.ndarray:
         """Motion of the nodes relative to the points they meet, shape (nx, 3, ny), m."""
@@ -284,18 +256,11 @@ class OppositeSide:
     """Rigid obstacle, or underside of the second body before deformation, seen from below.
 
     The approach counts from the first touch of the points of the first body before any sliding.
-
-    Attributes
-    ----------
-    body : Surface, surface of the first body before deformation, with the grid of the nodes
-    shape : Surface or None, heights of the opposite side, m; None if it is flat
-    follows : bool
-        Whether nodes meet it at their current places (large strain) or at their undeformed places.
     """
 
-    body: Surface
-    shape: Surface | None
-    follows: bool = True
+    body: Surface  # of the first body before deformation, with the grid of the nodes
+    shape: Surface | None  # heights of the opposite side, m; None if it is flat
+    follows: bool = True  # whether nodes meet it at their current places (large strain)
 
     @cached_property
     def places(self) -> np.ndarray:

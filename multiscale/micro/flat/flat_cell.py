@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.micro.cell_needs import CellPart, cell_choices
-from multiscale.micro.elastic_cell import ContactState, ElasticCell, at_first_touch, untouched
+from multiscale.micro.cell_needs import cell_choices
+from multiscale.micro.elastic_cell import ContactState, ElasticCell, untouched
 from multiscale.micro.layer import PeriodicLayer, SecondBody, statistics_of
 from multiscale.micro.path import Path
 from multiscale.needs import Needs
@@ -17,7 +17,7 @@ from multiscale.surfaces.fourier import rms_slope
 from multiscale.surfaces.preparation import composite
 from multiscale.surfaces.surface import Surface
 
-__all__ = ["FlatCell", "assemble_flat_cell", "flat_gap"]
+__all__ = ["FlatCell", "assemble_flat_cell", "flat_compliance"]
 
 STEEPEST = 0.5
 """Root mean square slope up to which a compliance is expanded in the slopes."""
@@ -36,8 +36,6 @@ class FlatCell(PeriodicLayer):
 
     Parameters
     ----------
-    obstacle : Surface, optional
-        Underside of the rigid obstacle on the same grid; a flat if not given.
     hardness : float, optional
         Largest local pressure, Pa: the cheap plastic limit.
     slope_order : int
@@ -49,7 +47,6 @@ class FlatCell(PeriodicLayer):
     A law that is not linear and moduli that vary within a layer are refused.
     """
 
-    obstacle: Surface | None = None
     hardness: float | None = None
     slope_order: int = 1
     second: SecondBody | None = None
@@ -70,7 +67,6 @@ class FlatCell(PeriodicLayer):
             )
         if self.hardness is not None and not 0.0 < self.hardness < np.inf:
             raise CaseError(f"the hardness must be positive (Pa), got {self.hardness:g}")
-        self._check_obstacle(self.obstacle)
         if self.slope_order not in (1, 2):
             raise CaseError(f"slope_order of a flat cell must be 1 or 2, got {self.slope_order}")
         if self.slope_order == 2:
@@ -125,15 +121,15 @@ class FlatCell(PeriodicLayer):
             kinematics="small strain, roughness as gap of a flat layer",
             choices=cell_choices(
                 {
-                    CellPart.HARDNESS_CAP: self.hardness is not None,
-                    CellPart.SECOND_BODY: self.second is not None,
-                    CellPart.COATING: any(body.coating for body in self.bodies),
-                    CellPart.SLOPE_EXPANSION: expanded,
+                    "hardness cap": self.hardness is not None,
+                    "opposite body": self.second is not None,
+                    "coating": any(body.coating for body in self.bodies),
+                    "slope expansion": expanded,
                 },
-                why_not={
-                    CellPart.STIFFNESS: "a flat cell solves on its surface only",
-                    CellPart.STRESS_RECOVERY: "a flat cell has no stress field",
-                    CellPart.SLOPE_EXPANSION: "slopes are taken as small: errors are of their "
+                {
+                    "stiffness": "a flat cell solves on its surface only",
+                    "stress recovery": "a flat cell has no stress field",
+                    "slope expansion": "slopes are taken as small: errors are of their "
                     "first order (slope_order)",
                 },
             ),
@@ -148,28 +144,20 @@ class FlatCell(PeriodicLayer):
         return assemble_flat_cell(self)
 
 
-def flat_gap(cell: FlatCell) -> tuple[np.ndarray, float, np.ndarray]:
-    """Heights of the obstacle at first touch, m, area of a node, m², symbol of the compliance, m/N.
-
-    The symbol takes nodal forces, not pressures.
-    """
-    heights, spacing = cell.surface.heights, cell.surface.spacing
-    area = spacing[0] * spacing[1]
-    symbol = np.sum([_compliance(body) for body in cell.bodies], axis=0) / area
-    obstacle, _ = at_first_touch(heights, 0.0 if cell.obstacle is None else cell.obstacle.heights)
-    return obstacle, area, symbol
-
-
-def _compliance(body: PeriodicLayer) -> np.ndarray:
-    """Symbol of the compliance of one body, m/Pa; coatings have their exact thickness."""
+def flat_compliance(cell: FlatCell) -> np.ndarray:
+    """Symbol of the compliance of all bodies to nodal forces, m/N; coatings have exact faces."""
     from multiscale.micro.flat.compliance import layered_compliance
 
-    if body.coating:
-        planes = np.concatenate([[0.0], body.faces[::-1], [body.depth]])
-        moduli = body.moduli_between(planes)
-    else:
-        planes, moduli = body.planes, body.layer_moduli
-    return layered_compliance(body.surface.heights.shape, body.surface.size, planes, *moduli)
+    symbols = []
+    for body in cell.bodies:
+        if body.coating:
+            planes = np.concatenate([[0.0], body.faces[::-1], [body.depth]])
+            moduli = body.moduli_between(planes)
+        else:
+            planes, moduli = body.planes, body.layer_moduli
+        shape, size = body.surface.heights.shape, body.surface.size
+        symbols.append(layered_compliance(shape, size, planes, *moduli))
+    return np.asarray(np.sum(symbols, axis=0) / np.prod(cell.surface.spacing))
 
 
 def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
@@ -178,9 +166,8 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
     from multiscale.micro.flat.compliance import expanded_compliance
     from multiscale.micro.flat.flat_contact import coarse_start, solve_flat
 
-    heights = cell.surface.heights
+    heights, obstacle, symbol = cell.surface.heights, cell.raised_obstacle, flat_compliance(cell)
     nx, ny = heights.shape
-    obstacle, area, symbol = flat_gap(cell)
     normal = np.zeros((nx, 3, ny))
     normal[:, 2] = 1.0
 
@@ -193,7 +180,7 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
         lame, shear = np.array([*moduli, (0.0, np.inf)][:2]).T
         respond = expanded_compliance(cell.surfaces, symbol, shear, 0.5 * lame / (lame + shear))
         lift = partial(respond, vertical=True)
-    cap = np.inf if cell.hardness is None else cell.hardness * area
+    cap = np.inf if cell.hardness is None else cell.hardness * float(np.prod(cell.surface.spacing))
 
     def solve(
         *,
@@ -233,5 +220,4 @@ def assemble_flat_cell(cell: FlatCell) -> ElasticCell:
             len(answer.residuals),
         )
 
-    node_area = np.full((nx, ny), area)
-    return ElasticCell(solve, normal, heights, obstacle, node_area, lambda u: u, cap=cap)
+    return ElasticCell(solve, normal, heights, obstacle, cell.node_area, lambda u: u, cap=cap)

@@ -16,33 +16,30 @@ with the gap g, the slip w since the start and the stretch s.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
 from multiscale.errors import CaseError, MultiscaleError
-from multiscale.fe.elements import element_response, elements_of_basis
+from multiscale.fe.elements import Elements, element_response, elements_of_basis
 from multiscale.laws.bulk import J2
 from multiscale.micro.averages import ContactSurface, to_components
-from multiscale.micro.finite.finite_cell import HistoryModel, plastic_approach
-from multiscale.micro.finite.scene import (
+from multiscale.micro.finite.equations import (
     BodyResponse,
     CellScene,
     CellState,
     FiniteBody,
-    Increment,
+    Iterate,
+    Respond,
 )
+from multiscale.micro.finite.finite_cell import HistoryModel, plastic_approach
 from multiscale.micro.finite.surfaces import OppositeSide
-from multiscale.micro.mesh.elastic_mesh import ElasticMesh, assemble_elastic_mesh
-from multiscale.micro.mesh.mesh_cell import MeshCell
-from multiscale.micro.mesh.unknowns import strained_weight
+from multiscale.micro.layer import Linear
+from multiscale.micro.mesh.unknowns import ElasticMesh, strained_weight
 from multiscale.micro.path import Path
 from multiscale.numerics.factorisation import factorise
 from multiscale.surfaces.surface import Surface
-
-if TYPE_CHECKING:
-    from multiscale.micro.finite.equations import Iterate
 
 __all__ = ["assemble_mesh_history"]
 
@@ -50,19 +47,25 @@ TANGENTIAL_WEIGHT = 0.3  # of slip, over the stiffness of a node
 
 
 @dataclass(frozen=True, eq=False)
-class _Layout:
-    """Displacements (nodes, 3), contact nodes first, of the unknowns of a cell.
+class _MeshBody(FiniteBody):
+    """Elastic or plastic body with displacements (nodes, 3), contact nodes first."""
 
-    Attributes
-    ----------
-    slot : ndarray of int, shape (unknowns,)
-        Place of every unknown among the components of the nodes.
-    nodes, contacts : int, numbers of nodes
-    """
+    mesh: ElasticMesh
+    law: Linear | J2
+    shape: tuple[int, ...]
+    slot: np.ndarray  # (unknowns,), place of every unknown among the components of the nodes
 
-    slot: np.ndarray
-    nodes: int
-    contacts: int
+    @classmethod
+    def of(cls, mesh: ElasticMesh, law: Linear | J2) -> "_MeshBody":
+        node, component = np.divmod(mesh.unknowns.place, 3)
+        first = mesh.unknowns.nodes
+        order = np.concatenate([first, np.setdiff1d(node, first)])
+        position = np.empty(mesh.basis.N, dtype=int)
+        position[order] = np.arange(len(order))
+        return cls(mesh, law, (len(order), 3), 3 * position[node] + component)
+
+    def surface(self, displacement: np.ndarray) -> np.ndarray:
+        return displacement[: len(self.mesh.unknowns.nodes), :, None]
 
     def gather(self, u: np.ndarray) -> np.ndarray:
         """Unknowns of a displacement."""
@@ -70,48 +73,64 @@ class _Layout:
 
     def spread(self, v: np.ndarray) -> np.ndarray:
         """Displacement of the unknowns, or a force; zero where nothing moves."""
-        u = np.zeros((self.nodes, 3))
+        u = np.zeros(self.shape)
         u.reshape(-1)[self.slot] = v
         return u
 
+    @cached_property
+    def _elements(self) -> Elements:
+        """Elements of a metal; those of first order take the mean change of volume."""
+        return elements_of_basis(self.mesh.basis, mean_volume=self.mesh.basis.elem.maxdeg <= 3)
 
-def _layout(mesh: ElasticMesh) -> _Layout:
-    node, component = np.divmod(mesh.unknowns.place, 3)
-    first = mesh.unknowns.nodes
-    order = np.concatenate([first, np.setdiff1d(node, first)])
-    position = np.empty(mesh.basis.N, dtype=int)
-    position[order] = np.arange(len(order))
-    return _Layout(3 * position[node] + component, len(order), len(first))
+    def rest(self) -> np.ndarray | None:
+        law = self.law
+        return law.initial_state(self._elements.weight.shape) if isinstance(law, J2) else None
+
+    def begin(self, state: np.ndarray, time_step: float) -> Respond:
+        law, expand, stiffness = self.law, self.mesh.unknowns.expand, self.mesh.stiffness
+
+        def stretch(u: np.ndarray) -> BodyResponse:
+            force, multiply = self.spread(stiffness @ self.gather(u)), stiffness.__matmul__
+            return BodyResponse(force, multiply, matrix=stiffness)
+
+        if not isinstance(law, J2):
+            return stretch
+
+        def flow(u: np.ndarray) -> BodyResponse:
+            moved = expand @ self.gather(u)
+            force, tangent, new, least = element_response(self._elements, law, moved, state)
+            flowing = float(np.mean(new[6] > state[6]))
+            if not least > 0.0:  # an element is turned inside out
+                nothing = np.full(self.shape, np.nan)
+                return BodyResponse(nothing, np.copy, lambda: new, least, flowing)
+            matrix = sparse.csr_array(expand.T @ tangent @ expand)
+            force = self.spread(expand.T @ force)
+            return BodyResponse(force, matrix.__matmul__, lambda: new, least, flowing, matrix)
+
+        return flow
 
 
 @dataclass(frozen=True, eq=False)
 class _Factors:
-    """Linear solver of a cell on a mesh, by factors of the assembled tangent.
+    """Linear solver of a cell on a mesh, by factors of the assembled tangent."""
 
-    Attributes
-    ----------
-    mesh : ElasticMesh, the elastic cell, for the first touch of an open cell
-    layout : _Layout
-    """
-
-    mesh: ElasticMesh
-    layout: _Layout
+    body: _MeshBody
 
     def touch(self, gap: np.ndarray, closing: np.ndarray, load: float) -> tuple[np.ndarray, float]:
         """Press the elastic body under a load, N; see :class:`.LinearSolver`."""
-        elastic = self.mesh.problem.solve(load=load)
+        elastic = self.body.mesh.problem.solve(load=load)
         return elastic.active[:, None], elastic.approach
 
-    def step(self, now: "Iterate", forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
+    def step(self, now: Iterate, forcing: float, floor: float) -> tuple[np.ndarray, float, int]:
         """Solve the linear problem (1) of a Newton step by factors."""
-        number, T = self.mesh.unknowns.number, now.response.matrix
+        number, T = self.body.mesh.unknowns.number, now.response.matrix
         assert T is not None
         active, sticks, slips = (
             mask[:, 0] for mask in (now.active, now.sticking, now.slipping & now.active)
         )
         size = T.shape[0]
         keep, own = np.ones(size), np.zeros(size)
-        right = -self.layout.gather(now.residual)
+        right = -self.body.gather(now.residual)
         scale = float(np.abs(T.diagonal()).mean())  # makes rows of motions comparable
         keep[number[active, 2]] = 0.0
         own[number[active, 2]] = scale
@@ -144,39 +163,30 @@ class _Factors:
         except MultiscaleError:  # no equilibrium near this iterate: a shorter increment is taken
             return np.full_like(now.u, np.nan), 0.0, 1
         if now.target.load is None:
-            return self.layout.spread(solve(right)).ravel(), 0.0, 1
+            return self.body.spread(solve(right)).ravel(), 0.0, 1
         lifted = np.zeros(size)  # by a unit of the approach
         lifted[number[active, 2]] = scale
         moved, shifted = solve(np.stack([right, lifted], axis=1)).T
         carried = T[number[active, 2]].sum(axis=0)
         shift = (carried @ moved - now.missing) / (carried @ shifted)
-        return self.layout.spread(moved - shift * shifted).ravel(), float(shift), 2
+        return self.body.spread(moved - shift * shifted).ravel(), float(shift), 2
 
 
 @dataclass(frozen=True, eq=False)
 class MeshModel(HistoryModel):
-    """Model of a cell on a mesh that flows or rubs.
+    """Model of a cell on a mesh that flows or rubs."""
 
-    Attributes
-    ----------
-    cell : MeshCell
-    mesh : ElasticMesh
-    layout : _Layout
-    """
-
-    cell: MeshCell
-    mesh: ElasticMesh
-    layout: _Layout
+    body: _MeshBody
 
     def surface(self, state: CellState) -> ContactSurface:
         """Contact surface of a state in the current configuration."""
-        cell, mesh = self.cell, self.mesh
-        v, force = self.layout.gather(state.displacement), state.force[:, :, 0]
+        law, mesh = self.body.law, self.body.mesh
+        v, force = self.body.gather(state.displacement), state.force[:, :, 0]
         moved = (mesh.unknowns.expand @ v).reshape(-1, 3)
         problem, at_contact = mesh.problem, mesh.unknowns.coefficients @ moved
         weight = problem.node_area
-        if cell.law.finite_strain:
-            weight = strained_weight(cell, mesh.basis, mesh.unknowns, moved.T)
+        if law.finite_strain:
+            weight = strained_weight(mesh.basis, mesh.unknowns, moved.T)
         gap = problem.obstacle_height - state.approach - (problem.surface_height + at_contact[:, 2])
         mean = to_components(problem.node_area @ at_contact) / self.area
         surface = ContactSurface(
@@ -188,74 +198,33 @@ class MeshModel(HistoryModel):
             weight,
             np.array([-state.approach, *state.slide]) - mean,
             float(np.sum(weight * gap) / np.sum(weight)),
-            flowing=cell.law.flows,
+            flowing=law.flows,
             slip=self.slip(state),
-            flowing_share=state.flowing if cell.law.flows else None,
+            flowing_share=state.flowing if law.flows else None,
         )
         return problem.arrange(surface)
 
 
-def assemble_mesh_history(cell: MeshCell, path: Path) -> MeshModel:
+def assemble_mesh_history(
+    mesh: ElasticMesh, law: Linear | J2, friction: float, path: Path
+) -> MeshModel:
     """Set up the scene of a cell that flows or has friction, for a path."""
     if path.time is not None:
         raise CaseError(
             "the path has times, but the body has no viscosity and its answer no rate; leave out "
             "time"
         )
-    mesh = assemble_elastic_mesh(cell)
     largest = np.inf
-    if cell.law.flows:
+    if law.flows:
         largest = plastic_approach(float(np.ptp(mesh.problem.surface_height)), path.refinement)
-    layout = _layout(mesh)
-    scene = _scene(cell, mesh, layout)
-    return MeshModel(scene, mesh.problem.area, largest, path.increments, cell, mesh, layout)
-
-
-def _scene(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> CellScene:
+    body = _MeshBody.of(mesh, law)
     heights = Surface(mesh.problem.surface_height[:, None], (1.0, 1.0))
-    vertical = mesh.stiffness.diagonal()[mesh.unknowns.number[:, 2]]
-    weight = float(np.median(vertical))
-    return CellScene(
-        (_body(cell, mesh, layout),),
+    weight = float(np.median(mesh.stiffness.diagonal()[mesh.unknowns.number[:, 2]]))
+    scene = CellScene(
+        (body,),
         OppositeSide(heights, None, follows=False),
-        cell.friction_coefficient,
+        friction,
         (weight, TANGENTIAL_WEIGHT * weight),
-        _Factors(mesh, layout),
+        _Factors(body),
     )
-
-
-def _body(cell: MeshCell, mesh: ElasticMesh, layout: _Layout) -> FiniteBody:
-    """Return the body of a cell; elements of first order take the mean change of volume."""
-    shape = (layout.nodes, 3)
-
-    def surface(u: np.ndarray) -> np.ndarray:
-        return u[: layout.contacts, :, None]
-
-    if not isinstance(cell.law, J2):
-
-        def stretch(u: np.ndarray) -> BodyResponse:
-            force = layout.spread(mesh.stiffness @ layout.gather(u))
-            return BodyResponse(force, mesh.stiffness.__matmul__, 1.0, 0.0, mesh.stiffness)
-
-        same = Increment(stretch, lambda u: None)
-        return FiniteBody(shape, lambda state, time_step: same, lambda: None, surface)
-    law, expand = cell.law, mesh.unknowns.expand
-    elements = elements_of_basis(mesh.basis, mean_volume=cell.element.maxdeg <= 3)
-
-    def begin(state: np.ndarray, time_step: float) -> Increment:
-        def evaluate(u: np.ndarray) -> tuple[np.ndarray, Any, np.ndarray, float]:
-            return element_response(elements, law, expand @ layout.gather(u), state)
-
-        def respond(u: np.ndarray) -> BodyResponse:
-            force, tangent, new, least = evaluate(u)
-            flowing = float(np.mean(new[6] > state[6]))
-            if not least > 0.0:  # an element is turned inside out
-                return BodyResponse(np.full(shape, np.nan), np.copy, least, flowing)
-            own = sparse.csr_array(expand.T @ tangent @ expand)
-            return BodyResponse(
-                layout.spread(expand.T @ force), own.__matmul__, least, flowing, own
-            )
-
-        return Increment(respond, lambda u: evaluate(u)[2])
-
-    return FiniteBody(shape, begin, lambda: law.initial_state(elements.weight.shape), surface)
+    return MeshModel(scene, mesh.problem.area, largest, path.increments, body)

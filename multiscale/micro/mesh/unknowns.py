@@ -27,53 +27,29 @@ from scipy import sparse
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.bulk_law import cofactor
-from multiscale.micro.mesh.mesh_cell import CellSides, MeshCell
+from multiscale.micro.elastic_cell import ElasticCell
 
 if TYPE_CHECKING:
     from skfem import CellBasis, FacetBasis
 
-__all__ = [
-    "CellUnknowns",
-    "cell_unknowns",
-    "mean_strain",
-    "strained_weight",
-]
+__all__ = ["CellUnknowns", "ElasticMesh", "cell_unknowns", "mean_strain", "strained_weight"]
 
 ALPHA = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class CellUnknowns:
-    """Free unknowns of a cell, and the nodes of its contact face.
+    """Free unknowns of a cell of n nodes, and the nodes of its contact face."""
 
-    Attributes
-    ----------
-    expand : csr_array, shape (3 n, unknowns)
-        :math:`E`: displacements of the n nodes from the unknowns.
-    place : ndarray of int, shape (unknowns,)
-        Place 3 a + i of every unknown among the components i of all nodes a.
-    image : ndarray of int, shape (n,)
-        Node that stands for each node: itself, or its image on the low sides.
-    nodes : ndarray of int, shape (contacts,), contact nodes, one for all their images
-    number : ndarray of int, shape (contacts, 3)
-        Unknown of every coefficient of the contact nodes; -1 where it is none.
-    values : csr_array, shape (n, n), nodal values from coefficients of (1)
-    coefficients : csr_array, shape (contacts, n)
-        Coefficients of the contact nodes from nodal values.
-    weight : ndarray, shape (contacts,), projected area of every coefficient, m2
-    facets : ndarray of int, shape (corners and middles, facets)
-        Positions in ``nodes`` of the nodes of every contact facet.
-    """
-
-    expand: sparse.csr_array
-    place: np.ndarray
-    image: np.ndarray
-    nodes: np.ndarray
-    number: np.ndarray
-    values: sparse.csr_array
-    coefficients: sparse.csr_array
-    weight: np.ndarray
-    facets: np.ndarray
+    expand: sparse.csr_array  # (3 n, unknowns), E: displacements from the unknowns
+    place: np.ndarray  # (unknowns,), place 3 a + i of every unknown among components i of nodes a
+    image: np.ndarray  # (n,), node that stands for each: itself, or its image on the low sides
+    nodes: np.ndarray  # (contacts,), contact nodes, one for all their images
+    number: np.ndarray  # (contacts, 3), unknown of every coefficient of them; -1 without
+    values: sparse.csr_array  # (n, n), nodal values from coefficients of (1)
+    coefficients: sparse.csr_array  # (contacts, n), coefficients of contact nodes from nodal values
+    weight: np.ndarray  # (contacts,), projected area of every coefficient, m2
+    facets: np.ndarray  # (corners and middles, facets), positions in nodes of every facet's nodes
 
     def neighbours(self) -> np.ndarray:
         """Pairs of contact nodes of one facet, shape (2, pairs)."""
@@ -81,10 +57,20 @@ class CellUnknowns:
         return np.stack([self.facets[first].ravel(), self.facets[second].ravel()])
 
 
-def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
-    """Set up the numbers of the unknowns of a cell."""
+@dataclass(frozen=True, eq=False)
+class ElasticMesh:
+    """The equations of an elastic body on a mesh, with contact quantities at the contact nodes."""
+
+    problem: ElasticCell
+    basis: "CellBasis"  # of one displacement component
+    unknowns: CellUnknowns
+    stiffness: sparse.csr_array  # (unknowns, unknowns), N/m
+
+
+def cell_unknowns(basis: "CellBasis", sides: str) -> CellUnknowns:
+    """Set up the numbers of the unknowns of a cell with a condition on its sides."""
     points, base = basis.doflocs, basis.get_dofs("base").all()
-    top_facets, face_values, coefficients, weight = _top_face(cell, basis)
+    top_facets, face_values, coefficients, weight = _top_face(basis)
     top = np.unique(top_facets)
     bottom, lowest = float(points[2, base].max()), top[np.argmin(points[2, top])]
     if points[2, lowest] <= bottom:
@@ -95,22 +81,22 @@ def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
         )
 
     free = np.ones((basis.N, 3), dtype=bool)
-    image = _periodic_images(points) if cell.sides is CellSides.PERIODIC else np.arange(basis.N)
+    image = _periodic_images(points) if sides == "periodic" else np.arange(basis.N)
     free[image != np.arange(basis.N)] = False
     free[image[base]] = False
-    sides = [_side(points, axis) for axis in (0, 1)]
-    both = np.union1d(*sides)
+    on_sides = [_side(points, axis) for axis in (0, 1)]
+    both = np.union1d(*on_sides)
     leader = both[np.argmax(points[2, both])]
-    if cell.sides is CellSides.SLIDING:
+    if sides == "sliding":
         for axis in (0, 1):
-            free[sides[axis], axis] = False
-    if cell.sides is CellSides.DISPLACEMENT:
+            free[on_sides[axis], axis] = False
+    if sides == "displacement":
         free[both] = False
         free[leader, 2] = True
     unknown = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)[image]
     nodes, facets = np.unique(image[top_facets], return_inverse=True)
     number, share = unknown[nodes], np.ones((basis.N, 3))
-    if cell.sides is CellSides.DISPLACEMENT:
+    if sides == "displacement":
         # all sides follow their highest node in proportion to z; only it can touch a flat
         unknown[both, 2] = unknown[leader, 2]
         share[both, 2] = (points[2, both] - bottom) / (points[2, leader] - bottom)
@@ -134,7 +120,7 @@ def cell_unknowns(cell: MeshCell, basis: "CellBasis") -> CellUnknowns:
 
 
 def _top_face(
-    cell: MeshCell, basis: "CellBasis"
+    basis: "CellBasis",
 ) -> tuple[np.ndarray, sparse.csr_array, sparse.csr_array, np.ndarray]:
     r"""Contact facets of a cell, with the basis of (1).
 
@@ -144,7 +130,7 @@ def _top_face(
     """
     from skfem import FacetBasis
 
-    face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
+    face = FacetBasis(basis.mesh, basis.elem, facets="top", dofs=basis.dofs)
     size = np.array([np.sum(np.abs(shape[0]) * face.dx, axis=1) for shape in face.basis])
     onto = size > 1e-9 * size.max(axis=0)
     facets = face.element_dofs.T[onto.T].reshape(onto.shape[1], -1).T
@@ -153,8 +139,8 @@ def _top_face(
         unit = sparse.eye_array(basis.N, format="csr")
         return facets, unit, unit, total
 
-    edges = np.unique(cell.mesh.f2e[:, cell.mesh.boundaries["top"]])
-    middle, corners = basis.edge_dofs[0, edges], basis.nodal_dofs[0][cell.mesh.edges[:, edges]]
+    edges = np.unique(basis.mesh.f2e[:, basis.mesh.boundaries["top"]])
+    middle, corners = basis.edge_dofs[0, edges], basis.nodal_dofs[0][basis.mesh.edges[:, edges]]
     keep, shape = np.ones(basis.N), 2 * (basis.N,)
     keep[middle] = 1.0 - 2.0 * ALPHA
     mean = sparse.csr_array(
@@ -171,13 +157,11 @@ def _integrals(face: "FacetBasis", weight: np.ndarray, size: int) -> np.ndarray:
     return np.bincount(face.element_dofs.ravel(), np.ravel(shares), minlength=size)
 
 
-def strained_weight(
-    cell: MeshCell, basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarray
-) -> np.ndarray:
-    r"""Projected area of every contact coefficient of a strained cell, m2."""
+def strained_weight(basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarray) -> np.ndarray:
+    """Projected area of every contact coefficient of a strained cell, m2."""
     from skfem import FacetBasis
 
-    face = FacetBasis(cell.mesh, cell.element, facets="top", dofs=basis.dofs)
+    face = FacetBasis(basis.mesh, basis.elem, facets="top", dofs=basis.dofs)
     gradient = np.array([face.interpolate(component).grad for component in moved])
     F = gradient + np.eye(3)[:, :, None, None]
     projected = np.sum(cofactor(F)[2] * np.asarray(face.normals), axis=0) * face.dx

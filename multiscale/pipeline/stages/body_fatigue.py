@@ -19,7 +19,7 @@ from multiscale.micro.damage.element_fatigue import (
     local_fatigue,
     von_mises,
 )
-from multiscale.micro.damage.fatigue_material import STATE_SIZE, FatigueMaterial
+from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import ErrorSources, changed_sliders, not_solved

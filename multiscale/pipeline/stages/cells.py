@@ -11,7 +11,6 @@ from multiscale.errors import CaseError
 from multiscale.io import make_folder, open_dataset, write_dataset, write_surface_fields
 from multiscale.micro import FlatCell, contact_modulus, run_ensemble
 from multiscale.micro import Path as LoadPath
-from multiscale.micro.cell_needs import CellPart
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import (
     cell_of,
@@ -293,7 +292,7 @@ def _needs(case: Case) -> Needs:
         told = "Reynolds' equation on the gap at every pressure, along x and along y"
         choices = (*choices, Choice("leakage", told))
     if case.micro.shear is not None:
-        apart = (CellPart.FRICTION, CellPart.SECOND_BODY)
+        apart = ("friction", "opposite body")
         choices = tuple(
             replace(one, why=f"{one.why}; the sheared cells have it")
             if one.part in apart and not one.built

@@ -9,8 +9,7 @@ from scipy.integrate import solve_ivp
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import FatigueMaterial, two_scale_fatigue, woehler_curve
-from multiscale.micro.damage.fatigue import FatigueProgress, pass_cycles
-from multiscale.micro.damage.fatigue_material import STATE_SIZE
+from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueProgress, Inclusions
 from multiscale.micro.damage.inclusion import damage_rate, effective_stress, run_cycles
 from multiscale.schema import FATIGUE, WOEHLER
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life
@@ -404,7 +403,7 @@ def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
     """Damage that grows faster and faster, where a trial ends sound and the jump would not."""
     passes = 0
 
-    def once(run):
+    def compute(run, count):
         nonlocal passes
         passes += 1
         assert passes < 10_000, "the same jump is tried for ever"
@@ -417,7 +416,7 @@ def test_a_jump_whose_end_would_be_broken_is_shortened_until_it_is_not():
     state[:, 1] = 1e-3  # beyond the threshold
     material = SimpleNamespace(hardening=1.0, feedback=1.0, threshold=0.0, critical_damage=1.0)
     run = FatigueProgress.begin(state)
-    pass_cycles(run, once, 60_000, material, 0.2)
+    Inclusions(material, np.ones(1), 0.2).pass_cycles(run, compute, 60_000, lambda run: None)
     assert run.broken.all()
     # the closed form of dD/dN = r (1 + a D)
     assert run.cycles[0] == pytest.approx(np.log(2.64) / (8.5e-5 * 1.64), rel=0.05)

@@ -10,7 +10,7 @@ from multiscale.micro.damage import (
     two_scale_fatigue,
 )
 from multiscale.micro.damage.element_fatigue import limit_factors
-from multiscale.micro.damage.fatigue_material import STATE_SIZE
+from multiscale.micro.damage.fatigue import STATE_SIZE
 from multiscale.micro.damage.inclusion import run_points
 from multiscale.schema import FATIGUE_LIFE
 from tests.closed_forms.fatigue import damage_per_cycle, plastic_strain_per_cycle, reversed_life

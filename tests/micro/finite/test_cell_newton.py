@@ -9,7 +9,6 @@ from multiscale.laws.bulk import J2, Elastic, NeoHookean, Prony
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.finite.cell_newton import walk_step
 from multiscale.micro.finite.finite_cell import current_weight, make_scene
-from multiscale.micro.finite.scene import rest_state
 from multiscale.micro.finite.surfaces import OppositeSide
 from multiscale.micro.path import Target
 from tests.support import rough_square
@@ -73,7 +72,7 @@ def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
     scene = make_scene(body)
     load = 0.01
     first = walk_step(
-        scene, rest_state(scene), Target(load, None, np.zeros(2), 0.0), increments=1, tolerance=1e-9
+        scene, scene.rest(), Target(load, None, np.zeros(2), 0.0), increments=1, tolerance=1e-9
     ).state
     slide = np.array([0.004, 0.002])
     state = walk_step(
@@ -96,7 +95,7 @@ def test_a_solution_satisfies_contact_and_coulombs_law(bulk, obstacle):
     # what slips is pulled along by the obstacle, the way it moves
     forward = np.sum(tangential[:, :2] * slide[None, :, None], axis=1)[state.slipping]
     assert np.mean(forward > 0.0) > 0.9
-    internal = scene.begin(first.material, 0.0).respond(state.displacement).force
+    internal = scene.begin(first.material, 0.0)(state.displacement).force
     scene.surface(internal)[:] -= state.force
     assert np.max(np.abs(internal)) < 1e-7 * scale
 

@@ -10,8 +10,7 @@ from multiscale.laws.bulk import J2
 from multiscale.micro import Cell, Surface
 from multiscale.micro.finite import cell_newton
 from multiscale.micro.finite.cell_newton import PRESSED, walk_step
-from multiscale.micro.finite.finite_cell import largest_approach, make_scene
-from multiscale.micro.finite.scene import rest_state
+from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.path import Target
 
 YIELD = 1e-4  # of Young's modulus
@@ -30,20 +29,20 @@ def press(cell, load):
     scene = make_scene(cell)
     return walk_step(
         scene,
-        rest_state(scene),
+        scene.rest(),
         Target(load, None, np.zeros(2)),
         increments=1,
         tolerance=1e-8,
-        largest_approach=largest_approach(cell),
+        largest_approach=cell.largest_approach(),
     )
 
 
 def load_of_the_first(cell, approach):
     """Load at an approach, in increments as short as plastic bodies are given."""
     scene = make_scene(cell)
-    count = int(np.ceil(approach / largest_approach(cell)))
+    count = int(np.ceil(approach / cell.largest_approach()))
     target = Target(None, approach, np.zeros(2))
-    return walk_step(scene, rest_state(scene), target, increments=count, tolerance=1e-8).state.load
+    return walk_step(scene, scene.rest(), target, increments=count, tolerance=1e-8).state.load
 
 
 def test_a_load_that_one_asperity_cannot_carry_is_carried_when_the_next_one_touches():
@@ -64,7 +63,7 @@ def test_a_load_takes_the_increments_of_its_approach_and_two_more_to_end_at_the_
     cell = Cell(Surface(heights, (1.0, 1.0)), 0.5, 4, 1.0, 0.3, bulk=J2(1.0, 0.3, YIELD, 0.01))
     walk = press(cell, 0.006)
     assert walk.state.load == pytest.approx(0.006, rel=1e-7)
-    fewest = walk.state.approach / (PRESSED * largest_approach(cell))
+    fewest = walk.state.approach / (PRESSED * cell.largest_approach())
     assert fewest <= walk.increments <= fewest + 2.0
 
 
@@ -90,10 +89,10 @@ def test_where_an_increment_starts_does_not_change_where_it_ends():
     cell = peaks(hardening=0.01)
     scene = make_scene(cell)
     target = Target(None, 0.004, np.zeros(2))
-    whole = walk_step(scene, rest_state(scene), target, increments=4, tolerance=1e-10)
+    whole = walk_step(scene, scene.rest(), target, increments=4, tolerance=1e-10)
     spent = []
     for past in (1.0, 0.0):
-        state, iterations = rest_state(scene), 0
+        state, iterations = scene.rest(), 0
         for approach in (0.001, 0.002, 0.003, 0.004):
             target = Target(None, approach, np.zeros(2))
             given = replace(state, change=past * state.change)  # without a past, no prediction

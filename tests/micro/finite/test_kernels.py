@@ -7,7 +7,7 @@ from skfem import Basis, ElementHex1
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import FiniteCell, Surface
 from multiscale.micro.elastic.hexahedron import BATCH
-from multiscale.micro.finite.large_strain import large_strain_body
+from multiscale.micro.finite.large_strain import LargeStrainLayer
 from multiscale.micro.finite.preconditioner import mixed_reference
 from multiscale.micro.layer import GraphMesh, graded_planes
 
@@ -35,7 +35,7 @@ def noise(shape, seed, size=0.004):
     return size * np.random.default_rng(seed).standard_normal(shape)
 
 
-def with_pressures(increment, u, mixed):
+def with_pressures(respond, u, mixed):
     """A displacement, with the pressures that meet its changes of volume if they are unknowns."""
     if not mixed:
         return u
@@ -43,16 +43,16 @@ def with_pressures(increment, u, mixed):
         np.concatenate([c * u, 0.0 * u[:, :, :1] + d], axis=2) for c, d in ((1, 0), (0, 1))
     )
     for _ in range(3):  # the tangent is in single precision
-        response = increment.respond(whole)
+        response = respond(whole)
         whole[:, :, 3] -= response.force[:, :, 3] / response.tangent(unit)[:, :, 3]
     return whole
 
 
 def loaded(mesh, law, mixed, u):
-    """A body with its increment after a first deformation, and that state."""
-    body = large_strain_body(mesh, law, mixed=mixed)
-    state = body.begin(body.rest(), 0.5).finish(u)
-    return body, body.begin(state, 2.0), state
+    """The response of a body after a first deformation."""
+    body = LargeStrainLayer(mesh, law, mixed)
+    respond = body.begin(body.rest(), 0.5)
+    return body.begin(respond(with_pressures(respond, u, mixed)).state(), 2.0)
 
 
 @pytest.mark.parametrize(
@@ -70,11 +70,11 @@ def test_the_tangent_is_the_derivative_of_the_forces(law, mixed, points):
     mesh = graph_mesh(points)
     shape = (points[0], LAYERS, 3, points[1])
     u = noise(shape, 1)
-    _, increment, _ = loaded(mesh, law, mixed, u)
-    u = with_pressures(increment, u + noise(shape, 3, 0.003), mixed)
+    respond = loaded(mesh, law, mixed, u)
+    u = with_pressures(respond, u + noise(shape, 3, 0.003), mixed)
     v = noise(u.shape, 2, 1.0)
-    found = increment.respond(u).tangent(v)
-    ahead, behind = (increment.respond(u + s * v).force for s in (2e-7, -2e-7))
+    found = respond(u).tangent(v)
+    ahead, behind = (respond(u + s * v).force for s in (2e-7, -2e-7))
     difference = (ahead - behind) / 4e-7
     assert np.max(np.abs(found - difference)) < 1e-6 * np.max(np.abs(difference))
 
@@ -83,9 +83,9 @@ def test_the_tangent_is_the_derivative_of_the_forces(law, mixed, points):
 @LAW
 def test_the_tangent_is_symmetric(law, mixed):
     mesh, shape = graph_mesh((6, 8)), (6, LAYERS, 3, 8)
-    _, increment, _ = loaded(mesh, law, mixed, noise(shape, 1))
-    u = with_pressures(increment, noise(shape, 3), mixed)
-    tangent = increment.respond(u).tangent
+    respond = loaded(mesh, law, mixed, noise(shape, 1))
+    u = with_pressures(respond, noise(shape, 3), mixed)
+    tangent = respond(u).tangent
     v, w = noise(u.shape, 4), noise(u.shape, 5)
     precision = 1e-7 * np.linalg.norm(w) * np.linalg.norm(tangent(v))  # single
     assert np.vdot(w, tangent(v)) == pytest.approx(np.vdot(v, tangent(w)), abs=precision)
@@ -125,7 +125,7 @@ def stresses(law, F, state, weight, mixed):
 def test_forces_are_those_of_the_pointwise_law(law, mixed):
     mesh, shape = graph_mesh((4, 38)), (4, LAYERS, 3, 38)
     first, u = noise(shape, 1), noise(shape, 2)
-    _, increment, _ = loaded(mesh, law, mixed, first)
+    respond = loaded(mesh, law, mixed, first)
 
     at_first, at_second = law, law
     if isinstance(law, Prony):
@@ -142,7 +142,7 @@ def test_forces_are_those_of_the_pointwise_law(law, mixed):
         force = np.einsum("ijeq,jeq,eq->ie", stress, grad, weight)
         vertex = basis.mesh.t[a]
         np.add.at(expected, (i[vertex], plane[vertex], slice(None), j[vertex]), force.T)
-    found = increment.respond(with_pressures(increment, u, mixed)).force
+    found = respond(with_pressures(respond, u, mixed)).force
     scale = np.max(np.abs(expected))
     assert np.max(np.abs(found[:, :, :3] - expected[:, 1:])) < 1e-12 * scale
     assert np.all(np.abs(found[:, :, 3:]) < 1e-12 * scale)
@@ -157,15 +157,15 @@ def test_a_homogeneous_deformation_needs_no_forces_inside(law, mixed, direction)
     z = mesh.planes[1:, None] + mesh.map_factor[1:, None] * mesh.surface.heights[:, None]
     u = np.zeros((nx, LAYERS, 3, ny))
     u[:, :, direction] = -0.1 * z
-    body = large_strain_body(mesh, law, mixed=mixed)
-    increment = body.begin(body.rest(), 1.0)
-    force = increment.respond(with_pressures(increment, u, mixed)).force
+    body = LargeStrainLayer(mesh, law, mixed)
+    respond = body.begin(body.rest(), 1.0)
+    force = respond(with_pressures(respond, u, mixed)).force
     assert np.max(np.abs(force[:, :-1])) < 1e-12 * np.max(np.abs(force[:, -1]))
 
 
 def test_only_plastic_and_viscous_bodies_keep_a_state():
     mesh = graph_mesh((6, 8))
-    kept = {name: large_strain_body(mesh, law, mixed=False).rest() for name, law in LAWS.items()}
+    kept = {name: LargeStrainLayer(mesh, law, False).rest() for name, law in LAWS.items()}
     assert kept["neo-Hookean"] is None
     assert kept["linear hardening"].shape == (6, LAYERS, 1, 8, 7, BATCH)
     assert kept["Prony"].shape == (6, LAYERS, 1, 8, 18, BATCH)
@@ -173,10 +173,10 @@ def test_only_plastic_and_viscous_bodies_keep_a_state():
 
 def test_elements_that_fold_are_reported():
     mesh = graph_mesh((6, 8))
-    body = large_strain_body(mesh, LAWS["linear hardening"], mixed=True)
+    body = LargeStrainLayer(mesh, LAWS["linear hardening"], True)
     u = np.zeros(body.shape)
     u[2, -1, 2, 3] = -1.0
-    response = body.begin(body.rest(), 0.0).respond(u)
+    response = body.begin(body.rest(), 0.0)(u)
     assert not response.least_dilatation > 0.0
     assert np.all(np.isfinite(response.force))
 
@@ -185,9 +185,9 @@ def test_elements_that_fold_are_reported():
 def test_the_flat_cell_with_pressures_is_inverted(nu):
     cell = FiniteCell(Surface(np.zeros((6, 8)), (1.0, 0.7)), 0.5, LAYERS, J2(E, nu, 10.0))
     mesh = GraphMesh(cell.surface, cell.planes)
-    body = large_strain_body(mesh, cell.law, mixed=True)
+    body = LargeStrainLayer(mesh, cell.law, True)
     u = noise(body.shape, 6)
-    force = body.begin(body.rest(), 0.0).respond(0.0 * u).tangent(u)
+    force = body.begin(body.rest(), 0.0)(0.0 * u).tangent(u)
     found = mixed_reference(cell, mesh).solve(force, None)
     assert np.max(np.abs(found - u)) < 1e-5 * np.max(np.abs(u))  # single precision
 
@@ -201,8 +201,8 @@ def test_pressures_do_not_lock():
         flat = Surface(np.zeros((n, 1)), (1.0, 1.0 / n))
         mesh = GraphMesh(flat, np.linspace(0.0, 0.5, layers + 1))
         law = NeoHookean(1.0, 0.4999)
-        body = large_strain_body(mesh, law, mixed=mixed)
-        tangent = body.begin(None, 0.0).respond(np.zeros(body.shape)).tangent
+        body = LargeStrainLayer(mesh, law, mixed)
+        tangent = body.begin(None, 0.0)(np.zeros(body.shape)).tangent
         matrix = np.array([tangent(e).ravel() for e in unit_vectors(body.shape)])
         load = np.zeros(body.shape)
         load[:, -1, 2, 0] = np.cos(2.0 * np.pi * np.arange(n) / n) / n * flat.spacing[1]

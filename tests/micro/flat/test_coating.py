@@ -6,7 +6,7 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.laws.bulk import Elastic, NeoHookean
 from multiscale.micro import Cell, Coating, FlatCell, Path, SecondBody, Surface, solve_cell
-from multiscale.micro.flat.flat_cell import flat_gap
+from multiscale.micro.flat.flat_cell import flat_compliance
 from multiscale.micro.layer import elements_of
 from tests.support import rough_square, wave
 
@@ -18,7 +18,7 @@ def symbol(coating=(), modulus=1.0, nu=0.3, depth=20.0, **more):
     grid = Surface(np.zeros(SHAPE), (1.0, 1.0 / 32.0))
     law = Elastic(modulus, nu)
     cell = FlatCell(grid, depth, 4, law, coating=tuple(coating), **more)
-    return flat_gap(cell)[2][1:32, 0] / SHAPE[0] / SHAPE[1] / 32.0
+    return flat_compliance(cell)[1:32, 0] / SHAPE[0] / SHAPE[1] / 32.0
 
 
 def coated_half_space(q, thickness, coating, below):

@@ -8,7 +8,7 @@ from multiscale.errors import CaseError
 from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.micro.elastic.lateral_fft import SurfaceFilter
 from multiscale.micro.flat import flat_contact
-from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_gap
+from multiscale.micro.flat.flat_cell import assemble_flat_cell, flat_compliance
 from multiscale.micro.flat.flat_contact import coarse_start
 from tests.closed_forms import westergaard
 from tests.support import rough_square, wave
@@ -123,7 +123,7 @@ def test_a_geometry_that_does_not_exist_is_refused():
 
 def test_every_other_point_answers_long_waves_as_all_points_do():
     cell = Cell(Surface(np.zeros((24, 16)), (1.0, 0.8)), 0.7, 4, 1.0, 0.3, geometry="flat")
-    every = SurfaceFilter(flat_gap(cell)[2])
+    every = SurfaceFilter(flat_compliance(cell))
     x, y = np.arange(24)[:, None] / 24, np.arange(16) / 16
     for kx, ky in ((0, 0), (5, 0), (-5, 3), (1, 2)):
         force = np.cos(2.0 * np.pi * (kx * x + ky * y) + 0.3)
@@ -169,7 +169,7 @@ def test_a_guess_from_fewer_points_saves_iterations_and_changes_no_answer(
 def test_the_guess_carries_the_load_below_the_cap_nearly_where_the_solution_does():
     cell = Cell(rough(256, 0.2), 1.0, 2, 1.0, 0.3, geometry="flat", hardness=0.06)
     problem = assemble_flat_cell(cell)
-    gap, symbol = problem.obstacle_height - problem.surface_height, flat_gap(cell)[2]
+    gap, symbol = problem.obstacle_height - problem.surface_height, flat_compliance(cell)
     options = {"load": 0.01, "cap": problem.cap}
     guess = coarse_start(SurfaceFilter(symbol), gap, np.ones_like(gap), **options)
     solved = problem.solve(load=0.01, approach=None, start=None, tolerance=1e-6)
