@@ -24,13 +24,13 @@ from multiscale.pipeline.assembly_parts import (
     n_tetrahedra,
 )
 from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
-from multiscale.pipeline.porous_body import PorousBody, Uncertainty
+from multiscale.pipeline.porous_body import PorousBody
 from multiscale.pipeline.structure_kind import Face, Pressed, StructureKind, highest_pressure
 from multiscale.pipeline.toml_model import Number, Positive, Settings
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
-from multiscale.upscaling.budget_terms import FEW_CELLS, STATED
-from multiscale.upscaling.structure_errors import STRETCH
+from multiscale.upscaling.budget import FEW_CELLS, STATED
+from multiscale.upscaling.propagation import STRETCH, Uncertainty
 
 if TYPE_CHECKING:
     from skfem import Mesh
@@ -291,7 +291,8 @@ class Bodies(StructureKind):
         listed = []
         for key, half, stretched in self.uncertain(1.0 + STRETCH):
             name = f"{key} ± {100.0 * half:.3g} %"
-            listed.append((Uncertainty(name, {STATED: half}, {STATED: STATED_HOW}), stretched))
+            error = Uncertainty(name=name, half_width={STATED: half}, how={STATED: STATED_HOW})
+            listed.append((error, stretched))
         porous = [one for one in self.bodies if isinstance(one, PorousBody)]
         for volume in dict.fromkeys(one.rve for one in porous):
             alike = {one.name: one for one in porous if one.rve == volume}
@@ -311,9 +312,9 @@ class Bodies(StructureKind):
                 interfaces = (*self.interfaces[:at], changed_one, *self.interfaces[at + 1 :])
                 told = "scatter of sections of the volume, over the area of the interface"
                 error = Uncertainty(
-                    f"sections at interface {at}",
-                    {FEW_CELLS: self.carried(at)[1]},
-                    {FEW_CELLS: told},
+                    name=f"sections at interface {at}",
+                    half_width={FEW_CELLS: self.carried(at)[1]},
+                    how={FEW_CELLS: told},
                 )
                 listed.append((error, self.model_copy(update={"interfaces": interfaces})))
         return listed

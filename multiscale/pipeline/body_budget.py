@@ -1,47 +1,43 @@
-"""The error budget of rough joints, from the error budgets of their laws."""
+"""The error budget of bodies with joints: sources of error of their laws, values, mesh and path."""
 
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
 
-from multiscale.executors import run_jobs
 from multiscale.fe.faces import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers
+from multiscale.pipeline.joint_answers import JointAnswers
 from multiscale.pipeline.joint_settings import SLABS
-from multiscale.pipeline.porous_body import Uncertainty
-from multiscale.pipeline.real_contact import contact_dependence
+from multiscale.pipeline.real_contact import contact_source
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job
-from multiscale.schema import ERROR_BUDGET, Dataset, with_cautions
+from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling import (
-    Dependence,
-    add_budgets,
-    changed_laws,
+    Bound,
+    Knob,
+    Source,
+    Uncertainty,
     compare_scales,
     effective_cells,
+    law_sources,
     pressure_length_of_points,
+    propagate,
     shear_errors,
-    structure_budget,
     with_scales,
 )
 from multiscale.upscaling.budget import (
-    ALWAYS,
-    ERROR_TERMS,
-    NO_PART,
-    NO_STATED,
-    assemble_budget,
+    FEW_CELLS,
+    MACRO,
+    Term,
     has_budget,
     how_attribute,
+    known_terms,
 )
-from multiscale.upscaling.budget_terms import FEW_CELLS, STATED, Term
-from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.shear_budget import loss_term
-from multiscale.upscaling.structure_errors import STRETCH
 
 __all__ = [
     "Change",
@@ -50,7 +46,6 @@ __all__ = [
     "change_friction",
     "changed_sliders",
     "few_steps",
-    "not_solved",
     "with_joint_budget",
 ]
 
@@ -91,18 +86,41 @@ class JointsOfLaw:
     joints: tuple[int, ...]
     measured: Collection[str]
 
-    def changes(self, pressure: np.ndarray | None) -> dict[str, Change]:
-        """Return what a structure is solved again with, by what changes.
+    @property
+    def name(self) -> str:
+        """Name of the joints."""
+        return f"interface {', '.join(map(str, self.joints))}"
 
-        ``pressure`` of the joints, Pa, is None where they carry nothing, and nothing slips.
+    def sources(
+        self,
+        pressure: np.ndarray | None,
+        cells: np.ndarray | float = 1.0,
+        without: Mapping[str, np.ndarray] = {},
+    ) -> list[Source]:
+        """Return the errors of the normal law and of the friction.
+
+        ``pressure`` of the joints, Pa, is None where they carry nothing, and nothing slips;
+        ``cells`` is as of :func:`law_sources`; by the terms of ``without`` the friction has no part
+        in answers for which they are True.
         """
-        normal = changed_laws(self.law, pressure)
-        sliders = [] if pressure is None else [*shear_errors(self.law, pressure)]
-        return {key: Change(self.joints, one) for key, one in normal.items()} | {
-            key: Change(self.joints, factors={key: 1.0 + STRETCH})
-            for key in sliders
-            if key in self.measured
-        }
+
+        def change(normal: NormalLaw) -> Change:
+            return Change(self.joints, normal)
+
+        found = law_sources(self.law, pressure, of=self.name, change=change, cells=cells)
+        friction = {} if pressure is None else shear_errors(self.law, pressure)
+        for parameter, half_width in friction.items():
+            if parameter in self.measured:
+                half_width |= {
+                    term: np.where(rows, 0.0, half_width[term])
+                    for term, rows in without.items()
+                    if term in half_width
+                }
+                one = Uncertainty(name=parameter.replace("_", " "), of=self.name, half_width={})
+                larger = Change(self.joints, factors={parameter: 1.0 + one.step})
+                widths = _shared(half_width, cells)
+                found.append(replace(one, changes=[larger], half_width=widths))
+        return found
 
 
 JointSolve = Callable[[Change], "Dataset"]
@@ -125,6 +143,10 @@ NO_BUDGET = (
     f"{UNKNOWN_LAW}, or state law_error of a table, or half-widths of values, as in "
     'friction = "0.2 +- 10 %"'
 )
+NO_MESH = (
+    "not known: nothing was solved with elements of twice the size; give smaller ones, or an even "
+    "number of them, in [structure], or a coarser mesh of every body"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +156,13 @@ class ErrorSources:
     Attributes
     ----------
     laws : list of JointsOfLaw, whose errors are independent
-    stated : list of Uncertainty and structure
-        What is unknown of stated values and representative volumes, each with the structure in
-        which the parameter is larger by :data:`STRETCH`; independent of each other and of the laws.
+    stated : list of Uncertainty
+        Of stated values and representative volumes; independent of each other and of the laws.
     unknown : list of str, the laws of which nothing is known, a sentence each
     """
 
     laws: list[JointsOfLaw]
-    stated: list[tuple[Uncertainty, Bodies]]
+    stated: list[Uncertainty]
     unknown: list[str]
 
     @classmethod
@@ -158,7 +179,11 @@ class ErrorSources:
                 joints = tuple(k for k, other in enumerate(laws) if other is law)
                 measured = {"friction", "stiffness_ratio"} - source.given.keys()
                 found.append(JointsOfLaw(law, joints, measured))
-        return cls(found, bodies.uncertainties(), unknown)
+        stated = [
+            replace(one, of=one.name, name="", changes=[Change(structure=changed)])
+            for one, changed in bodies.uncertainties()
+        ]
+        return cls(found, stated, unknown)
 
     def __bool__(self) -> bool:
         """Whether any error is known."""
@@ -201,10 +226,14 @@ def with_joint_budget(
     coarser: Mapping[float, Bodies],
     job: Job,
 ) -> Dataset:
-    """Return the result of rough joints with error budget and intervals of their answers."""
+    """Return the result of rough joints with error budget and intervals of their answers.
+
+    Answers in cycles are compared with those of paths of few steps; twice the slabs at least halve
+    the error of the beds.
+    """
     result = with_cautions(result, *sources.unknown)
-    laws, uncertain, known = sources.laws, sources.stated, result["known"].to_numpy() == 1
-    rests, cycles = asked.rests[known[asked.rests]], asked.cycles
+    known, cycles = result["known"].to_numpy() == 1, asked.cycles
+    rests = asked.rests[known[asked.rests]]
     if not rests.size:
         return result
     in_cycles = {} if cycles is None else cycles.read
@@ -221,208 +250,116 @@ def with_joint_budget(
         rows[rows == 0.0] = np.nan  # no error is relative to zero
         return rows
 
-    of_laws = [_OfLaw.measure(one, result, steps, rests.size, asked) for one in laws]
-    jobs: dict[Hashable, Change] = {}
+    listed: list[Source] = []
+    for one in sources.laws:
+        of_law, cautions = _measured(one, result, steps, rests.size, asked, np.array(names))
+        listed += of_law
+        result = with_cautions(result, *cautions)
+    listed += sources.stated
+    if coarser:
+        changes = [Change(structure=structure) for structure in coarser.values()]
+        listed.append(Knob(name="mesh", ratios=[*coarser], changes=changes))
+    else:
+        listed.append(Bound(name="mesh", bounds={MACRO: Term(NO_MESH)}))
+    value = answers(result)
     if cycles is not None:
-        every = tuple(joint for one in laws for joint in one.joints)
-        jobs["fine"] = Change()
+        moving = 1.0 * (np.arange(steps.size) >= rests.size)
+        every = tuple(joint for one in sources.laws for joint in one.joints)
         if every:
-            jobs["bed"] = Change(every, slabs=SLABS // 2)
-    jobs |= {ratio: Change(structure=structure) for ratio, structure in coarser.items()}
-    for number, one in enumerate(of_laws):
-        jobs |= {(number, key): change for key, change in one.of.changes(one.pressure).items()}
-    jobs |= {("other", k): Change(structure=changed) for k, (_, changed) in enumerate(uncertain)}
-    solved: dict[Hashable, np.ndarray] = {}
-    job.progress(0, len(jobs), "solves for the intervals")
-
-    def finish(key: Hashable, found: Dataset) -> None:
-        solved[key] = answers(found)
-        job.progress(len(solved), len(jobs), "solves for the intervals")
-
-    run_jobs(solve, ((key, (change,)) for key, change in jobs.items()), job.executor, finish)
-    value, mesh = answers(result), {ratio: solved[ratio] for ratio in coarser}
-    left, beds = np.zeros((2, len(names), steps.size))
-    if cycles is not None:
-        fine, value = value, solved["fine"]
-        left = (
-            np.abs(value / fine - 1.0) / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
-        )
-        moving = np.arange(steps.size) >= rests.size
-        left = np.where(moving, left, 0.0) * np.ones(value.shape)
-        # twice the slabs at least halve the error of the beds
-        beds = np.where(moving, np.abs(solved.get("bed", fine) / fine - 1.0), 0.0)
-    once = [Dependence(np.ones(left.shape), {"macro discretisation": left})]
-    budgets = []
-    for number, one in enumerate(of_laws):
-        changed = {key: solved[number, key] for key in one.of.changes(one.pressure)}
-        result = with_cautions(result, *one.cautions)
-        # the errors of the mesh and of the beds count once
-        own = ([], 0.0 * beds) if number else (once, beds)
-        budgets.append(one.budget(names, value, changed, mesh, *own))
-    where = [f"interface {', '.join(map(str, one.joints))}" for one in laws]
-    changes = []
-    for k, (error, _) in enumerate(uncertain):
-        changes.append((solved["other", k] / value - 1.0) / STRETCH)
-        coarse = {} if budgets else mesh
-        budgets.append(_parameter_budget(names, value, changes[-1], error, coarse, left))
-        where.append(error.name)
-    if not budgets:  # nothing but the mesh is known to err
-        unchanged = Uncertainty("the mesh", {}, {})
-        budgets.append(_parameter_budget(names, value, 0.0 * value, unchanged, mesh, left))
-    budget = add_budgets(budgets, where)
-    if changes:
-        half = [np.hypot.reduce([*error.half_width.values()]) for error, _ in uncertain]
-        passed = np.array([each * change for each, change in zip(half, changes, strict=True)])
-        budget = ERROR_BUDGET.assign(budget, {"sensitivity": passed})
-        budget = budget.assign_coords(parameter=[error.name for error, _ in uncertain])
-    if not coarser:
-        why = (
-            "not known: nothing was solved with elements of twice the size; give smaller ones, or "
-            "an even number of them, in [structure], or a coarser mesh of every body"
-        )
-        budget = budget.assign_attrs({how_attribute("macro discretisation"): why})
+            fewer = Change(every, slabs=SLABS // 2)
+            told = f"beds of {SLABS} and {SLABS // 2} slabs"
+            listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=told))
+        if coarser:
+            left = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
+            share = np.where(moving == 0.0, 0.0, left)
+            listed.append(Knob(name="load steps", answers=[value], share=share))
+    budget = propagate(
+        names,
+        listed,
+        solve,
+        value if cycles is None else None,
+        base=Change(),
+        read=answers,
+        executor=job.executor,
+        progress=lambda done, total: job.progress(done, total, "solves for the intervals"),
+    )
     return asked.place(result, budget)
 
 
-def _parameter_budget(
-    names: tuple[str, ...],
-    value: np.ndarray,
-    change: np.ndarray,
-    error: Uncertainty,
-    coarser: Mapping[float, np.ndarray],
-    left: np.ndarray,
-) -> Dataset:
-    """Carry errors of a parameter to answers, by their change over the change of the parameter.
+def _measured(
+    of: JointsOfLaw,
+    result: Dataset,
+    steps: np.ndarray,
+    n_rests: int,
+    asked: JointAnswers,
+    names: np.ndarray,
+) -> tuple[list[Source], list[str]]:
+    """Return the sources of error of a law at the pressures of its joints, and cautions.
 
-    ``left`` is the error of the steps of a path, which counts beside the error of the mesh.
+    The joints are measured at some steps, of which the first ones are at rest. The loss of a cycle
+    averages over the cells in which it is lost, other answers over those that carry the load.
     """
-    nothing = Term("nothing: no law of cells has a part in it", np.zeros(value.shape))
-    absent = {STATED: NO_STATED, "macro discretisation": Term("not known")}
-    terms = {name: nothing if name in ALWAYS else NO_PART for name in ERROR_TERMS} | absent
-    terms |= {
-        name: Term(error.how[name], np.abs(change) * half)
-        for name, half in error.half_width.items()
-    }
-    if coarser:
-        estimate = estimate_grid_error(value, coarser)
-        half_width = np.hypot(estimate.half_width / np.abs(value), left)
-        terms["macro discretisation"] = Term(estimate.how, half_width)
-    return assemble_budget(terms, names, None, steps=value.shape[1])
-
-
-@dataclass(frozen=True, eq=False)
-class _OfLaw:
-    """What a structure tells of one of its laws.
-
-    Attributes
-    ----------
-    of : JointsOfLaw, whose law has the scales of the joints
-    asked : JointAnswers
-    pressure : ndarray, shape (columns,), mean pressure of the closed points of the joints, Pa
-    cells : ndarray, shape (2, columns)
-        As ``cells`` of :func:`~multiscale.upscaling.structure_budget`: of loss, and of the others.
-    load, loss : ndarray, shape (columns,)
-        Shares of the joints in the load of all, and in the loss of cycles.
-    cautions : tuple of str
-    """
-
-    of: JointsOfLaw
-    asked: JointAnswers
-    pressure: np.ndarray
-    cells: np.ndarray
-    load: np.ndarray
-    loss: np.ndarray
-    cautions: tuple[str, ...]
-
-    @classmethod
-    def measure(
-        cls, of: JointsOfLaw, result: Dataset, steps: np.ndarray, n_rests: int, asked: JointAnswers
-    ) -> "_OfLaw":
-        """Measure the joints at some steps, of which the first ones are at rest."""
-        law, cycles, said = of.law, asked.cycles, list[str]()
-        mine = np.isin(result["point_joint"].to_numpy(), of.joints)
-        area = result["point_area"].to_numpy()
-        whole = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
-        pressure, own = whole[:, mine], area[mine]
-        closed = np.sum((pressure > 0.0) * own, axis=1)
-        mean = np.sum(pressure * own, axis=1) / np.where(closed > 0.0, closed, np.nan)
-        loss = np.zeros(steps.size)
+    law, cycles, said = of.law, asked.cycles, list[str]()
+    mine = np.isin(result["point_joint"].to_numpy(), of.joints)
+    area = result["point_area"].to_numpy()
+    whole = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
+    pressure, own = whole[:, mine], area[mine]
+    closed = np.sum((pressure > 0.0) * own, axis=1)
+    mean = np.sum(pressure * own, axis=1) / np.where(closed > 0.0, closed, np.nan)
+    cells = np.ones((2, steps.size))
+    if {"longest_wave", "cell_size"} <= set(law.attrs) and "cell_scatter" in law:
+        wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
+        place = result["point_position"].to_numpy()[mine]
+        number = result["point_joint"].to_numpy()[mine]
+        length, extent = _lengths(place, number, own, pressure[n_rests - 1])
+        scales = compare_scales(wave, cell, length, extent=extent)
+        law, said = with_scales(law, scales), list(scales.cautions)
+        cells[:] = effective_cells(pressure, own, cell)
         if cycles is not None:
-            lost = cycles.density @ area
-            loss[n_rests:] = cycles.density[:, mine] @ own / np.where(lost > 0.0, lost, 1.0)
-        cells = np.ones((2, steps.size))
-        if {"longest_wave", "cell_size"} <= set(law.attrs) and "cell_scatter" in law:
-            wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
-            place = result["point_position"].to_numpy()[mine]
-            number = result["point_joint"].to_numpy()[mine]
-            length, extent = _lengths(place, number, own, pressure[n_rests - 1])
-            scales = compare_scales(wave, cell, length, extent=extent)
-            law, said = with_scales(law, scales), list(scales.cautions)
-            cells[:] = effective_cells(pressure, own, cell)
-            if cycles is not None:
-                cells[0, n_rests:] = effective_cells(cycles.density[:, mine], own, cell)
-            told = f"scatter of single cells, of which {cells.min():.3g} or more share the answers"
-            law = law.assign_attrs({how_attribute(FEW_CELLS): told})
-            cells *= scales.cell_ratio**2
-        if cycles is not None and "shear_loss_ratio" not in law:
+            cells[0, n_rests:] = effective_cells(cycles.density[:, mine], own, cell)
+        told = f"scatter of single cells, of which {cells.min():.3g} or more share the answers"
+        law = law.assign_attrs({how_attribute(FEW_CELLS): told})
+        cells *= scales.cell_ratio**2
+    lost = names[:, None] == ("" if cycles is None else cycles.loss)
+    shared = np.where(lost, cells[0], cells[1])
+    bounds: dict[str, Term] = {}
+    further: list[Source] = []
+    if cycles is not None:
+        if "shear_loss_ratio" not in law:
             said.append(UNKNOWN_LOSS)
-        load = pressure @ own / (whole @ area)
-        of = replace(of, law=law)
-        return cls(of, asked, mean, cells, load, loss, tuple(said))
-
-    def budget(
-        self,
-        names: tuple[str, ...],
-        value: np.ndarray,
-        changed: Mapping[str, np.ndarray],
-        coarser: Mapping[float, np.ndarray],
-        others: Sequence[Dependence],
-        beds: np.ndarray,
-    ) -> Dataset:
-        """Carry the budget of the law to answers, from those with its changes, mesh and beds."""
-        law, mean, cycles = self.of.law, self.pressure, self.asked.cycles
-        rows, own = np.array(names), {}
-        lost = rows[:, None] == ("" if cycles is None else cycles.loss)
-        passed = list(others)
-        if cycles is not None:
-            passed.append(_uneven_slip(law, cycles, mean, rows, self.load))
-            cells = _part_of(loss_term(law), lost * self.loss)
-            told = f"{cells.how}; beds of {SLABS} and {SLABS // 2} slabs"
-            half_width = np.hypot(np.asarray(cells.half_width), beds)
-            own[BED] = replace(cells, how=told, half_width=half_width)
-            if "shear_loss_grid_error" in law:
-                told = "the loss ratio on two grids"
-                grid = Term(told, law["shear_loss_grid_error"].to_numpy())
-                own["micro discretisation"] = _part_of(grid, lost * self.loss)
-        real = [bool(set(self.asked.real.get(name, ())) & set(self.of.joints)) for name in names]
-        if any(real):
-            passed.append(contact_dependence(law, mean, np.array(real)))
-        for name, half_width in shear_errors(law, mean).items():
-            if name in changed:
-                # cycles of the cells tell all that the loss has of the bed
-                half_width |= {
-                    k: np.where(lost, 0.0, half_width[k]) for k in own if k in half_width
-                }
-                change = np.abs(changed[name] / value - 1.0) / STRETCH
-                passed.append(Dependence(change, half_width))
-        return structure_budget(
-            names,
-            law,
-            not_solved,
-            answer=value,
-            pressure=mean,
-            coarser=coarser,
-            samples=0,
-            others=passed,
-            own=own,
-            cells=np.where(lost, *self.cells),
-            changed=changed,
-        )
+        share = np.zeros(steps.size)
+        all_lost = cycles.density @ area
+        share[n_rests:] = cycles.density[:, mine] @ own / np.where(all_lost > 0.0, all_lost, 1.0)
+        bounds[BED] = _part_of(loss_term(law), lost * share)
+        if "shear_loss_grid_error" in law:
+            grid = Term("the loss ratio on two grids", law["shear_loss_grid_error"].to_numpy())
+            bounds["micro discretisation"] = _part_of(grid, lost * share)
+        further.append(Bound(name="cycles of the cells", of=of.name, bounds=bounds))
+        if FEW_CELLS in known_terms(law):
+            # where one cell is stiffer than others, it carries more of the shear and slips more:
+            # its shear rises at most in proportion to its stiffness
+            few = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
+            data = np.log(law["fit_pressure"].to_numpy())
+            width = {FEW_CELLS: np.interp(np.log(mean), data, few.to_numpy()) / np.sqrt(shared)}
+            rate = np.zeros((names.size, steps.size))
+            rate[names == cycles.slip, -cycles.slope.size :] = cycles.slope
+            rate *= pressure @ own / (whole @ area)
+            further.append(Uncertainty(name="uneven slip", of=of.name, half_width=width, rate=rate))
+    real = np.array([bool(set(asked.real.get(name, ())) & set(of.joints)) for name in names])
+    if any(real):
+        contact = contact_source(law, mean, real, of.name)
+        further.append(replace(contact, half_width=_shared(contact.half_width, shared)))
+    # cycles of the cells tell all that the loss has of the bed
+    found = replace(of, law=law).sources(mean, shared, dict.fromkeys(bounds, lost))
+    return [*found, *further], said
 
 
-def not_solved(law: NormalLaw) -> np.ndarray:
-    """Refuse to solve with a law whose answers are given."""
-    raise AssertionError(f"{law} should be among the changed laws")
+def _shared(
+    half_width: Mapping[str, np.ndarray | float], cells: np.ndarray | float
+) -> dict[str, np.ndarray | float]:
+    """Return half-widths of answers that average over a number of cells."""
+    few = {FEW_CELLS: half_width[FEW_CELLS] / np.sqrt(cells)} if FEW_CELLS in half_width else {}
+    return {**half_width, **few}
 
 
 def _part_of(term: Term, rows: np.ndarray) -> Term:
@@ -432,25 +369,6 @@ def _part_of(term: Term, rows: np.ndarray) -> Term:
         for one in (term.half_width, term.bias)
     )
     return replace(term, half_width=half, bias=bias)
-
-
-def _uneven_slip(
-    law: Dataset, cycles: CycleAnswers, pressure: np.ndarray, rows: np.ndarray, load: np.ndarray
-) -> Dependence:
-    """Return how the slip depends on the scatter of stiffness between cells of one joint.
-
-    Where one cell is stiffer than others, it carries more of the shear and slips more; a law that
-    is stiffer everywhere has no such effect. The shear of a point rises at most in proportion to
-    its stiffness, and its slip by the logarithmic slope of slip over shear times this change. The
-    law has a share in the load of all joints.
-    """
-    one = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
-    data = np.log(law["fit_pressure"].to_numpy())
-    few = np.interp(np.log(pressure), data, one.to_numpy())
-    change = np.zeros((rows.size, pressure.size))
-    change[rows == cycles.slip, -cycles.slope.size :] = cycles.slope
-    change *= load
-    return Dependence(change, {FEW_CELLS: few})
 
 
 def _lengths(

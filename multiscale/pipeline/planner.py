@@ -42,9 +42,9 @@ from multiscale.upscaling import (
     with_budget,
     without_bias,
 )
-from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, how_attribute
-from multiscale.upscaling.budget_terms import Term, grid_term
+from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term, how_attribute
 from multiscale.upscaling.cell_size import size_term
+from multiscale.upscaling.law_budget import grid_term
 
 __all__ = ["Plan", "pilot_cases", "plan", "resize"]
 

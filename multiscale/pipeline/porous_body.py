@@ -1,6 +1,5 @@
 """Bodies whose stiffness comes from a representative volume, and what is unknown of it."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,31 +10,16 @@ from multiscale.laws.bulk import AnisotropicElastic
 from multiscale.pipeline.assembly_parts import MeshedBody
 from multiscale.schema import Dataset
 from multiscale.units import readable
-from multiscale.upscaling.budget_terms import FEW_CELLS
+from multiscale.upscaling import Uncertainty
+from multiscale.upscaling.budget import FEW_CELLS
 
 if TYPE_CHECKING:
     from skfem import Mesh
 
-__all__ = ["PorousBody", "SurfaceDamage", "Uncertainty"]
+__all__ = ["PorousBody", "SurfaceDamage"]
 
 FEWEST_ACROSS = 3.0
 """Representative volumes across a body below which it is no continuum of many."""
-
-
-@dataclass(frozen=True)
-class Uncertainty:
-    """Half-widths of 95 % intervals, over a parameter, by terms of the error budget.
-
-    Attributes
-    ----------
-    name : str, the parameter
-    half_width : mapping of str to float
-    how : mapping of str to str, how each was estimated
-    """
-
-    name: str
-    half_width: Mapping[str, float]
-    how: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -98,14 +82,14 @@ class PorousBody(MeshedBody):
         scatter = float(rve["scatter"].max())
         count = float(_volume(mesh) / np.prod(self.box))
         return Uncertainty(
-            f"volume of {self.name}",
-            {
+            name=f"volume of {self.name}",
+            half_width={
                 "sampling": sampling,
                 "micro discretisation": elements,
                 "scale separation": sides,
                 FEW_CELLS: 2.0 * scatter / np.sqrt(count),
             },
-            {
+            how={
                 "sampling": "scatter of the representative volumes",
                 "micro discretisation": "the stiffness of volumes on elements twice as large",
                 "scale separation": "bounds by traction and displacement sides",

@@ -9,13 +9,13 @@ from multiscale.pipeline.rough_bodies import TABOR
 from multiscale.pipeline.settings import Case
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.units import readable
-from multiscale.upscaling import Dependence, area_from_dataset, cell_share
-from multiscale.upscaling.budget import ERROR_TERMS, has_budget
+from multiscale.upscaling import Uncertainty, area_from_dataset, cell_share
+from multiscale.upscaling.budget import has_budget, known_terms
 from multiscale.upscaling.reading import TABLE
 
 __all__ = [
     "behaviour",
-    "contact_dependence",
+    "contact_source",
     "negative_gap",
     "real_pressure",
     "unknown_cells",
@@ -37,14 +37,20 @@ def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndar
     return np.asarray(pressure / touching)
 
 
-def contact_dependence(law: Dataset, pressure: np.ndarray, answers: np.ndarray) -> Dependence:
-    """Let answers that are real pressures be as wrong as the contact fraction of the law."""
+def contact_source(
+    law: Dataset, pressure: np.ndarray, answers: np.ndarray, of: str = ""
+) -> Uncertainty:
+    """Return the contact fraction of a law as a source of error.
+
+    ``answers``, shape (answers,), is True for those that are real pressures.
+    """
     data, half_width = np.log(law["fit_pressure"].to_numpy()), {}
-    for term in ERROR_TERMS[:-1]:  # the last one is not of a law
+    for term in known_terms(law):
         one = law.sel(quantity="contact_fraction", error_term=term)
         wrong = np.hypot(one["error_half_width"].to_numpy(), one["error_bias"].to_numpy())
         half_width[term] = np.interp(np.log(pressure), data, wrong)
-    return Dependence(answers[:, None] * np.ones(pressure.size), half_width)
+    rate = answers[:, None] * np.ones(pressure.size)
+    return Uncertainty(name="contact fraction", of=of, half_width=half_width, rate=rate)
 
 
 def with_real_pressure(case: Case, response: Dataset) -> Dataset:

@@ -1,46 +1,51 @@
-"""How wrong a law is: every term estimated and none assumed."""
+"""The error budget of answers: terms, totals, intervals, and the dataset that holds them."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, Dataset
-from multiscale.upscaling.budget_terms import (
-    FEW_CELLS,
-    NORMAL,
-    STATED,
-    Term,
-    fit_term,
-    grid_term,
-    increment_term,
-    sampling_term,
-    scatter_term,
-    separation_term,
-    slope_term,
-)
-from multiscale.upscaling.cell_size import size_term, surface_term
-from multiscale.upscaling.response_observations import normal_observations, up_to_limit
-from multiscale.upscaling.scales import ScaleSeparation
-from multiscale.upscaling.shear_budget import NORMAL_ALONE, tangential_terms
+from multiscale.schema import ERROR_BUDGET, MACRO_RESULT, Dataset, Schema
 
 __all__ = [
+    "ALWAYS",
     "ERROR_TERMS",
+    "FEW_CELLS",
+    "MACRO",
+    "NORMAL",
     "NO_PART",
     "NO_STATED",
+    "STATED",
+    "Term",
     "add_terms",
     "assemble_budget",
-    "error_budget",
     "has_budget",
     "how_attribute",
+    "interval_errors",
     "is_absent",
     "known_error",
+    "known_terms",
+    "limits",
     "mean_law_error",
+    "over_steps",
     "total_error",
     "unknown_terms",
     "with_budget",
+    "with_intervals",
 ]
+
+FEW_CELLS = "few cells"
+"""Term of one part, whose interface holds few cells; the mean law does not have it."""
+
+STATED = "stated values"
+"""Term of values that a case states with a half-width of their own."""
+
+NORMAL = 1.959963984540054  # standard deviations to 95 %
+
+MACRO = "macro discretisation"
+"""Term of the mesh and of the steps of a structure."""
 
 ERROR_TERMS = (
     "sampling",
@@ -62,200 +67,62 @@ ALWAYS = ("sampling", "fit", "increments", "surface")
 """Terms that every total holds; the others enter if something was given to estimate them."""
 
 ONE_SIDED = 6.0  # standard deviations from which a bias leaves one tail alone
+
 TAIL = 1.6448536269514722  # standard deviations to 95 % of one side
 
-NO_PART = Term("not in a law without the scales of a structure")
-NO_STATED = Term("not in a law: values of the structure that are given with +-")
-
-QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
+LABELS = ("quantity", "error_term", "parameter")
+"""Labels of the dimensions of a budget."""
 
 
-def error_budget(
-    response: Dataset,
-    law: Dataset,
-    *,
-    resolutions: Mapping[float, Dataset] | None = None,
-    sizes: Mapping[float, Dataset] | None = None,
-    scales: ScaleSeparation | None = None,
-    apart: bool = False,
-    tangential: Mapping[float, Dataset] | None = None,
-    control: Dataset | None = None,
-    known: Mapping[str, Term] = {},
-) -> Dataset:
-    r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One part of the error of an answer.
 
-    Parameters
+    Attributes
     ----------
-    response : Dataset, follows ``MICRO_RESPONSE``
-    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`
-    resolutions : mapping of float to Dataset, optional
-        From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
-        the same realisations on a coarser grid.
-    sizes : mapping of float to Dataset, optional
-        From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
-        response of cells with the same spectrum.
-    scales : ScaleSeparation, optional, from :func:`compare_scales`
-    apart : bool, default False
-        Whether resolutions and sizes, two at least of each, are ensembles of their own that are
-        compared among themselves: the same small cells on several grids, and many cells of
-        several sizes on a coarse grid. Their scatter then counts for the response too.
-    tangential : mapping of float to Dataset, optional
-        If given, the tangential traction of the law, over full slip, has a budget too; see
-        :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
-        same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
-        the law under 1; may be empty.
-    control : Dataset, optional, as of :func:`fit_law`
-    known : mapping of str to Term, optional
-        Terms that are known otherwise, such as those whose bias is taken out of the response.
-
-    Returns
-    -------
-    Dataset
-        Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
-        quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
-        answer minus truth, is zero where no sign is known, and never taken out. The total holds
-        :data:`ALWAYS` and every term that something was given for; the attribute ``unknown`` lists
-        those that are not known, and ``how_...`` says of each term how it was estimated, or what
-        would tell it. A term that cannot be computed from what was given, such as the sampling of
-        one realisation, makes the total unknown, NaN, at its quantity and step, and never smaller.
-
-    Raises
-    ------
-    CaseError
-        If the law does not belong to the response, or a response has other steps.
-
-    Notes
-    -----
-    How a term is estimated stands with its function: :func:`~.budget_terms.sampling_term`,
-    :func:`~.budget_terms.fit_term`, :func:`~.cell_size.size_term`,
-    :func:`~.budget_terms.grid_term` (micro discretisation),
-    :func:`~.budget_terms.increment_term`, :func:`~.budget_terms.slope_term`,
-    :func:`~.cell_size.surface_term`, :func:`~.budget_terms.separation_term` and, for few cells,
-    :func:`~.budget_terms.scatter_term`; see :func:`mean_law_error`.
-
-    Terms are independent of each other. With the sum :math:`b` of the biases and the standard
-    deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
-    total :math:`w` is such that :math:`|b + s\, \mathcal{N}(0, 1)| \le w` with a probability of
-    95 %; without a bias it is that root itself.
+    how : str, how it was estimated, or what would tell it
+    half_width : ndarray, shape (quantities, steps), or None
+        Half-width of the 95 % interval, relative to the value; NaN where it is not known, None if
+        nothing was given to estimate it from.
+    bias : ndarray, shape (quantities, steps), or 0, part whose sign is known, relative to the value
     """
-    INTERFACE_LAW.check(law)
-    response = up_to_limit(response, law)
-    control = None if control is None else up_to_limit(control, law)
-    resolutions, sizes = (
-        {ratio: up_to_limit(one, law) for ratio, one in (others or {}).items()}
-        for others in (resolutions, sizes)
-    )
-    known = {name: term.at(slice(law.sizes["step"])) for name, term in known.items()}
-    gap = normal_observations(response, control)
-    p = gap.pressure
-    if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):
-        raise CaseError(
-            f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
-            f"response; fit it to this response"
+
+    how: str
+    half_width: np.ndarray | None = None
+    bias: np.ndarray | float = 0.0
+
+    def at(self, steps: slice) -> "Term":
+        """Return the term at some of its steps."""
+        half, bias = self.half_width, np.asarray(self.bias)
+        return replace(
+            self,
+            half_width=None if half is None else half[..., steps],
+            bias=bias[..., steps] if bias.ndim else self.bias,
         )
-    pooled = sizes if apart else None
-    sampling = sampling_term(response, law, pooled, control)
-    how = f"Student's interval of {gap.n_realisations} realisations"
-    if gap.control is not None:
-        how += f" with {gap.control}"
-    elif control is not None:
-        how += " alone, since they and the control cells follow each other by chance alone"
-    elif pooled:
-        how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
-    if not np.any(np.isfinite(sampling.half_width)):
-        how = "not known: one realisation tells nothing of the scatter, solve 3"
-    terms = {
-        "sampling": Term(how, sampling.half_width),
-        "fit": Term("error at pressures that the fit has not seen", fit_term(law, p)),
-        "cell size": Term("not known: pass sizes, responses of cells of another size"),
-        "micro discretisation": Term(
-            "not known: pass resolutions, the same realisations on coarser grids"
-        ),
-        "increments": increment_term(response),
-        "small slopes": slope_term(response),
-        "surface": surface_term(response, law, p),
-        "friction bed": NORMAL_ALONE,
-        "scale separation": Term("not known: pass scales from compare_scales"),
-        FEW_CELLS: NO_PART,
-        STATED: NO_STATED,
-        "macro discretisation": Term("not in a law: see structure_budget"),
-    }
-    if sizes and "cell size" not in known:
-        terms["cell size"] = size_term(response, sizes, apart=apart)
-    if resolutions:
-        terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
-    terms |= known
-    if scales is not None:
-        terms["scale separation"] = Term(str(scales), separation_term(law, p, scales))
-        few = scatter_term(sampling.scatter, scales)
-        terms[FEW_CELLS] = Term(scales.count_cells(), few)
-    if tangential is None:
-        budget = assemble_budget(terms, QUANTITIES, p)
-    else:
-        rows = (*QUANTITIES, "tangential_traction")
-        budget = assemble_budget(tangential_terms(terms, law, p, tangential), rows, p)
-    scatter = np.full((budget.sizes["quantity"], p.size), np.nan)
-    scatter[:3] = sampling.scatter
-    return ERROR_BUDGET.assign(budget, {"cell_scatter": scatter})
+
+    def smooth(self, pressure: np.ndarray) -> "Term":
+        """Return the term with a parabola over the logarithm of the pressure (Pa) as bias.
+
+        The half-width holds the distance from it. A bias of few cells, which differs by chance
+        from step to step, would make a law uneven that is corrected by it.
+        """
+        x, bias = np.log(pressure), np.asarray(self.bias)
+        known = np.isfinite(bias).all(axis=0)
+        degree = max(0, min(2, int(known.sum()) - 2))
+        powers = np.vander(x - x.mean(), degree + 1)
+        even = (powers @ np.linalg.lstsq(powers[known], bias[:, known].T, rcond=None)[0]).T
+        half = np.hypot(np.asarray(self.half_width), bias - even)
+        return replace(self, bias=even, half_width=half)
+
+    def taken_out(self, source: str) -> "Term":
+        """Return what is left where the bias is taken out of an answer."""
+        return replace(self, how=f"taken out: {self.how} ({source})", bias=0.0)
 
 
-def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
-    r"""Bound that an error with a bias keeps with a probability of 95 %."""
-    from scipy.special import chndtrix
-
-    b, s = np.abs(bias), np.asarray(half_width) / NORMAL
-    ratio = np.where(s > 0.0, b / np.where(s > 0.0, s, 1.0), np.inf)
-    near = s * np.sqrt(chndtrix(0.95, 1.0, np.minimum(ratio, ONE_SIDED) ** 2))
-    return np.asarray(np.where(ratio < ONE_SIDED, near, b + TAIL * s))
+NO_PART = Term("not in a law without the scales of a structure")
 
 
-def mean_law_error(budget: Dataset) -> np.ndarray:
-    """Known total of a budget without what one part has by its few cells: error of the mean part.
-
-    It is as of :func:`known_error`, shape (quantities, steps).
-    """
-    return known_error(budget, FEW_CELLS)
-
-
-def known_error(budget: Dataset, *without: str) -> np.ndarray:
-    """Total of the terms that are known, but for those that are left out.
-
-    It is a lower bound of the error where :func:`unknown_terms` names any, relative to the value,
-    shape (quantities, steps); NaN where no term is known, or those that are have no part in it.
-    """
-    counted = budget["error_half_width"].notnull() & ~budget["error_term"].isin(without)
-    half, bias = (budget[name].where(counted) for name in ("error_half_width", "error_bias"))
-    spread = (half**2).sum("error_term") ** 0.5
-    error = total_error(bias.sum("error_term").values, spread.values)
-    lacking = budget["error_total"].isnull().values & (error == 0.0)
-    return np.where(counted.any("error_term").values & ~lacking, error, np.nan)
-
-
-def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
-    """Terms that totals of a budget, or of some of its quantities, hold not or not at every step.
-
-    Steps at which none of :data:`ALWAYS` was estimated do not count, and terms of a law do not for
-    an answer on which the known terms of the law have no influence.
-    """
-    names, terms = (list(map(str, budget[name].values)) for name in ("quantity", "error_term"))
-    half = np.reshape(budget["error_half_width"].values, (len(names), len(terms), -1))
-    asked = [names.index(name) for name in quantities] if quantities else range(len(names))
-    of_law = ~np.isin(terms, [STATED, ERROR_TERMS[-1]])
-    said = [str(budget.attrs.get(how_attribute(term), "")) for term in terms]
-    told = np.array([not is_absent(how) for how in said])
-    told |= np.isfinite(half).any(axis=(0, 2))  # of another answer
-    missing = np.zeros(len(terms), dtype=bool)
-    always = np.isin(terms, ALWAYS)
-    for one in (half[k][:, np.isfinite(half[k][always]).any(axis=0)] for k in asked):
-        passed = one[of_law & np.isfinite(one).any(axis=1)]
-        counts = told & ~(of_law & (passed.size > 0 and not np.nan_to_num(passed).any()))
-        missing |= counts & np.isnan(one).any(axis=1)
-    return [term for term, is_missing in zip(terms, missing, strict=True) if is_missing]
-
-
-def is_absent(how: str) -> bool:
-    """Whether a law has no such term, by what a budget tells of it."""
-    return how.startswith("not in a law")
+NO_STATED = Term("not in a law: values of the structure that are given with +-")
 
 
 def has_budget(law: Dataset | None) -> TypeGuard[Dataset]:
@@ -283,9 +150,30 @@ def with_budget(dataset: Dataset, budget: Dataset) -> Dataset:
     )
 
 
+def known_terms(law: Dataset) -> tuple[str, ...]:
+    """Return the terms of the budget of a law that are known of a quantity at a step."""
+    known = law["error_half_width"].notnull().any(("quantity", "step"))
+    return tuple(term for term in ERROR_TERMS[:-1] if known.sel(error_term=term))
+
+
 def how_attribute(term: str) -> str:
     """Return the attribute that says how a term was estimated."""
     return "how_" + term.replace(" ", "_")
+
+
+def is_absent(how: str) -> bool:
+    """Whether a law has no such term, by what a budget tells of it."""
+    return how.startswith("not in a law")
+
+
+def total_error(bias: np.ndarray, half_width: np.ndarray) -> np.ndarray:
+    r"""Bound that an error with a bias keeps with a probability of 95 %."""
+    from scipy.special import chndtrix
+
+    b, s = np.abs(bias), np.asarray(half_width) / NORMAL
+    ratio = np.where(s > 0.0, b / np.where(s > 0.0, s, 1.0), np.inf)
+    near = s * np.sqrt(chndtrix(0.95, 1.0, np.minimum(ratio, ONE_SIDED) ** 2))
+    return np.asarray(np.where(ratio < ONE_SIDED, near, b + TAIL * s))
 
 
 def add_terms(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarray:
@@ -295,6 +183,50 @@ def add_terms(half: np.ndarray, bias: np.ndarray, given: np.ndarray) -> np.ndarr
     """
     counted = np.isin(ERROR_TERMS, ALWAYS) | given
     return total_error(bias.sum(axis=1), np.sqrt(np.sum(half[:, counted] ** 2, axis=1)))
+
+
+def known_error(budget: Dataset, *without: str) -> np.ndarray:
+    """Total of the terms that are known, but for those that are left out.
+
+    It is a lower bound of the error where :func:`unknown_terms` names any, relative to the value,
+    shape (quantities, steps); NaN where no term is known, or those that are have no part in it.
+    """
+    counted = budget["error_half_width"].notnull() & ~budget["error_term"].isin(without)
+    half, bias = (budget[name].where(counted) for name in ("error_half_width", "error_bias"))
+    spread = (half**2).sum("error_term") ** 0.5
+    error = total_error(bias.sum("error_term").values, spread.values)
+    lacking = budget["error_total"].isnull().values & (error == 0.0)
+    return np.where(counted.any("error_term").values & ~lacking, error, np.nan)
+
+
+def mean_law_error(budget: Dataset) -> np.ndarray:
+    """Known total of a budget without what one part has by its few cells: error of the mean part.
+
+    It is as of :func:`known_error`, shape (quantities, steps).
+    """
+    return known_error(budget, FEW_CELLS)
+
+
+def unknown_terms(budget: Dataset, *quantities: str) -> list[str]:
+    """Terms that totals of a budget, or of some of its quantities, hold not or not at every step.
+
+    Steps at which none of :data:`ALWAYS` was estimated do not count, and terms of a law do not for
+    an answer on which the known terms of the law have no influence.
+    """
+    names, terms = (list(map(str, budget[name].values)) for name in ("quantity", "error_term"))
+    half = np.reshape(budget["error_half_width"].values, (len(names), len(terms), -1))
+    asked = [names.index(name) for name in quantities] if quantities else range(len(names))
+    of_law = ~np.isin(terms, [STATED, ERROR_TERMS[-1]])
+    said = [str(budget.attrs.get(how_attribute(term), "")) for term in terms]
+    told = np.array([not is_absent(how) for how in said])
+    told |= np.isfinite(half).any(axis=(0, 2))  # of another answer
+    missing = np.zeros(len(terms), dtype=bool)
+    always = np.isin(terms, ALWAYS)
+    for one in (half[k][:, np.isfinite(half[k][always]).any(axis=0)] for k in asked):
+        passed = one[of_law & np.isfinite(one).any(axis=1)]
+        counts = told & ~(of_law & (passed.size > 0 and not np.nan_to_num(passed).any()))
+        missing |= counts & np.isnan(one).any(axis=1)
+    return [term for term, is_missing in zip(terms, missing, strict=True) if is_missing]
 
 
 def assemble_budget(
@@ -329,3 +261,65 @@ def assemble_budget(
         unknown=", ".join(unknown),
         confidence=0.95,
     ).assign_coords(quantity=list(quantities), error_term=list(ERROR_TERMS))
+
+
+def interval_errors(budget: Dataset) -> dict[str, np.ndarray]:
+    """Half-widths of both kinds of intervals over the answers of a budget, (quantities, steps).
+
+    Where a term is not known, they have the others: lower bounds.
+    """
+    total = budget["error_total"].to_numpy()
+    one_part = np.where(np.isfinite(total), total, known_error(budget))
+    return {"mean_law": mean_law_error(budget), "one_part": one_part}
+
+
+def limits(value: np.ndarray, error: np.ndarray, share: "np.ndarray | float" = 1.0) -> np.ndarray:
+    """Return both ends of intervals, shape (2, ...), none below zero; the error is relative.
+
+    If the answer is a stiffness in series, one part with this share of the compliance has the
+    error, and the ends are those of the series.
+    """
+    part = np.maximum(1.0 + np.stack([-error, error]) / share, 0.0)
+    return np.asarray(value * part / (share + (1.0 - share) * part))
+
+
+def with_intervals(
+    result: Dataset,
+    along: Mapping[str, tuple[str, int]] | None = None,
+    schema: Schema = MACRO_RESULT,
+) -> Dataset:
+    """Return a result of a structure with the 95 % intervals of all answers of its budget.
+
+    ``..._mean_law`` is where the answer of the mean law lies, ``..._one_part`` where the next part
+    lies, whose interface holds only so many cells; where a term of the budget is not known they
+    have the others, and are lower bounds. Of answers for each cycle the last one has
+    intervals, which the budget has at the last step. No answer lies below zero, and no joint is
+    stiffer than its bodies: its ``uncertain_part``, in series with them, has the error. ``along``
+    names variable and place of answers that are one of several loads or interfaces.
+    """
+    values: dict[str, np.ndarray] = {}
+    for kind, error in interval_errors(result).items():
+        for name, half in zip(map(str, result["quantity"].values), error, strict=True):
+            if along and name in along:
+                variable, at = along[name]
+                value = result[variable].to_numpy()
+                ends = values.setdefault(f"{variable}_{kind}", np.full((2, *value.shape), np.nan))
+                ends[..., at] = limits(value[:, at], half)
+                continue
+            value = result[name].to_numpy()
+            if result[name].dims != ("step",):
+                half = np.append(np.full(value.size - 1, np.nan), half[-1])
+            part = schema.optional[name].uncertain_part
+            share = value / result[part].to_numpy() if part else 1.0
+            values[f"{name}_{kind}"] = limits(value, half, share)
+    return schema.assign(result, values)
+
+
+def over_steps(budget: Dataset, steps: np.ndarray, count: int) -> Dataset:
+    """Return a budget of some steps, by their numbers, as one of ``count`` steps, NaN at others."""
+    values = {}
+    for name, one in budget.data_vars.items():
+        values[str(name)] = np.full((*one.shape[:-1], count), np.nan)
+        values[str(name)][..., steps] = one.to_numpy()
+    labels = {name: budget[name].values for name in LABELS if name in budget}
+    return ERROR_BUDGET.build(values, **budget.attrs).assign_coords(labels)

@@ -6,17 +6,20 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.schema import Dataset
-from multiscale.upscaling.budget_terms import (
-    NORMAL,
-    Term,
-    compared,
-    parts_of_cells,
-    students,
-)
+from multiscale.upscaling.budget import NORMAL, Term
+from multiscale.upscaling.fit import stiffness_of_each
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset
-from multiscale.upscaling.response_observations import normal_observations
+from multiscale.upscaling.response_observations import area_observations, normal_observations
 
-__all__ = ["at_rms_height", "size_term", "surface_term", "without_bias"]
+__all__ = [
+    "at_rms_height",
+    "compared",
+    "parts_of_cells",
+    "size_term",
+    "surface_term",
+    "values_of_cells",
+    "without_bias",
+]
 
 SIZE_ORDERS = np.linspace(1.0, 3.0, 11)  # of what a finite cell leaves out
 FEWEST_HELD = 0.5
@@ -116,7 +119,7 @@ def size_term(
 def without_bias(response: Dataset, *terms: Term) -> Dataset:
     """Return a response less the biases of gap and contact fraction that terms tell.
 
-    Its budget has these terms :meth:`~.budget_terms.Term.taken_out`.
+    Its budget has these terms :meth:`~.budget.Term.taken_out`.
     """
     gap, area, _ = 1.0 - np.sum([np.asarray(one.bias) for one in terms], axis=0)
     steps, place = response.sizes["step"], normal_observations(response).order
@@ -183,3 +186,59 @@ def _slope(x: np.ndarray, mean: np.ndarray, error: np.ndarray) -> tuple[np.ndarr
     slope = (share * mean).sum(axis=0)
     misfit = np.sum(weight * (mean - level - slope * (x - centre)) ** 2, axis=0)
     return share, float(misfit.mean())  # the steps of a cell are not independent
+
+
+def values_of_cells(response: Dataset) -> np.ndarray:
+    """Gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
+    return np.array([values for ((values, _),) in parts_of_cells(response)])
+
+
+def parts_of_cells(
+    response: Dataset, control: Dataset | None = None, law: Dataset | None = None
+) -> list[list[tuple[np.ndarray, int]]]:
+    """Ensembles whose means add up to gap, contact fraction and stiffness, with their freedoms.
+
+    One each, (realisations, steps), or two with a control; NaN where a value is missing.
+    """
+    gap, area = normal_observations(response, control), area_observations(response, control)
+    return [
+        [(one.masked, freedom) for one, freedom in gap.parts],
+        [(one.masked, freedom) for one, freedom in area.parts],
+        [(stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
+    ]
+
+
+def compared(
+    response: Dataset, others: Mapping[float, Dataset], *, apart: bool
+) -> dict[float, Dataset]:
+    """Responses that are compared, by their ratios: they were pressed alike.
+
+    The response itself, of the ratio 1, is one of them unless the others are apart from it.
+    """
+    if apart and len(others) < 2:
+        raise CaseError(
+            f"ensembles apart from the response are compared among themselves, so that two are "
+            f"needed, got {len(others)}"
+        )
+    own = normal_observations(response).pressure
+    for ratio, other in others.items():
+        p = normal_observations(other).pressure
+        if p.size != own.size or not np.allclose(p, own, rtol=1e-6):
+            raise CaseError(
+                f"the response at the ratio {ratio:g} has other pressures; press it as the first"
+            )
+    return dict(others) if apart else {1.0: response, **others}
+
+
+def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
+
+    The freedom of the sum is the one of Welch and Satterthwaite.
+    """
+    from scipy.special import stdtrit
+
+    total = np.maximum(variances.sum(axis=0), 0.0)
+    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
+    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
+    factor = stdtrit(np.maximum(whole, 1.0), 0.975)
+    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))

@@ -8,14 +8,14 @@ from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.branches import ALONG_LOADING, REFUSED
 from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.propagation import Uncertainty
 from multiscale.upscaling.reading import law_from_dataset, require_law
-from multiscale.upscaling.structure_errors import Dependence
 
 __all__ = [
     "CONDUCTANCES",
     "conductance_ratios",
     "conductances",
-    "elastic_dependence",
+    "elastic_source",
     "with_conductance",
 ]
 
@@ -96,10 +96,10 @@ def conductance_ratios(law: Dataset) -> dict[str, float]:
     return {name: float(law[ratio]) for name, ratio in names.items() if ratio in law.variables}
 
 
-def elastic_dependence(law: Dataset, answers: np.ndarray) -> Dependence:
-    """Let answers that are conductances be as wrong as the start of unloading.
+def elastic_source(law: Dataset, answers: np.ndarray) -> Uncertainty:
+    """Return the start of unloading as a source of error of the answers that are conductances.
 
-    ``answers``, shape (answers, steps), says which of the answers are conductances.
+    ``answers``, shape (answers, steps), is 1 for conductances and 0 for other answers.
     """
     require_law(law, "conductance_branch")
     half = 0.0
@@ -108,4 +108,4 @@ def elastic_dependence(law: Dataset, answers: np.ndarray) -> Dependence:
         if law.sizes.get("unloading_sample"):
             drawn = law["unloading_stiffness_ratio_sample"].to_numpy()
             half = float(half_range(drawn) / law["unloading_stiffness_ratio"])
-    return Dependence(answers.astype(float), {"sampling": half})
+    return Uncertainty(name="start of unloading", half_width={"sampling": half}, rate=1.0 * answers)

@@ -11,11 +11,12 @@ from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
-    QUANTITIES,
+    STATED,
+    Term,
     assemble_budget,
     with_budget,
 )
-from multiscale.upscaling.budget_terms import STATED, Term
+from multiscale.upscaling.law_budget import QUANTITIES
 from multiscale.upscaling.reading import TABLE
 
 __all__ = ["read_law", "with_stated_error"]

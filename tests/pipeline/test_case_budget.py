@@ -1,15 +1,11 @@
 """What a budget does not know is said in the keys of a case or scene file."""
 
-import numpy as np
 import pytest
 
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.body_budget import _parameter_budget
 from multiscale.pipeline.case_budget import case_budget
-from multiscale.pipeline.porous_body import Uncertainty
 from multiscale.upscaling import fit_law
-from multiscale.upscaling.budget_terms import STATED
 from tests.support import TWO_BLOCKS, write_scene
 
 
@@ -35,10 +31,3 @@ def test_a_scene_whose_elements_cannot_be_doubled_says_so(run_folder, tmp_path):
         law=run_folder / "interface_law.nc",
     )
     assert "an even number of them, in [structure]" in result.attrs["how_macro_discretisation"]
-
-
-def test_a_stated_value_leaves_the_error_of_the_mesh_unknown():
-    friction = Uncertainty("friction", {STATED: 0.1}, {STATED: "half-widths stated with +-"})
-    found = _parameter_budget(("stiffness",), np.ones((1, 1)), np.ones((1, 1)), friction, {}, 0.0)
-    assert found.attrs["unknown"] == "macro discretisation"
-    assert found["error_total"].item() == pytest.approx(0.1)

@@ -10,14 +10,11 @@ from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.showing import tabulate_budget
 from multiscale.pipeline.stages.joint import JOINT
 from multiscale.upscaling import (
-    add_budgets,
     fit_law,
     law_from_dataset,
     read_law,
     read_observations,
 )
-from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, assemble_budget, unknown_terms
-from multiscale.upscaling.budget_terms import STATED, Term
 from tests.support import write_body, write_law, write_scene
 
 TABLE = "pressure (MPa), overclosure (um)\n0, 0\n1, 0.1\n10, 0.5\n100, 1.2\n"
@@ -138,20 +135,6 @@ def test_errors_of_a_table_and_of_a_body_share_the_rows_that_say_nothing(folder)
     rows = tabulate_budget(found)[1]
     assert [row[0] for row in rows][:3] == ["stated values", "macro discretisation", "all others"]
     assert "law_error = 10 %" in rows[0][-1]
-
-
-def test_terms_that_no_law_has_are_not_unknown_beside_stated_values():
-    """A law of a run without shear, and a stated modulus: both have known errors."""
-    some, nothing = np.full((1, 1), 0.1), np.zeros((1, 1))
-    law = {name: Term("cells", some) for name in ALWAYS}
-    parameter = {name: Term("nothing", nothing) for name in ALWAYS} | {STATED: Term("5 %", some)}
-    budgets = [
-        assemble_budget(
-            {name: Term(f"not in a law {k}") for name in ERROR_TERMS} | one, ("K",), None, steps=1
-        )
-        for k, one in enumerate((law, parameter))
-    ]
-    assert unknown_terms(add_budgets(budgets, ["the law", "the modulus"])) == []
 
 
 def test_a_table_without_units_is_read_in_si_and_cautioned(tmp_path):

@@ -17,8 +17,7 @@ from multiscale.pipeline.stages.braking import braking_answer
 from multiscale.pipeline.stages.joint import JOINT_TABLE
 from multiscale.schema import MACRO_RESULT
 from multiscale.upscaling import with_budget, with_intervals
-from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, assemble_budget
-from multiscale.upscaling.budget_terms import Term
+from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term, assemble_budget
 
 
 def test_a_total_is_a_percentage_or_unknown():

@@ -8,14 +8,19 @@ from multiscale.errors import CaseError
 from multiscale.io import open_law, save_law
 from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
-    Dependence,
+    Bound,
+    Correction,
+    Knob,
+    Samples,
+    Uncertainty,
     at_rms_height,
     compare_scales,
     effective_cells,
     error_budget,
     fit_law,
     law_from_dataset,
-    structure_budget,
+    law_sources,
+    propagate,
     with_budget,
     with_scales,
     without_bias,
@@ -23,11 +28,14 @@ from multiscale.upscaling import (
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
+    FEW_CELLS,
+    MACRO,
+    STATED,
+    Term,
     assemble_budget,
     mean_law_error,
     total_error,
 )
-from multiscale.upscaling.budget_terms import FEW_CELLS, Term
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.spline_law import decay_share
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
@@ -41,6 +49,12 @@ def ensemble(n=12, *, spread=0.03, factor=1.0, seed=1):
     scatter = 1.0 + spread * random.standard_normal((n, 1))
     area = factor * PRESSURE / 5e8 / scatter
     return response_of(factor * TRUTH * scatter, area=area)
+
+
+def carried(name, law, solve, pressure=None, *further, **options):
+    """Budget of an answer of a structure by the budget of a law and further sources."""
+    sources = [*law_sources(law, pressure, **options), *further]
+    return propagate(name, sources, solve, solve(law_from_dataset(law)))
 
 
 def half(budget, term, quantity="mean_gap"):
@@ -87,7 +101,7 @@ def test_one_realisation_leaves_sampling_and_the_totals_unknown():
     assert np.all(np.isnan(budget["error_total"]))
     carrying = with_scales(with_budget(law, budget), compare_scales(0.2, 0.5, 1.0))
     assert np.all(np.isnan(carrying["error_total"]))
-    answer = structure_budget("k", carrying, lambda one: one.stiffness(np.array([1e-6])))
+    answer = carried("k", carrying, lambda one: one.stiffness(np.array([1e-6])))
     assert np.isnan(answer["error_total"]).all()
 
 
@@ -108,7 +122,7 @@ def test_a_term_that_cannot_be_computed_makes_the_total_unknown_and_never_smalle
     def solve(one):
         return one.stiffness(one.gap_at(PRESSURE[[1, 3]]))
 
-    answer = structure_budget("k", law, solve, pressure=PRESSURE[[1, 3]], samples=0)
+    answer = carried("k", law, solve, PRESSURE[[1, 3]])
     np.testing.assert_array_equal(np.isnan(answer["error_total"].values[0]), [False, True])
 
 
@@ -469,9 +483,11 @@ def test_further_parameters_and_other_numbers_of_cells_enter_the_budget_of_a_str
     def solve(one):
         return one.stiffness(one.gap_at(p))
 
-    plain = structure_budget("k", law, solve, samples=0)
-    ratio = Dependence(np.array([[0.5, 0.0]]), {"sampling": 0.04, "fit": np.nan})
-    found = structure_budget("k", law, solve, samples=0, others=[ratio], cells=np.array([[4.0, 1]]))
+    plain = carried("k", law, solve)
+    ratio = Uncertainty(
+        name="r", half_width={"sampling": 0.04, "fit": np.nan}, rate=np.array([[0.5, 0.0]])
+    )
+    found = carried("k", law, solve, None, ratio, cells=np.array([[4.0, 1]]))
     np.testing.assert_allclose(
         half(found, "few cells", "k"), half(plain, "few cells", "k") / [2, 1]
     )
@@ -505,9 +521,8 @@ def test_the_budget_of_a_structure_propagates_that_of_the_law():
         return 1.0 / (1.0 / one.stiffness(one.gap_at(p)) + 1.0 / solid)
 
     answer = solve(law_from_dataset(law))
-    budget = structure_budget(
-        "joint_stiffness", carrying, solve, coarser={2.0: answer * 1.04, 4.0: answer * 1.2}
-    )
+    mesh = Knob(name="elements", ratios=(2.0, 4.0), answers=[answer * 1.04, answer * 1.2])
+    budget = carried("joint_stiffness", carrying, solve, None, mesh, samples=100)
     ERROR_BUDGET.check(budget)
     share = answer / (p / float(law["decay_length"]))  # of the interface in the compliance
     one = {str(term): half(budget, term, "joint_stiffness") for term in budget["error_term"].values}
@@ -526,7 +541,7 @@ def test_a_term_of_which_the_law_knows_half_is_unknown_in_the_structure():
     law = fit_law(response, family="exponential")
     law, p = with_budget(law, error_budget(response, law)), np.array([1e7, 5e7])
     law["error_half_width"].loc[{"quantity": "stiffness", "error_term": "sampling"}] = np.nan
-    budget = structure_budget("k", law, lambda one: one.stiffness(one.gap_at(p)), samples=0)
+    budget = carried("k", law, lambda one: one.stiffness(one.gap_at(p)))
     assert np.isnan(half(budget, "sampling", "k")).all()
     assert "sampling" in budget.attrs["unknown"]
 
@@ -543,16 +558,17 @@ def test_several_answers_have_the_budget_that_each_has_alone():
         return 1.0 / (1.0 / stiffness(one) + 1e-14)
 
     solves = {"joint_stiffness": series, "interface_stiffness": stiffness}
-    coarser = {2.0: np.stack([1.01 * solve(law_from_dataset(law)) for solve in solves.values()])}
-    together = structure_budget(
-        tuple(solves),
-        law,
-        lambda one: np.stack([solve(one) for solve in solves.values()]),
-        coarser=coarser,
-    )
+
+    def both(one):
+        return np.stack([solve(one) for solve in solves.values()])
+
+    def mesh(solve):
+        return Knob(name="mesh", ratios=(2.0,), answers=[1.01 * solve(law_from_dataset(law))])
+
+    together = carried(tuple(solves), law, both, None, mesh(both))
     ERROR_BUDGET.check(together)
-    for k, (name, solve) in enumerate(solves.items()):
-        alone = structure_budget(name, law, solve, coarser={2.0: coarser[2.0][k]})
+    for name, solve in solves.items():
+        alone = carried(name, law, solve, None, mesh(solve))
         for variable in ("error_half_width", "error_total"):
             row = together[variable].sel(quantity=name)
             np.testing.assert_allclose(row, alone[variable][0], rtol=1e-12)
@@ -561,20 +577,44 @@ def test_several_answers_have_the_budget_that_each_has_alone():
     assert np.all(total[1] > total[0])
 
 
-def test_an_answer_that_is_known_is_not_solved_again():
-    response = ensemble(6)
-    law = fit_law(response, n_samples=0)
-    law, p, asked = with_budget(law, error_budget(response, law)), np.array([2e7]), []
+def test_every_kind_of_source_adds_what_it_is_known_to():
+    """An answer a b, with half-widths of 10 % and 5 %; signs of biases stay, unknown terms too."""
+    value = np.array([[6.0, 12.0]])
 
-    def solve(one):
-        asked.append(one)
-        return one.stiffness(one.gap_at(p))
+    def solve(change):
+        return value * change
 
-    twice = structure_budget("k", law, solve)
-    n = len(asked)
-    once = structure_budget("k", law, solve, answer=solve(law_from_dataset(law)))
-    assert len(asked) == 2 * n  # one of them to get the answer
-    np.testing.assert_array_equal(once["error_total"], twice["error_total"])
+    sources = [
+        Uncertainty(
+            name="a", of="one", half_width={STATED: 0.1}, how={STATED: "10 %"}, changes=[1.02]
+        ),
+        Uncertainty(name="b", of="two", half_width={STATED: 0.05}, rate=-np.ones((1, 2))),
+        Correction(name="bias", changes=[0.97], term="cell size"),
+        Knob(name="points", ratios=(2.0,), changes=[0.96]),
+        Knob(name="steps", changes=[1.3], share=np.array([[0.0, 0.1]])),
+        Samples(
+            name="draws", answers=[value * (1.0 + x) for x in np.linspace(-1.0, 1.0, 41)], how="41"
+        ),
+        Bound(name="cells", of="two", bounds={STATED: Term("counted", np.array([0.0, 0.2]))}),
+        Bound(name="unknown", bounds={"small slopes": Term("not known: solve one")}),
+    ]
+    done = []
+    found = propagate("ab", sources, solve, base=1.0, progress=lambda *one: done.append(one))
+    assert done[-1] == (5, 5)
+    np.testing.assert_allclose(half(found, STATED, "ab"), np.hypot(np.hypot(0.1, 0.05), [0.0, 0.2]))
+    assert found.attrs["how_stated_values"] == "one: 10 %; two: counted"
+    np.testing.assert_allclose(half(found, MACRO, "ab"), [0.05, np.hypot(0.05, 0.03)])
+    np.testing.assert_allclose(half(found, "sampling", "ab"), 0.95)
+    np.testing.assert_allclose(found["error_bias"].sel(error_term="cell size"), [[0.03, 0.03]])
+    np.testing.assert_allclose(found["sensitivity"][:, 0], [[0.1, 0.1], [-0.05, -0.05]])
+    assert found["parameter"].values.tolist() == ["one: a", "two: b"]
+    assert found.attrs["unknown"] == "small slopes"
+    assert np.isfinite(found["error_total"]).all()
+    lacking = Bound(name="law", bounds={"sampling": Term("not known: one realisation")})
+    found = propagate("ab", [*sources, lacking], solve, value)
+    assert np.isnan(found["error_total"]).all()
+    with pytest.raises(TypeError, match="5 answers are not known, and nothing solves them"):
+        propagate("ab", sources)
 
 
 def test_what_does_not_belong_together_is_refused():
@@ -587,7 +627,7 @@ def test_what_does_not_belong_together_is_refused():
     with pytest.raises(CaseError, match="has other pressures; press it as the first"):
         error_budget(response, law, sizes={0.5: ensemble(6).isel(step=slice(1, None))})
     with pytest.raises(CaseError, match="carries no error budget; add it by with_budget"):
-        structure_budget("k", law, lambda one: np.ones(1))
+        law_sources(law)
     budget = error_budget(response, law)
     with pytest.raises(CaseError, match="budget has 8 steps, the dataset 7"):
         with_budget(law.isel(step=slice(1, None)), budget)

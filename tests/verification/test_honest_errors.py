@@ -19,19 +19,21 @@ from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.surfaces import rms_height
 from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import (
+    Knob,
     area_from_dataset,
     at_rms_height,
     compare_scales,
     error_budget,
     fit_law,
     law_from_dataset,
-    structure_budget,
+    law_sources,
+    propagate,
     with_budget,
     with_scales,
     without_bias,
 )
-from multiscale.upscaling.budget_terms import grid_term
 from multiscale.upscaling.cell_size import size_term
+from multiscale.upscaling.law_budget import grid_term
 from tests.pressed_joint import press_blocks
 
 if TYPE_CHECKING:
@@ -207,29 +209,22 @@ def judge(scene, truth):
     }
     law = with_budget(law, budget)
     mean_law = law_from_dataset(law)
-    joint = structure_budget(
-        "joint_stiffness",
-        law,
-        joint_stiffness,
-        pressure=PRELOAD,
-        coarser={2.0: joint_stiffness(mean_law, 4), 4.0: joint_stiffness(mean_law, 2)},
-        samples=0,
-    )
-    error = joint_stiffness(mean_law) / truth.joint - 1.0
+    coarse = [joint_stiffness(mean_law, n) for n in (4, 2)]
+    mesh = Knob(name="elements", ratios=(2.0, 4.0), answers=coarse)
+    value = joint_stiffness(mean_law)
+    sources = [*law_sources(law, PRELOAD), mesh]
+    joint = propagate("joint_stiffness", sources, joint_stiffness, value)
+    error = value / truth.joint - 1.0
     found["joint stiffness"] = (error, joint["error_total"].values[0])
 
     gaps, fields = wave_gaps(mean_law)
     slopes = [np.gradient(np.tile(field, 3), LENGTH / field.size) for field in fields]
     length = np.sqrt(np.min(np.mean(fields**2, axis=1) / np.mean(np.square(slopes), axis=1)))
     law = with_scales(law, compare_scales(WAVE, 2.0 * WAVE, length, extent=LENGTH))
-    wave = structure_budget(
-        "mean_gap",
-        law,
-        lambda one: wave_gaps(one)[0],
-        pressure=np.sum(fields**2, axis=1) / np.sum(fields, axis=1),
-        coarser={2.0: wave_gaps(mean_law, 32)[0]},
-        samples=0,
-    )
+    pressure = np.sum(fields**2, axis=1) / np.sum(fields, axis=1)
+    mesh = Knob(name="elements", ratios=(2.0,), answers=[wave_gaps(mean_law, 32)[0]])
+    sources = [*law_sources(law, pressure), mesh]
+    wave = propagate("mean_gap", sources, lambda one: wave_gaps(one)[0], gaps)
     found["gap of the wave"] = (gaps / scene.wave - 1.0, wave["error_total"].values[0])
     return found
 

@@ -81,8 +81,8 @@ print(budget.attrs["unknown"])  # cell size, small slopes, scale separation
 #
 # by fit_law(read_observations("stiffness.csv", "normal_stiffness"), family="power").
 #
-# structure_budget carries the budget of a law through any solver of structures; joints in scenes
-# carry the budget by themselves if their law has one. The law can be exported, here for CalculiX
-# and Abaqus in mm and MPa; friction_for="calculix" or "abaqus" adds friction and stick stiffness
-# of a law that has them. multiscale export does the same with files.
+# propagate(name, law_sources(law), solve, value) carries the budget of a law through any solver of
+# structures; joints in scenes carry the budget by themselves if their law has one. The law can be
+# exported, here for CalculiX and Abaqus in mm and MPa; friction_for="calculix" or "abaqus" adds
+# friction and stick stiffness of a law that has them. multiscale export does the same with files.
 write_pressure_overclosure(law, "rough_joint.inp")

@@ -22,7 +22,7 @@ from multiscale.micro.damage.element_fatigue import (
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.body_budget import ErrorSources, changed_sliders, not_solved
+from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders
 from multiscale.pipeline.fatigue_settings import FatigueSettings
 from multiscale.pipeline.made_bodies import RoughBodies
 from multiscale.pipeline.settings import Case
@@ -34,10 +34,8 @@ from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions
-from multiscale.upscaling import Dependence, interval_errors, shear_errors, structure_budget
-from multiscale.upscaling.budget import ERROR_TERMS, has_budget, unknown_terms
-from multiscale.upscaling.budget_terms import NORMAL
-from multiscale.upscaling.structure_errors import STRETCH
+from multiscale.upscaling import interval_errors, propagate
+from multiscale.upscaling.budget import MACRO, NORMAL, has_budget, unknown_terms
 
 __all__ = ["BODY_FATIGUE"]
 
@@ -251,39 +249,32 @@ def _law_errors(
     cautions += [
         NO_LAW_BUDGET.format(number=k) for k, one in enumerate(cycled.laws) if not has_budget(one)
     ]
+
+    def shortest(change: Change) -> np.ndarray:
+        """Life of the element that cracks first with a changed law."""
+        laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
+        found = first(cycled.solve(laws), material)
+        places.append(int(np.argmin(found)))
+        return np.array([[float(found.min())]])
+
     for one in ErrorSources.of(cycled.bodies, cycled.case, cycled.laws).laws:
         traction = -result["traction"].to_numpy()[-1, :, 0]
         mine = np.isin(result["point_joint"].to_numpy(), one.joints)
         own = traction[mine & (traction > 0.0)]
         pressure = np.array([own.mean()]) if own.size else None
-        changes, lives = one.changes(pressure), {}
-        job.progress(0, len(changes), "solves for the intervals of the life")
-        for done, (key, change) in enumerate(changes.items(), start=1):
-            laws = changed_sliders(cycled.bodies, cycled.case, cycled.laws, change)
-            found = first(cycled.solve(laws), material)
-            places.append(int(np.argmin(found)))
-            lives[key] = np.array([[float(found.min())]])
-            job.progress(done, len(changes), "solves for the intervals of the life")
-        value = np.array([[middle]])
-        friction = {} if pressure is None else shear_errors(one.law, pressure)
-        budget = structure_budget(
-            ("life",),
-            one.law,
-            not_solved,
-            answer=value,
-            pressure=pressure,
-            samples=0,
-            others=[
-                Dependence(np.abs(lives[name] / value - 1.0) / STRETCH, errors)
-                for name, errors in friction.items()
-                if name in lives
-            ],
-            changed=lives,
+        budget = propagate(
+            "life",
+            one.sources(pressure),
+            shortest,
+            np.array([[middle]]),
+            progress=lambda done, total: job.progress(
+                done, total, "solves for the intervals of the life"
+            ),
         )
         for kind, error in interval_errors(budget).items():
             squares[kind] += float(error[0, 0]) ** 2
         # the mesh has its own part in the life
-        if missing := [term for term in unknown_terms(budget) if term != ERROR_TERMS[-1]]:
+        if missing := [term for term in unknown_terms(budget) if term != MACRO]:
             cautions.append(LACKS.format(joints=one.joints, terms=", ".join(missing)))
     errors = {kind: float(np.sqrt(square)) for kind, square in squares.items()}
     return errors, places, cautions

@@ -22,15 +22,17 @@ from multiscale.plotting.tyre_figures import plot_footprint
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import (
+    Bound,
+    Knob,
+    Source,
     cell_share,
-    estimate_grid_error,
     fit_law,
     law_from_dataset,
     observe,
+    propagate,
     with_budget,
 )
-from multiscale.upscaling.budget import NO_PART, NO_STATED, assemble_budget
-from multiscale.upscaling.budget_terms import FEW_CELLS, NORMAL, STATED, Term
+from multiscale.upscaling.budget import MACRO, NORMAL, Term
 from multiscale.upscaling.reading import frictions_at
 from multiscale.upscaling.shear_budget import NORMAL_ALONE
 
@@ -240,7 +242,7 @@ def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarr
     nothing = np.zeros((1, force.size))
     missed = float(law.attrs["rms_error_over_peak"]) * float(law["peak_coefficient"])
     fit = NORMAL * missed / np.abs(result["braking_coefficient"].to_numpy())
-    terms = {
+    bounds = {
         "sampling": Term(
             "not known: the law has no samples; give them in [law], and 3 or more realisations in "
             "[sliding]"
@@ -257,21 +259,20 @@ def _with_budget(result: Dataset, law: Dataset, coarser: Mapping[float, np.ndarr
         "scale separation": Term(
             "not known: the pressure of the footprint is taken as even over the waves of the road"
         ),
-        FEW_CELLS: NO_PART,
-        STATED: NO_STATED,
-        "macro discretisation": Term(
+        MACRO: Term(
             "not known: elements of twice the size do not fit; give smaller ones in [tread]"
         ),
     }
+    sources: list[Source] = []
     if result.sizes.get("sample", 0) > 1:
         samples = result["braking_force_sample"].to_numpy()
         scatter = NORMAL * np.std(samples, axis=0, ddof=1) / force
-        terms["sampling"] = Term(f"{len(samples)} bootstrap samples of the law", scatter)
+        bounds["sampling"] = Term(f"{len(samples)} bootstrap samples of the law", scatter)
     if coarser:
-        estimate = estimate_grid_error(force, coarser)
-        terms["macro discretisation"] = Term(estimate.how, estimate.half_width / force)
-    budget = assemble_budget(terms, ("braking_force",), None, steps=force.size)
-    return with_budget(result, budget)
+        del bounds[MACRO]
+        sources.append(Knob(name="elements", ratios=[*coarser], answers=[*coarser.values()]))
+    sources.append(Bound(name="law of friction", bounds=bounds))
+    return with_budget(result, propagate("braking_force", sources, value=force))
 
 
 BRAKING = Stage(

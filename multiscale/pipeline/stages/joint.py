@@ -18,7 +18,7 @@ from multiscale.pipeline.joint_answers import STIFFNESSES
 from multiscale.pipeline.made_bodies import Blocks
 from multiscale.pipeline.real_contact import (
     behaviour,
-    contact_dependence,
+    contact_source,
     negative_gap,
     real_pressure,
     unknown_cells,
@@ -40,24 +40,27 @@ from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
 from multiscale.upscaling import (
     CONDUCTANCES,
-    Dependence,
+    Bound,
+    Source,
+    Uncertainty,
     area_from_dataset,
     cell_share,
     compare_scales,
     conductance_ratios,
-    elastic_dependence,
+    elastic_source,
     fitted_laws,
     law_from_dataset,
+    law_sources,
     over_steps,
+    propagate,
     require_law,
     shear_errors,
-    structure_budget,
     tangential_values,
     with_budget,
     with_intervals,
     with_scales,
 )
-from multiscale.upscaling.budget import has_budget
+from multiscale.upscaling.budget import MACRO, Term, has_budget
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.reading import TABLE
 
@@ -170,7 +173,7 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
         return np.stack([*rows.values(), *(np.ones(steps.size) for _ in real)])
 
     known = result.isel(step=steps)
-    drawn: np.ndarray | int = 0
+    drawn = None
     if samples:
         whole, own = (
             known[f"{name}_sample"].to_numpy()
@@ -178,26 +181,24 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
         )
         solid = np.broadcast_to(known["solid_stiffness"].to_numpy(), whole.shape)
         rows = [whole, own, solid, *beside(own).values(), *(1.0 + 0.0 * solid for _ in real)]
-        drawn = np.stack(rows, axis=1)
+        drawn = list(np.stack(rows, axis=1))
     answer = np.stack([np.ones(steps.size) if n in real else known[n].to_numpy() for n in names])
-    others = [contact_dependence(law, preload[steps], np.array(names) == "real_pressure")]
+    at = preload[steps]
+    exact = "none: blocks and law in series are a closed form under even pressure"
+    sources: list[Source] = [
+        *law_sources(law, at, drawn=drawn),
+        contact_source(law, at, np.array(names) == "real_pressure"),
+        Bound(name="closed form", bounds={MACRO: Term(exact, np.zeros(answer.shape))}),
+    ]
     if conducts:
-        others.append(elastic_dependence(law, np.isin(names, list(CONDUCTANCES))[:, None]))
+        conducting = np.isin(names, list(CONDUCTANCES))[:, None] * np.ones(steps.size)
+        sources.append(elastic_source(law, conducting))
     if shear and told_branches(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
-        kappa = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
-        half_width = shear_errors(law, preload[steps])["stiffness_ratio"]
-        others.append(Dependence(kappa, half_width))
-    budget = structure_budget(
-        names,
-        law,
-        answers,
-        answer=answer,
-        pressure=preload[steps],
-        exact="none: blocks and law in series are a closed form under even pressure",
-        samples=drawn,
-        others=others,
-    )
+        rate = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
+        half_width = shear_errors(law, at)["stiffness_ratio"]
+        sources.append(Uncertainty(name="stiffness ratio", half_width=half_width, rate=rate))
+    budget = propagate(names, sources, answers, answer)
     return with_intervals(with_budget(result, over_steps(budget, steps, preload.size)))
 
 

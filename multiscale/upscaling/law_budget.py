@@ -1,39 +1,49 @@
-"""The terms of an error budget, each from computed quantities: half-widths over the value.
+"""The error budget of a law, each term from computed quantities: half-widths over the value.
 
 Half-widths have the shape (3, steps): gap, contact fraction and stiffness.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.schema import Dataset
-from multiscale.upscaling.fit import stiffness_of_each
+from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, Dataset
+from multiscale.upscaling.budget import (
+    ERROR_TERMS,
+    FEW_CELLS,
+    NO_PART,
+    NO_STATED,
+    NORMAL,
+    STATED,
+    Term,
+    add_terms,
+    assemble_budget,
+    how_attribute,
+)
+from multiscale.upscaling.cell_size import (
+    compared,
+    parts_of_cells,
+    size_term,
+    surface_term,
+    values_of_cells,
+)
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
 from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
-from multiscale.upscaling.response_observations import area_observations, normal_observations
+from multiscale.upscaling.response_observations import normal_observations, up_to_limit
 from multiscale.upscaling.scales import ScaleSeparation
+from multiscale.upscaling.shear_budget import NORMAL_ALONE, STEEPEST, tangential_terms
 
 __all__ = [
-    "FEW_CELLS",
-    "NORMAL",
-    "STATED",
-    "Sampling",
-    "Term",
-    "compared",
+    "QUANTITIES",
+    "error_budget",
     "fit_term",
     "grid_term",
-    "increment_term",
-    "parts_of_cells",
-    "sampling_term",
     "scatter_term",
     "separation_term",
-    "slope_term",
-    "students",
-    "values_of_cells",
+    "with_scales",
 ]
 
 FIT_ERRORS = {
@@ -44,59 +54,139 @@ FIT_ERRORS = {
 """From the errors at points that a fit has not seen to the shares that are left between them."""
 
 FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures have so many
+
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
-FEW_CELLS = "few cells"
-"""Term of one part, whose interface holds few cells; the mean law does not have it."""
 
-STATED = "stated values"
-"""Term of values that a case states with a half-width of their own."""
-
-NORMAL = 1.959963984540054  # standard deviations to 95 %
+QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
 
-@dataclass(frozen=True, eq=False)
-class Term:
-    """One part of the error of an answer.
+def error_budget(
+    response: Dataset,
+    law: Dataset,
+    *,
+    resolutions: Mapping[float, Dataset] | None = None,
+    sizes: Mapping[float, Dataset] | None = None,
+    scales: ScaleSeparation | None = None,
+    apart: bool = False,
+    tangential: Mapping[float, Dataset] | None = None,
+    control: Dataset | None = None,
+    known: Mapping[str, Term] = {},
+) -> Dataset:
+    r"""Estimate how wrong the gap, the contact fraction and the stiffness of a law are.
 
-    Attributes
+    Parameters
     ----------
-    how : str, how it was estimated, or what would tell it
-    half_width : ndarray, shape (quantities, steps), or None
-        Half-width of the 95 % interval, relative to the value; NaN where it is not known, None if
-        nothing was given to estimate it from.
-    bias : ndarray, shape (quantities, steps), or 0, part whose sign is known, relative to the value
+    response : Dataset, follows ``MICRO_RESPONSE``
+    law : Dataset, follows ``INTERFACE_LAW``; fitted to the response by :func:`fit_law`
+    resolutions : mapping of float to Dataset, optional
+        From the ratio of the spacings (coarser over response: 2, or 2 and 4) to the response of
+        the same realisations on a coarser grid.
+    sizes : mapping of float to Dataset, optional
+        From the ratio of the sizes of the cells (other over response, for instance 0.5) to a
+        response of cells with the same spectrum.
+    scales : ScaleSeparation, optional, from :func:`compare_scales`
+    apart : bool, default False
+        Whether resolutions and sizes, two at least of each, are ensembles of their own that are
+        compared among themselves: the same small cells on several grids, and many cells of
+        several sizes on a coarse grid. Their scatter then counts for the response too.
+    tangential : mapping of float to Dataset, optional
+        If given, the tangential traction of the law, over full slip, has a budget too; see
+        :func:`~.shear_budget.tangential_terms`. From the ratio of the spacings to the law of the
+        same realisations, pressed and sheared on a coarser grid, and of fewer ones on the grid of
+        the law under 1; may be empty.
+    control : Dataset, optional, as of :func:`fit_law`
+    known : mapping of str to Term, optional
+        Terms that are known otherwise, such as those whose bias is taken out of the response.
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``: half-widths of 95 % intervals relative to the value, for each
+        quantity, term and step of the law; NaN for a term that nothing was given for. A bias,
+        answer minus truth, is zero where no sign is known, and never taken out. The total holds
+        :data:`ALWAYS` and every term that something was given for; the attribute ``unknown`` lists
+        those that are not known, and ``how_...`` says of each term how it was estimated, or what
+        would tell it. A term that cannot be computed from what was given, such as the sampling of
+        one realisation, makes the total unknown, NaN, at its quantity and step, and never smaller.
+
+    Raises
+    ------
+    CaseError
+        If the law does not belong to the response, or a response has other steps.
+
+    Notes
+    -----
+    How a term is estimated stands with its function: :func:`~.law_budget.sampling_term`,
+    :func:`~.law_budget.fit_term`, :func:`~.cell_size.size_term`,
+    :func:`~.law_budget.grid_term` (micro discretisation),
+    :func:`~.law_budget.increment_term`, :func:`~.law_budget.slope_term`,
+    :func:`~.cell_size.surface_term`, :func:`~.law_budget.separation_term` and, for few cells,
+    :func:`~.law_budget.scatter_term`; see :func:`mean_law_error`.
+
+    Terms are independent of each other. With the sum :math:`b` of the biases and the standard
+    deviation :math:`s` from the root of the sum of the squares of the half-widths about them, the
+    total :math:`w` is such that :math:`|b + s\, \mathcal{N}(0, 1)| \le w` with a probability of
+    95 %; without a bias it is that root itself.
     """
-
-    how: str
-    half_width: np.ndarray | None = None
-    bias: np.ndarray | float = 0.0
-
-    def at(self, steps: slice) -> "Term":
-        """Return the term at some of its steps."""
-        half, bias = self.half_width, np.asarray(self.bias)
-        return replace(
-            self,
-            half_width=None if half is None else half[..., steps],
-            bias=bias[..., steps] if bias.ndim else self.bias,
+    INTERFACE_LAW.check(law)
+    response = up_to_limit(response, law)
+    control = None if control is None else up_to_limit(control, law)
+    resolutions, sizes = (
+        {ratio: up_to_limit(one, law) for ratio, one in (others or {}).items()}
+        for others in (resolutions, sizes)
+    )
+    known = {name: term.at(slice(law.sizes["step"])) for name, term in known.items()}
+    gap = normal_observations(response, control)
+    p = gap.pressure
+    if law.sizes["step"] != p.size or not np.allclose(law["fit_pressure"], p, rtol=1e-6):
+        raise CaseError(
+            f"the law was fitted at {law.sizes['step']} pressures that are not the {p.size} of the "
+            f"response; fit it to this response"
         )
-
-    def smooth(self, pressure: np.ndarray) -> "Term":
-        """Return the term with a parabola over the logarithm of the pressure (Pa) as bias.
-
-        The half-width holds the distance from it. A bias of few cells, which differs by chance
-        from step to step, would make a law uneven that is corrected by it.
-        """
-        x, bias = np.log(pressure), np.asarray(self.bias)
-        known = np.isfinite(bias).all(axis=0)
-        degree = max(0, min(2, int(known.sum()) - 2))
-        powers = np.vander(x - x.mean(), degree + 1)
-        even = (powers @ np.linalg.lstsq(powers[known], bias[:, known].T, rcond=None)[0]).T
-        half = np.hypot(np.asarray(self.half_width), bias - even)
-        return replace(self, bias=even, half_width=half)
-
-    def taken_out(self, source: str) -> "Term":
-        """Return what is left where the bias is taken out of an answer."""
-        return replace(self, how=f"taken out: {self.how} ({source})", bias=0.0)
+    pooled = sizes if apart else None
+    sampling = sampling_term(response, law, pooled, control)
+    how = f"Student's interval of {gap.n_realisations} realisations"
+    if gap.control is not None:
+        how += f" with {gap.control}"
+    elif control is not None:
+        how += " alone, since they and the control cells follow each other by chance alone"
+    elif pooled:
+        how = "Student's interval, with the scatter of the sizes, which falls as 1/L"
+    if not np.any(np.isfinite(sampling.half_width)):
+        how = "not known: one realisation tells nothing of the scatter, solve 3"
+    terms = {
+        "sampling": Term(how, sampling.half_width),
+        "fit": Term("error at pressures that the fit has not seen", fit_term(law, p)),
+        "cell size": Term("not known: pass sizes, responses of cells of another size"),
+        "micro discretisation": Term(
+            "not known: pass resolutions, the same realisations on coarser grids"
+        ),
+        "increments": increment_term(response),
+        "small slopes": slope_term(response),
+        "surface": surface_term(response, law, p),
+        "friction bed": NORMAL_ALONE,
+        "scale separation": Term("not known: pass scales from compare_scales"),
+        FEW_CELLS: NO_PART,
+        STATED: NO_STATED,
+        "macro discretisation": Term("not in a law: see propagate"),
+    }
+    if sizes and "cell size" not in known:
+        terms["cell size"] = size_term(response, sizes, apart=apart)
+    if resolutions:
+        terms["micro discretisation"] = grid_term(response, resolutions, apart=apart)
+    terms |= known
+    if scales is not None:
+        terms["scale separation"] = Term(str(scales), separation_term(law, p, scales))
+        few = scatter_term(sampling.scatter, scales)
+        terms[FEW_CELLS] = Term(scales.count_cells(), few)
+    if tangential is None:
+        budget = assemble_budget(terms, QUANTITIES, p)
+    else:
+        rows = (*QUANTITIES, "tangential_traction")
+        budget = assemble_budget(tangential_terms(terms, law, p, tangential), rows, p)
+    scatter = np.full((budget.sizes["quantity"], p.size), np.nan)
+    scatter[:3] = sampling.scatter
+    return ERROR_BUDGET.assign(budget, {"cell_scatter": scatter})
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,48 +326,6 @@ def _end_error(gap: np.ndarray, x: np.ndarray, own: np.ndarray) -> float:
     return float(abs(own[-1] - c[0] - last * ((1.0 - r) ** -0.5 - 1.0) / r))
 
 
-def values_of_cells(response: Dataset) -> np.ndarray:
-    """Gap, contact fraction and stiffness, (3, realisations, steps); NaN where missing."""
-    return np.array([values for ((values, _),) in parts_of_cells(response)])
-
-
-def parts_of_cells(
-    response: Dataset, control: Dataset | None = None, law: Dataset | None = None
-) -> list[list[tuple[np.ndarray, int]]]:
-    """Ensembles whose means add up to gap, contact fraction and stiffness, with their freedoms.
-
-    One each, (realisations, steps), or two with a control; NaN where a value is missing.
-    """
-    gap, area = normal_observations(response, control), area_observations(response, control)
-    return [
-        [(one.masked, freedom) for one, freedom in gap.parts],
-        [(one.masked, freedom) for one, freedom in area.parts],
-        [(stiffness_of_each(one, law), freedom) for one, freedom in gap.parts],
-    ]
-
-
-def compared(
-    response: Dataset, others: Mapping[float, Dataset], *, apart: bool
-) -> dict[float, Dataset]:
-    """Responses that are compared, by their ratios: they were pressed alike.
-
-    The response itself, of the ratio 1, is one of them unless the others are apart from it.
-    """
-    if apart and len(others) < 2:
-        raise CaseError(
-            f"ensembles apart from the response are compared among themselves, so that two are "
-            f"needed, got {len(others)}"
-        )
-    own = normal_observations(response).pressure
-    for ratio, other in others.items():
-        p = normal_observations(other).pressure
-        if p.size != own.size or not np.allclose(p, own, rtol=1e-6):
-            raise CaseError(
-                f"the response at the ratio {ratio:g} has other pressures; press it as the first"
-            )
-    return dict(others) if apart else {1.0: response, **others}
-
-
 def grid_term(
     response: Dataset, resolutions: Mapping[float, Dataset], *, apart: bool = False
 ) -> Term:
@@ -365,20 +413,6 @@ def _term_of_errors(response: Dataset, cause: str, how: str) -> Term:
     return Term(how, term)
 
 
-def students(variances: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """95 % half-width of a sum of terms with variances (terms, steps) and freedoms (terms, 1).
-
-    The freedom of the sum is the one of Welch and Satterthwaite.
-    """
-    from scipy.special import stdtrit
-
-    total = np.maximum(variances.sum(axis=0), 0.0)
-    single = np.sum(variances**2 / np.maximum(freedom, 1), axis=0)
-    whole = np.where(single > 0.0, total**2 / np.where(single > 0.0, single, 1.0), np.inf)
-    factor = stdtrit(np.maximum(whole, 1.0), 0.975)
-    return np.asarray(np.where(np.isfinite(whole), factor, NORMAL) * np.sqrt(total))
-
-
 def scatter_term(scatter: np.ndarray, scales: ScaleSeparation) -> np.ndarray:
     r"""Half-widths from the few cells of the edge L that one interface of :math:`\ell` holds.
 
@@ -408,3 +442,32 @@ def separation_term(law: Dataset, p: np.ndarray, scales: ScaleSeparation) -> np.
         uneven = 0.5 * np.abs(second - first) * scales.wavelength_ratio**2 / 12.0  # p^2 f''
         rows.append(uneven / np.abs(middle))
     return np.array(rows)
+
+
+def with_scales(law: Dataset, scales: ScaleSeparation) -> Dataset:
+    """Return a law, which carries its budget, with the scale separation of another structure.
+
+    A budget that lacks a term, as a budget of an earlier version may, is refused.
+    """
+    require_law(law, "error_bias", "cell_scatter", *map(how_attribute, ERROR_TERMS))
+    half, bias = law["error_half_width"].copy(deep=True), law["error_bias"]
+    p = law["fit_pressure"].to_numpy()
+    scatter = law["cell_scatter"].to_numpy()
+    terms = {
+        "scale separation": separation_term(law, p, scales),
+        FEW_CELLS: scatter_term(scatter[:3], scales),
+    }
+    for term, rows in terms.items():
+        follow = STEEPEST * rows[2:] * np.ones((len(scatter) - 3, 1))  # of the tangential traction
+        half.loc[{"error_term": term}] = np.vstack([rows, follow])
+    given = half.notnull().any(("quantity", "step")).to_numpy()
+    total = law["error_total"].copy(data=add_terms(half.to_numpy(), bias.to_numpy(), given))
+    unknown = [one for one in str(law.attrs["unknown"]).split(", ") if one != "scale separation"]
+    return law.assign(error_half_width=half, error_total=total).assign_attrs(
+        {
+            "cell_ratio": scales.cell_ratio,
+            how_attribute("scale separation"): str(scales),
+            how_attribute(FEW_CELLS): scales.count_cells(),
+            "unknown": ", ".join(unknown),
+        }
+    )

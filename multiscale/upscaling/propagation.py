@@ -1,0 +1,391 @@
+r"""From the sources of error of a computation to the error budget of its answers.
+
+With the relative change :math:`s_{k}` of an answer over the change of a parameter :math:`k`, whose
+half-width is :math:`w_{kt}` by the term :math:`t`, the half-width of the answer by that term is
+
+.. math:: w_t^2 = \sum_k (s_k\, w_{kt})^2.    \tag{1}
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from multiscale.errors import CaseError
+from multiscale.executors import run_jobs
+from multiscale.laws import ModifiedLaw, NormalLaw
+from multiscale.schema import ERROR_BUDGET, Dataset
+from multiscale.upscaling.bootstrap import half_range
+from multiscale.upscaling.budget import (
+    ALWAYS,
+    ERROR_TERMS,
+    FEW_CELLS,
+    MACRO,
+    NO_PART,
+    NO_STATED,
+    STATED,
+    Term,
+    assemble_budget,
+    has_budget,
+    how_attribute,
+    is_absent,
+    known_terms,
+)
+from multiscale.upscaling.observations import observe
+from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
+from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.spline_law import fit_each
+
+__all__ = [
+    "STRETCH",
+    "Bound",
+    "Correction",
+    "Knob",
+    "Samples",
+    "Source",
+    "Uncertainty",
+    "law_sources",
+    "propagate",
+]
+
+STRETCH = 0.02
+"""Relative change of a parameter with which the answers are solved again."""
+
+FEWEST_SAMPLES = 40  # for a percentile interval
+
+NO_SOURCE = dict.fromkeys(ALWAYS, "nothing: no source of this error has a part in it") | {
+    STATED: NO_STATED.how,
+    MACRO: "not known: nothing was solved on a coarser mesh",
+}
+"""Texts of terms without a source."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Source(ABC):
+    """A source of error.
+
+    Attributes
+    ----------
+    name : str
+    of : str, optional, object that the source belongs to, such as an interface
+    changes : sequence, inputs with which the answers are solved again, any type
+    answers : sequence of ndarray, shape (answers, steps), optional
+        Answers with these changes, if they are known.
+    """
+
+    name: str
+    of: str = ""
+    changes: Sequence[Any] = ()
+    answers: Sequence[np.ndarray] | None = None
+
+    @abstractmethod
+    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
+        """Return the terms of the budget by this source, from the answers and the changed ones."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Uncertainty(Source):
+    """A parameter with half-widths of its 95 % interval, by terms of the budget.
+
+    Attributes
+    ----------
+    half_width : mapping of str to ndarray or float, in the unit of ``step``
+    how : mapping of str to str, how they were estimated, if a text is needed
+    step : float, by how much the parameter is larger in the only element of ``changes``
+    rate : ndarray, shape (answers, steps), optional
+        Relative change of the answers over the change of the parameter, instead of ``changes``.
+    """
+
+    half_width: Mapping[str, np.ndarray | float]
+    how: Mapping[str, str] = field(default_factory=dict)
+    step: float = STRETCH
+    rate: np.ndarray | None = None
+
+    def sensitivity(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the relative change of the answers over the change of the parameter."""
+        return (changed[0] / value - 1.0) / self.step if self.rate is None else self.rate
+
+    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
+        """Return (1); an answer that does not change has no error, even by an unknown width."""
+        rate = np.abs(self.sensitivity(value, changed))
+        return {
+            term: Term(self.how.get(term, ""), np.where(rate == 0.0, 0.0, rate * half))
+            for term, half in self.half_width.items()
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Samples(Source):
+    """Inputs drawn from their distribution, such as bootstrap samples of a law."""
+
+    how: str
+
+    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
+        """Return half the distance of the percentiles."""
+        return {"sampling": Term(self.how, half_range(np.array(changed)) / np.abs(value))}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Knob(Source):
+    """A setting whose coarser values are solved, one for each change.
+
+    Attributes
+    ----------
+    ratios : sequence of float, spacings of the coarser values over that of the answers
+    term : str, term of the budget
+    share : ndarray, shape (answers, steps), optional
+        Share of the change by the only coarser value that the answers err at most; without it the
+        error follows from the ratios, see :func:`estimate_grid_error`.
+    how : str, how the share was estimated, if a text is needed
+    """
+
+    ratios: Sequence[float] = ()
+    term: str = MACRO
+    share: np.ndarray | None = None
+    how: str = ""
+
+    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
+        """Return the half-widths."""
+        if self.share is not None:
+            change = np.abs(changed[0] / value - 1.0)
+            half = np.where(self.share == 0.0, 0.0, self.share * change)
+            return {self.term: Term(self.how, half)}
+        estimate = estimate_grid_error(value, dict(zip(self.ratios, changed, strict=True)))
+        return {self.term: Term(estimate.how, estimate.half_width / np.abs(value))}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Correction(Source):
+    """A term with a known sign: its only change are the inputs without that error."""
+
+    term: str
+
+    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
+        """Return the bias."""
+        bias = (value - changed[0]) / np.abs(value)
+        return {self.term: Term("", np.zeros(value.shape), bias)}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bound(Source):
+    """Errors of the answers that are computed; a term without half-width is an unknown one."""
+
+    bounds: Mapping[str, Term]
+
+    def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
+        """Return the bounds."""
+        return self.bounds
+
+
+def propagate(
+    names: str | Sequence[str],
+    sources: Sequence[Source],
+    solve: Callable[[Any], Any] | None = None,
+    value: np.ndarray | None = None,
+    *,
+    base: Any = None,
+    read: Callable[[Any], np.ndarray] = np.asarray,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Dataset:
+    """Carry independent errors to answers: solve once for each change of each source.
+
+    Parameters
+    ----------
+    names : str or sequence of str, names of the answers, such as ``"joint_stiffness"``
+    sources : sequence of Source
+        See :func:`law_sources` for the sources of an interface law.
+    solve : callable, optional, from a change of a source to what ``read`` takes
+        Workers of an executor must be able to import it. Not needed where all answers are known.
+    value : ndarray, shape (answers, steps) or (steps,) of one answer, any units, optional
+        Answers without a change; solved with ``base`` if not given.
+    base : object, optional, inputs without a change
+    read : callable, from a result of ``solve`` to the answers, shaped as ``value``
+    executor : Executor, optional, see :func:`multiscale.executors.run_jobs`
+    progress : callable, optional, called with the numbers of finished and of all solves
+
+    Returns
+    -------
+    Dataset
+        Follows ``ERROR_BUDGET``, with a quantity for each answer. Half-widths add as squares and
+        biases with their signs. A term that a source does not know at a step makes the total NaN
+        there; a term that a source does not know at all does so if it is one of ``ALWAYS``. The
+        ``sensitivity`` is by the parameters among the sources.
+    """
+    names = (names,) if isinstance(names, str) else tuple(names)
+    jobs: dict[tuple[int, int], Any] = {} if value is not None else {(-1, 0): base}
+    for k, one in enumerate(sources):
+        if one.answers is None:
+            jobs |= {(k, j): change for j, change in enumerate(one.changes)}
+    solved: dict[tuple[int, int], np.ndarray] = {}
+
+    def finish(key: tuple[int, int], found: Any) -> None:
+        solved[key] = _rows(read(found), names)
+        progress(len(solved), len(jobs))
+
+    if jobs:
+        if solve is None:
+            raise TypeError(f"{len(jobs)} answers are not known, and nothing solves them")
+        progress(0, len(jobs))
+        run_jobs(solve, ((key, (change,)) for key, change in jobs.items()), executor, finish)
+    value = solved[-1, 0] if value is None else _rows(value, names)
+
+    given: dict[str, list[tuple[str, Term]]] = {term: [] for term in ERROR_TERMS}
+    labels, changes = [], []
+    for k, one in enumerate(sources):
+        if one.answers is None:
+            changed = [solved[k, j] for j in range(len(one.changes))]
+        else:
+            changed = [_rows(answer, names) for answer in one.answers]
+        for term, part in one.terms(value, changed).items():
+            given[term].append((one.of, part))
+        if isinstance(one, Uncertainty):
+            half = [np.nan_to_num(width) for width in one.half_width.values()]
+            wide = np.sqrt(sum(np.square(width) for width in half))
+            labels.append(": ".join(filter(None, (one.of, one.name))))
+            changes.append(one.sensitivity(value, changed) * wide * np.ones(value.shape))
+    terms = {term: _add(term, parts, value.shape) for term, parts in given.items()}
+    budget = assemble_budget(terms, names, None, steps=value.shape[1])
+    if not changes:
+        return budget
+    budget = ERROR_BUDGET.assign(budget, {"sensitivity": np.array(changes)})
+    return budget.assign_coords(parameter=labels)
+
+
+def _rows(answer: Any, names: Sequence[str]) -> np.ndarray:
+    """Return answers as rows over the steps, one for each name."""
+    return np.reshape(np.asarray(answer, dtype=float), (len(names), -1))
+
+
+def _add(term: str, parts: Sequence[tuple[str, Term]], shape: tuple[int, ...]) -> Term:
+    """Add what sources contribute to a term, and join the texts, by the objects they belong to."""
+    texts: dict[str, dict[str, None]] = {}
+    for of, one in parts:
+        if one.how:
+            texts.setdefault(of, {})[one.how] = None
+    present = {
+        of: "; ".join(how for how in one if not is_absent(how))
+        for of, one in texts.items()
+        if not all(map(is_absent, one))
+    }
+    if len(set(present.values())) > 1:
+        several = sum(map(bool, present)) > 1
+        told = "; ".join(f"{of}: {how}" if of and several else how for of, how in present.items())
+    elif present:
+        told = next(iter(present.values()))
+    elif texts:
+        told = next(how for one in texts.values() for how in one)
+    else:
+        told = NO_SOURCE.get(term, NO_PART.how)
+    halves = [one.half_width for _, one in parts if one.half_width is not None]
+    if term in ALWAYS and not parts:
+        return Term(told, np.zeros(shape))
+    if not halves or (term in ALWAYS and len(halves) < len(parts)):
+        return Term(told, None, sum(np.asarray(one.bias) for _, one in parts))
+    square = sum(np.square(half) for half in halves)
+    bias = sum(np.asarray(one.bias) for _, one in parts)
+    return Term(told, np.sqrt(square) * np.ones(shape), bias)
+
+
+def law_sources(
+    law: Dataset,
+    pressure: np.ndarray | None = None,
+    *,
+    of: str = "",
+    change: Callable[[NormalLaw], Any] = lambda law: law,
+    samples: int = 0,
+    drawn: Sequence[np.ndarray] | None = None,
+    cells: np.ndarray | float = 1.0,
+) -> list[Source]:
+    """Return the sources of error of an interface law, from its budget.
+
+    Parameters
+    ----------
+    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget; see :func:`with_budget`
+    pressure : ndarray, shape (steps,), optional
+        Pressure of the interface at each step, Pa, at which the errors of the law count; their
+        root mean square over its data if not given.
+    of : str, optional, name of the interface
+    change : callable, optional, makes the change of a :class:`Source` from a changed normal law
+    samples : int
+        Number of bootstrap samples of the law that are solved; with fewer than 40, sampling enters
+        as the other terms do.
+    drawn : sequence of ndarray, shape (answers, steps), optional, answers that samples have
+    cells : float or ndarray, shape (answers, steps)
+        Number of cells over which the answers average, over the number by the scales of the law;
+        see :func:`effective_cells`.
+
+    Returns
+    -------
+    list of Source
+        The terms of the gap enter by the change of the answers where all gaps are larger, those of
+        the stiffness where the law is softer about the mean pressure, biases by a law of free form
+        through the gaps without them.
+
+    Raises
+    ------
+    CaseError
+        If the law carries no budget.
+    """
+    if not has_budget(law):
+        raise CaseError(
+            "the law carries no error budget; add it by with_budget(law, error_budget(...))"
+        )
+    require_law(law, "fit_mean_gap", "error_bias", *map(how_attribute, ERROR_TERMS))
+    mean_law, gap = law_from_dataset(law), law["fit_mean_gap"].to_numpy()
+    data, known = law["fit_pressure"].to_numpy(), known_terms(law)
+    count = min(samples, int(law.sizes.get("sample", 0)))
+    draws = fitted_laws(law, range(count if count >= FEWEST_SAMPLES else 0))
+    sampled: list[Source] = []
+    if draws or (drawn is not None and len(drawn)):
+        count = len(draws) if drawn is None else len(drawn)
+        told = f"{count} bootstrap samples of the law"
+        changes = [change(one) for one in draws] if drawn is None else ()
+        sampled.append(Samples(name="samples", of=of, changes=changes, answers=drawn, how=told))
+
+    def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
+        """Half-widths of a quantity of the law at the pressures, by terms that it knows."""
+        found: dict[str, np.ndarray | float] = {}
+        for term in known:
+            one = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * unit
+            found[term] = float(np.sqrt(np.mean(one**2)))
+            if pressure is not None:
+                found[term] = np.interp(np.log(pressure), np.log(data), one)
+        if sampled:
+            found.pop("sampling", None)
+        if FEW_CELLS in found:
+            found[FEW_CELLS] = found[FEW_CELLS] / np.sqrt(cells)
+        return found
+
+    bounds = {}
+    for term in ERROR_TERMS[:-1]:  # the last one is not of a law
+        if not (sampled and term == "sampling"):
+            how = str(law.attrs[how_attribute(term)])
+            bounds[term] = Term(how, np.zeros(()) if term in known else None)
+    p = data if pressure is None else np.asarray(pressure)
+    middle = float(mean_law.gap_at(np.array(np.exp(np.nanmean(np.log(p))))))
+    shift = STRETCH * float(np.ptp(gap))
+    larger = ModifiedLaw(mean_law, shift=shift)
+    softer = ModifiedLaw(mean_law, factor=1.0 + STRETCH, centre=middle)
+    widths = {"gap": half_width("mean_gap", np.abs(gap)), "stiffness": half_width("stiffness", 1.0)}
+    corrections: list[Source] = []
+    for term in known:
+        bias = law["error_bias"].sel(quantity="mean_gap", error_term=term).to_numpy()
+        if np.any(bias):
+            unbiased = observe("gap", data, gap * (1.0 - bias))
+            less = change(fit_each(unbiased, unbiased.values)[0])
+            corrections.append(Correction(name=f"bias by {term}", of=of, changes=[less], term=term))
+    return [
+        Bound(name="budget of the law", of=of, bounds=bounds),
+        Uncertainty(
+            name="gap", of=of, changes=[change(larger)], step=shift, half_width=widths["gap"]
+        ),
+        Uncertainty(
+            name="softness", of=of, changes=[change(softer)], half_width=widths["stiffness"]
+        ),
+        *corrections,
+        *sampled,
+    ]
