@@ -213,7 +213,7 @@ def fit_command(
     from multiscale.io import open_dataset, open_response, save_law
     from multiscale.schema import SHEAR_RESPONSE, SLIDING_RESPONSE
     from multiscale.upscaling import fit_branches
-    from multiscale.upscaling.shear_branch import say_shear
+    from multiscale.upscaling.branches import say_shear
 
     _check_dataset(out)
     if response.suffix.lower() == ".csv":

@@ -6,8 +6,8 @@ from multiscale.pipeline.case_cells import longest_wave
 from multiscale.pipeline.settings import Case
 from multiscale.schema import Dataset
 from multiscale.upscaling import compare_scales, error_budget
-from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
 from multiscale.upscaling.budget import how_attribute
+from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 from multiscale.upscaling.scales import ScaleSeparation
 
 __all__ = ["case_budget", "joint_scales"]

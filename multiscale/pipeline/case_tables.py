@@ -25,7 +25,7 @@ from multiscale.pipeline.toml_model import (
     with_unit,
 )
 from multiscale.units import readable
-from multiscale.upscaling.control_variates import FEWEST_PAIRS
+from multiscale.upscaling.sampling import FEWEST_PAIRS
 from multiscale.upscaling.shear_fit import FEWEST_BELOW
 
 __all__ = [

@@ -68,8 +68,7 @@ from multiscale.pipeline.tyre_settings import (
 from multiscale.pipeline.vibration_settings import VibrationSettings
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
-from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
-from multiscale.upscaling.control_variates import FEWEST_PAIRS
+from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
     from multiscale.pipeline.stage import Datasets

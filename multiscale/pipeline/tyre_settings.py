@@ -24,7 +24,7 @@ from multiscale.pipeline.toml_model import (
     quantity,
     with_unit,
 )
-from multiscale.upscaling.bootstrap import FEWEST_REALISATIONS
+from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
     from multiscale.pipeline.settings import Case

@@ -12,7 +12,7 @@ from multiscale.errors import CaseError
 from multiscale.io import write_bytes
 from multiscale.schema import Dataset
 from multiscale.units import to_si
-from multiscale.upscaling.conductance import conductance_ratios
+from multiscale.upscaling.branches import sliders_from_dataset
 from multiscale.upscaling.reading import (
     area_from_dataset,
     law_band,
@@ -20,7 +20,7 @@ from multiscale.upscaling.reading import (
     refuse_band,
     require_law,
 )
-from multiscale.upscaling.shear_branch import sliders_from_dataset
+from multiscale.upscaling.transport import conductance_ratios
 
 if TYPE_CHECKING:
     from multiscale.laws import NormalLaw

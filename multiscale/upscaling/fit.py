@@ -9,16 +9,9 @@ import numpy as np
 from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw
 from multiscale.schema import INTERFACE_LAW, Dataset, Variable, with_cautions
-from multiscale.upscaling.bootstrap import draw_counts
 from multiscale.upscaling.family import FAMILIES, Family
-from multiscale.upscaling.law_checks import admissibility
-from multiscale.upscaling.observations import QUANTITIES, Observations
-from multiscale.upscaling.parametric import BY_REALISATION, NONE, fit_family
-from multiscale.upscaling.reading import area_from_dataset, fitted_law
-from multiscale.upscaling.regression import regression_of
-from multiscale.upscaling.response_observations import area_observations, normal_observations
-from multiscale.upscaling.spline import N_TERMS
-from multiscale.upscaling.spline_law import (
+from multiscale.upscaling.free_form import (
+    N_TERMS,
     FitResult,
     Values,
     fit_area,
@@ -27,6 +20,12 @@ from multiscale.upscaling.spline_law import (
     representable,
     unseen_errors,
 )
+from multiscale.upscaling.law_checks import admissibility
+from multiscale.upscaling.observations import QUANTITIES, Observations
+from multiscale.upscaling.reading import area_from_dataset, fitted_law
+from multiscale.upscaling.regression import BY_REALISATION, NONE, fit_family, regression_of
+from multiscale.upscaling.response_observations import area_observations, normal_observations
+from multiscale.upscaling.sampling import draw_counts
 
 __all__ = [
     "FREE_FORM",
@@ -78,7 +77,7 @@ def fit_law(
         Follows ``MICRO_RESPONSE``: many cheap cells beside the few of a response, at the same
         pressures, such as flat cells beside conforming ones. Those with the numbers of the
         response have its surfaces. Means and samples are of both, see
-        :class:`~.control_variates.Control`; of a quantity for which that makes no interval
+        :class:`~.sampling.Control`; of a quantity for which that makes no interval
         narrower they are of the response alone.
     family : str or Family, optional
         ``"convex_decreasing"`` (gap and normal stiffness) and ``"monotone"`` (contact fraction)
@@ -140,9 +139,9 @@ def fit_law(
     most of it Westergaard's at the highest pressures. Outside its range the law extrapolates. Where
     the stiffness tends to infinity, as at complete contact, its error grows.
 
-    What was observed is compared with the law by :class:`~.misfit.Misfit`. Cells whose surfaces
-    flow nearly everywhere become softer as the pressure rises, which no convex law does: the law
-    ends where that begins. Every other law has a caution where it misses what was observed.
+    Cells whose surfaces flow nearly everywhere become softer as the pressure rises, which no convex
+    law does: the law ends where that begins. Every other law has a caution where it misses what was
+    observed.
 
     The bootstrap resamples whole realisations with replacement, since the steps of one are
     correlated; the samples are spread as by :func:`widening` so that 95 % intervals keep their

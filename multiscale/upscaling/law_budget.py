@@ -37,7 +37,7 @@ from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, STEEPEST, tangential_terms
 
 __all__ = [
-    "QUANTITIES",
+    "LAW_QUANTITIES",
     "error_budget",
     "fit_term",
     "grid_term",
@@ -57,7 +57,7 @@ FEWEST_UNSEEN = 3  # errors at points that a fit has not seen: five pressures ha
 
 GROWTH = 10.0  # of differences from one interval to the next, beyond which nothing can be continued
 
-QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
+LAW_QUANTITIES = ("mean_gap", "contact_fraction", "stiffness")
 
 
 def error_budget(
@@ -180,9 +180,9 @@ def error_budget(
         few = scatter_term(sampling.scatter, scales)
         terms[FEW_CELLS] = Term(scales.count_cells(), few)
     if tangential is None:
-        budget = assemble_budget(terms, QUANTITIES, p)
+        budget = assemble_budget(terms, LAW_QUANTITIES, p)
     else:
-        rows = (*QUANTITIES, "tangential_traction")
+        rows = (*LAW_QUANTITIES, "tangential_traction")
         budget = assemble_budget(tangential_terms(terms, law, p, tangential), rows, p)
     scatter = np.full((budget.sizes["quantity"], p.size), np.nan)
     scatter[:3] = sampling.scatter
@@ -211,7 +211,7 @@ def sampling_term(
     each realisation has a law of its own. Two realisations give an interval, one gives none: NaN.
 
     With a control, the mean is a sum of the independent means of two ensembles, see
-    :class:`~.control_variates.Control`: the residuals of the pairs, and the cheap cells. The
+    :class:`~.sampling.Control`: the residuals of the pairs, and the cheap cells. The
     squares of their intervals add up, and so do their variances to the scatter of single cells.
     The interval of a sum by Welch and Satterthwaite covers less where pairs are few: 92 % of 1500
     repeats with 4 pairs and a correlation of .98, where this one covers 96 %.
@@ -268,7 +268,7 @@ def fit_term(law: Dataset, p: np.ndarray) -> np.ndarray:
     """Half-widths from the errors at steps that the fit has not seen.
 
     The half-width is the root mean square of these errors, times the share that the decay with the
-    spacing leaves, see :func:`~.spline_law.decay_share`, times Student's factor of their number,
+    spacing leaves, see :func:`~.free_form.decay_share`, times Student's factor of their number,
     since few are small by chance; fewer than :data:`FEWEST_UNSEEN` tell no decay, and their whole
     error is taken as it is. A family with parameters has no decay. At the ends of the data, which
     have a neighbour on one side only, the error of the gap at the step beside counts whole. A

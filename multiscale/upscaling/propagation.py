@@ -18,7 +18,6 @@ from multiscale.errors import CaseError
 from multiscale.executors import run_jobs
 from multiscale.laws import ModifiedLaw, NormalLaw
 from multiscale.schema import ERROR_BUDGET, Dataset
-from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import (
     ALWAYS,
     ERROR_TERMS,
@@ -34,10 +33,11 @@ from multiscale.upscaling.budget import (
     is_absent,
     known_terms,
 )
+from multiscale.upscaling.free_form import fit_each
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
-from multiscale.upscaling.spline_law import fit_each
+from multiscale.upscaling.sampling import half_range
 
 __all__ = [
     "STRETCH",

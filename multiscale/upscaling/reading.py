@@ -16,8 +16,8 @@ from multiscale.laws import (
     wlf_shift,
 )
 from multiscale.schema import INTERFACE_LAW, Dataset
-from multiscale.upscaling.bootstrap import most_confident, widening
 from multiscale.upscaling.family import FAMILIES, Family
+from multiscale.upscaling.sampling import most_confident, widening
 
 __all__ = [
     "TABLE",

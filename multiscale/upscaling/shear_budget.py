@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, Dataset
-from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term, has_budget, known_terms
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
+from multiscale.upscaling.sampling import half_range
 
 __all__ = [
     "NORMAL_ALONE",

@@ -37,7 +37,7 @@ from multiscale.upscaling.budget import (
     total_error,
 )
 from multiscale.upscaling.cell_size import size_term
-from multiscale.upscaling.spline_law import decay_share
+from multiscale.upscaling.free_form import decay_share
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
 TRUTH = DECAY * np.log(SCALE / PRESSURE)

@@ -9,8 +9,7 @@ from scipy.stats import t
 
 from multiscale.errors import CaseError
 from multiscale.upscaling import error_budget, fit_law, law_band, law_from_dataset, observe
-from multiscale.upscaling.bootstrap import draw_counts
-from multiscale.upscaling.control_variates import Control, best_ratio
+from multiscale.upscaling.sampling import Control, best_ratio, draw_counts
 from tests.upscaling.responses import DECAY, PRESSURE, SCALE, response_of
 
 SIGMA, RHO, SLOPE = 0.3, 0.98, 2.0

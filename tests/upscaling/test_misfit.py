@@ -23,7 +23,7 @@ from multiscale.upscaling import (
     with_shear,
     with_unloading,
 )
-from multiscale.upscaling.shear_branch import take_sliding_friction, with_sliding
+from multiscale.upscaling.branches import take_sliding_friction, with_sliding
 from tests.support import rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 

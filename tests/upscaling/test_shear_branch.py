@@ -28,8 +28,7 @@ from multiscale.upscaling import (
     with_shear,
     with_sliding,
 )
-from multiscale.upscaling.shear_cycles import bed_loss
-from multiscale.upscaling.shear_fit import bed_traction
+from multiscale.upscaling.shear_fit import bed_loss, bed_traction
 from tests.support import egg_box, rough_square
 from tests.upscaling.responses import DECAY, SCALE, response_of, sheared_exponentials, slid
 
@@ -173,7 +172,7 @@ def test_the_bed_of_any_ratio_and_friction_is_the_bed_of_ones_with_another_slip(
 
 
 def test_friction_and_stiffness_ratio_are_said_with_their_bands(measured):
-    from multiscale.upscaling.shear_branch import say_shear
+    from multiscale.upscaling.branches import say_shear
 
     law, _ = measured
     said = say_shear(law)

@@ -27,7 +27,7 @@ from multiscale.schema import (
 )
 from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import loading_branch, normal_observations
-from multiscale.upscaling.control_variates import Control, best_ratio
+from multiscale.upscaling.sampling import Control, best_ratio
 
 __all__ = [
     "COARSER_CELLS",

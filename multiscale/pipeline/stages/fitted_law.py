@@ -49,9 +49,9 @@ from multiscale.upscaling import (
     write_law_table,
     write_pressure_overclosure,
 )
-from multiscale.upscaling.bootstrap import half_range
 from multiscale.upscaling.budget import known_error
 from multiscale.upscaling.fit import told_branches
+from multiscale.upscaling.sampling import half_range
 from multiscale.upscaling.shear_budget import loss_term, with_loss_grid
 
 __all__ = ["FITTED_LAW"]
