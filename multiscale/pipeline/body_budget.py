@@ -37,6 +37,7 @@ from multiscale.upscaling.budget import (
     how_attribute,
     known_terms,
 )
+from multiscale.upscaling.propagation import STRETCH
 from multiscale.upscaling.shear_budget import loss_term
 
 __all__ = [
@@ -111,15 +112,16 @@ class JointsOfLaw:
         friction = {} if pressure is None else shear_errors(self.law, pressure)
         for parameter, half_width in friction.items():
             if parameter in self.measured:
-                half_width |= {
-                    term: np.where(rows, 0.0, half_width[term])
-                    for term, rows in without.items()
-                    if term in half_width
+                known = {
+                    term: np.where(without.get(term, False), 0.0, half)
+                    for term, half in half_width.items()
+                    if term in known_terms(self.law)
                 }
-                one = Uncertainty(name=parameter.replace("_", " "), of=self.name, half_width={})
-                larger = Change(self.joints, factors={parameter: 1.0 + one.step})
-                widths = _shared(half_width, cells)
-                found.append(replace(one, changes=[larger], half_width=widths))
+                name, widths = parameter.replace("_", " "), _shared(known, cells)
+                larger = Change(self.joints, factors={parameter: 1.0 + STRETCH})
+                found.append(
+                    Uncertainty(name=name, of=self.name, half_width=widths, changes=[larger])
+                )
         return found
 
 

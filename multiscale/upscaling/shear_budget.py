@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, Dataset
-from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term, has_budget, known_terms
+from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
 from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.sampling import half_range
@@ -87,8 +87,7 @@ def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]
         For ``friction`` and ``stiffness_ratio`` the half-width of the 95 % interval over the value
         by term, shape (steps,): *sampling* by the bootstrap, *few cells* by the scatter that it
         tells of single cells, and for the ratio all that a term of the tangential traction, as
-        :func:`tangential_terms` tells it, does not have from the stiffness; of a law with a budget
-        only by terms that it knows. A friction without
+        :func:`tangential_terms` tells it, does not have from the stiffness. A friction without
         samples that was measured has the error that the law states, which may be NaN.
     """
     from scipy.special import stdtrit
@@ -114,9 +113,6 @@ def shear_errors(law: Dataset, p: np.ndarray) -> dict[str, dict[str, np.ndarray]
                 rest = row**2 - one.sel(quantity="stiffness").to_numpy() ** 2
                 left = np.sqrt(np.maximum(rest, 0.0))
                 found["stiffness_ratio"][term] = np.interp(np.log(p), data, left)
-    if has_budget(law):
-        known = known_terms(law)
-        found = {k: {t: one[t] for t in one if t in known} for k, one in found.items()}
     return found
 
 

@@ -60,7 +60,7 @@ from multiscale.upscaling import (
     with_intervals,
     with_scales,
 )
-from multiscale.upscaling.budget import MACRO, Term, has_budget
+from multiscale.upscaling.budget import MACRO, Term, has_budget, known_terms
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.reading import TABLE
 
@@ -196,7 +196,8 @@ def solve_joint(case: Case, law: Dataset) -> Dataset:
     if shear and told_branches(law).get("shear") == "measured":
         K = known["interface_stiffness"].to_numpy()
         rate = np.where(np.array(names)[:, None] == TANGENTIAL, answer / (ratio * K), 0.0)
-        half_width = shear_errors(law, at)["stiffness_ratio"]
+        errors = shear_errors(law, at)["stiffness_ratio"]
+        half_width = {term: errors[term] for term in known_terms(law) if term in errors}
         sources.append(Uncertainty(name="stiffness ratio", half_width=half_width, rate=rate))
     budget = propagate(names, sources, answers, answer)
     return with_intervals(with_budget(result, over_steps(budget, steps, preload.size)))
