@@ -60,6 +60,8 @@ INTERVALS = {"mean_law": "mean law, 95 %", "one_part": "one part, 95 %"}
 TWO_DIGITS = 3.55
 """Leading digits of an error up to which two of them are written, by the rule of the PDG."""
 
+TELLING = 0.1  # of the error of an answer, from which its change by a parameter is shown
+
 MOST_BUDGETS = 6
 """Steps of an error budget in its table."""
 
@@ -470,21 +472,23 @@ def tabulate_sensitivity(result: Dataset) -> Rows:
     """Head and rows of relative changes of answers, in per cent, if parameters are larger.
 
     Each parameter is larger by its half-width; steps are as of :func:`tabulate_budget`. Answers
-    that a parameter does not change have no row.
+    that a parameter changes by less than a tenth of their error have no row.
     """
     known = np.flatnonzero(result["sensitivity"].notnull().any(("parameter", "quantity")))
     some = known[np.unique(np.linspace(0, known.size - 1, MOST_BUDGETS).round().astype(int))]
     one = result.isel(step=some)
-    changes = one["sensitivity"].to_numpy()
+    changes, error = one["sensitivity"].to_numpy(), np.nan_to_num(known_error(one))
+
+    def write(change: float) -> str:
+        if np.isnan(change):
+            return "-"
+        return "0" if abs(change) <= ROUNDING else f"{100.0 * change:+.3g}"
+
     rows = [
-        (
-            parameter,
-            quantity,
-            *("0" if abs(x) <= ROUNDING else f"{100.0 * x:+.3g}" for x in changes[k, i]),
-        )
+        (parameter, quantity, *map(write, changes[k, i]))
         for k, parameter in enumerate(map(str, one["parameter"].values))
         for i, quantity in enumerate(map(str, one["quantity"].values))
-        if np.any(np.abs(changes[k, i]) > ROUNDING)
+        if np.any(np.abs(changes[k, i]) > np.maximum(ROUNDING, TELLING * error[i]))
     ]
     return ("larger parameter", "change (%) of", *step_labels(one, unit=" MPa")), rows
 

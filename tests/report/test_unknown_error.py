@@ -159,6 +159,7 @@ def test_rows_without_a_part_in_the_budget_share_a_row():
 
 
 def test_parameters_that_change_nothing_have_no_row():
-    changes = {"sensitivity": (("parameter", "quantity", "step"), [[[0.02]], [[4e-14]]])}
-    result = joint(0.01).assign(changes).assign_coords(parameter=["first", "second"])
+    changes = {"sensitivity": (("parameter", "quantity", "step"), [[[0.02]], [[4e-14]], [[5e-4]]])}
+    result = joint(0.01).assign(changes).assign_coords(error_term=["sampling"])
+    result = result.assign_coords(parameter=["first", "second", "third"])
     assert [row[0] for row in tabulate_sensitivity(result)[1]] == ["first"]

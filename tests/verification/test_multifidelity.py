@@ -18,13 +18,8 @@ import pytest
 from scipy.stats import t
 
 from multiscale.micro import Cell, Path, solve_cell
-<<<<<<< HEAD
 from multiscale.pipeline.stages.ensembles import COST
 from multiscale.upscaling.sampling import Control, best_ratio
-=======
-from multiscale.pipeline.stages.control_cells import COST
-from multiscale.upscaling.sampling import Control, best_ratio
->>>>>>> 9c42d789 (upscaling: thirteen modules merged into their neighbours)
 from tests.support import rough_square
 
 MODULUS, NU, SLOPE, EDGE, POINTS = 1e9, 0.3, 0.05, 1e-3, 24
