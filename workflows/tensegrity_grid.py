@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.stages.links import LINKS
+from multiscale.pipeline.stages.cut_structures import LINKS
 from multiscale.plotting import draw_links
 
 SCENES = Path(__file__).parent / "scenes"

@@ -213,7 +213,6 @@ class Stage(Shown):
     check : callable, refuses a dataset that has been written but answers nothing
     kept : str, what ``--quick`` leaves as it is, in a sentence
     folders : tuple of str, folders of a run where the stage finds what it need not compute again
-    pictures : tuple of str, names of all figures that the sections may have
     answers : mapping of str to str
         Variables by which runs are compared, with labels in place of those of ``SHOWN``; those of
         the last stage that has any, as far as a run has them, at the end of their steps or cycles.
@@ -229,7 +228,6 @@ class Stage(Shown):
     prepare: Callable[[Any], object] = _nothing
     check: Callable[[Dataset], object] = _nothing
     kept: str = ""
-    pictures: tuple[str, ...] = ()
     folders: tuple[str, ...] = ()
     answers: Mapping[str, str] = field(default_factory=dict)
     compared: Callable[[Dataset], Dataset] = lambda dataset: dataset

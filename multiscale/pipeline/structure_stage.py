@@ -5,7 +5,6 @@ from dataclasses import replace
 from importlib.util import find_spec
 from itertools import count
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -126,20 +125,14 @@ def structure_stage(
     write_fields: Callable[..., object],
     *,
     reads: set[str],
-    question: str,
-    takes: tuple[Stage, ...] = (),
     schema: Schema = MACRO_RESULT,
     solver: tuple[str, ...] = ("pypardiso",),
     prepare: Callable[[Any, Case], object] = lambda structure, case: None,
-    check: Callable[[Dataset], None] = require_converged,
-    kept: str = "",
     more: Callable[[Dataset], Iterable[Section]] = lambda result: (),
-    pictures: tuple[str, ...] = (),
-    answer: Callable[[Dataset], Iterable[str]] = lambda result: [],
-    answers: Mapping[str, str] = MappingProxyType({}),
-    compared: Callable[[Dataset], Dataset] = lambda result: result,
+    answer: Callable[[Dataset], Iterable[str]] = lambda result: (),
+    **record: Any,
 ) -> Stage:
-    """Make the stage that solves some kinds of structures."""
+    """Make the stage that solves some kinds of structures, with further fields of its record."""
 
     def run(case: Case, found: Datasets, job: Job) -> Dataset:
         result = solve(case.structure, case, found, job)
@@ -163,25 +156,20 @@ def structure_stage(
         if solved < steps or not said:
             yield f"{solved} of {steps} steps have an answer; see the table."
 
-    return Stage(
-        schema=schema,
-        tables=("structure", name),
-        reads={"title", *reads},
-        takes=takes,
-        run=run,
-        write_fields=write_fields,
-        needs=all_needs,
-        prepare=lambda case: prepare(case.structure, case),
-        check=check,
-        kept=kept,
-        sections=sections,
-        question=question,
-        answer=sentences,
-        pictures=pictures,
-        answers=answers,
-        compared=compared,
-        failure=lambda result: "; ".join(_failures(result)),
-    )
+    asked: dict[str, Any] = {
+        "schema": schema,
+        "tables": ("structure", name),
+        "reads": {"title", *reads},
+        "run": run,
+        "write_fields": write_fields,
+        "needs": all_needs,
+        "prepare": lambda case: prepare(case.structure, case),
+        "check": require_converged,
+        "sections": sections,
+        "answer": sentences,
+        "failure": lambda result: "; ".join(_failures(result)),
+    }
+    return Stage(**(asked | record))
 
 
 def with_too_far(result: Dataset, *cautions: str) -> Dataset:

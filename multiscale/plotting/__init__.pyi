@@ -17,6 +17,8 @@ from .joint_figures import joint_pictures as joint_pictures
 from .joint_figures import plot_hysteresis as plot_hysteresis
 from .joint_figures import plot_joint_plan as plot_joint_plan
 from .law_figures import plot_area_law as plot_area_law
+from .law_figures import plot_footprint as plot_footprint
+from .law_figures import plot_friction_bell as plot_friction_bell
 from .law_figures import plot_gap_law as plot_gap_law
 from .law_figures import plot_joint_stiffness as plot_joint_stiffness
 from .law_figures import plot_leakage as plot_leakage
@@ -46,8 +48,6 @@ from .surface_figures import plot_surface as plot_surface
 from .sweep_figures import plot_sweep as plot_sweep
 from .sweep_figures import plot_sweep_steps as plot_sweep_steps
 from .sweep_figures import sweep_ends as sweep_ends
-from .tyre_figures import plot_footprint as plot_footprint
-from .tyre_figures import plot_friction_bell as plot_friction_bell
 from .vibration_figures import plot_backbone as plot_backbone
 from .vibration_figures import plot_mode_shape as plot_mode_shape
 from .vibration_figures import plot_vibrating_joint as plot_vibrating_joint

@@ -27,6 +27,7 @@ __all__ = [
     "add_colour_bar",
     "axes_or_current",
     "in_space",
+    "is_drawn",
     "new_figure",
     "on_axes",
     "plot_energy_parts",
@@ -36,6 +37,9 @@ __all__ = [
 ]
 
 DOTS_PER_INCH = 150
+
+PROGRAM = "multiscale"
+"""What the files of figures name as their program."""
 
 SIZE = (5.2, 4.0)
 """Width and height of a figure, if nothing else is asked for, inches."""
@@ -203,9 +207,20 @@ def save_figure(figure: "Figure", file: Path) -> Path:
         drawn = np.flatnonzero(image.min(axis=(1, 2)) < image.max())
         image = image[max(drawn[0] - MARGIN, 0) : drawn[-1] + MARGIN]
     buffer = BytesIO()
-    imsave(buffer, image, format="png", dpi=DOTS_PER_INCH)
+    imsave(buffer, image, format="png", dpi=DOTS_PER_INCH, metadata={"Software": PROGRAM})
     write_bytes(file, buffer.getvalue())
     return file
+
+
+def is_drawn(file: Path) -> bool:
+    """Whether a file is a figure of :func:`save_figure`."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(file) as image:
+            return bool(image.info.get("Software") == PROGRAM)
+    except UnidentifiedImageError:
+        return False
 
 
 def on_axes(

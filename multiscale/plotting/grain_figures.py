@@ -17,7 +17,6 @@ from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset
 
 __all__ = [
-    "GRAIN_PICTURES",
     "draw_granulate",
     "grain_pictures",
     "plot_biaxial_curve",
@@ -25,9 +24,6 @@ __all__ = [
     "plot_force_network",
     "plot_grain_energies",
 ]
-
-GRAIN_PICTURES = ("grain_answer", "biaxial_curve", "force_network", "energies", "contact_error")
-"""Names of all figures of grains."""
 
 ANSWERS = ("side_share", "floor_share", "plate_shear", "plate_pressure")
 """Quantities that a motion is asked for, beside its run-out."""

@@ -1,7 +1,14 @@
 """What a run has found, as tables and as a page."""
 
-from multiscale.report.finished_run import FinishedRun, draw_figures, open_finished
-from multiscale.report.page import show_run, write_inspection, write_report, write_reports
+from multiscale.report.page import (
+    FinishedRun,
+    draw_figures,
+    open_finished,
+    show_run,
+    write_inspection,
+    write_report,
+    write_reports,
+)
 
 __all__ = [
     "FinishedRun",

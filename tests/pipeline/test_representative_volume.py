@@ -10,7 +10,7 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.io import open_dataset
 from multiscale.micro.damage import youngs_modulus_along
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.stages.representative_volume import is_representative
+from multiscale.pipeline.stages.volumes import is_representative
 from multiscale.report import open_finished, write_report
 from multiscale.schema import RVE
 from tests.support import write_body, write_scene

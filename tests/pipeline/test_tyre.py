@@ -13,7 +13,7 @@ from multiscale.laws import wlf_shift
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.braking import solve_treads
-from multiscale.pipeline.stages.roads import make_roads, slide_road
+from multiscale.pipeline.stages.rubber_friction import make_roads, slide_road
 from multiscale.report import draw_figures, write_report
 from multiscale.upscaling import fit_law, friction_at, friction_observations
 from tests.support import COMMAND, case_of, run_python, slow

@@ -64,7 +64,6 @@ def test_a_case_has_modes_backbone_page_and_series(meshes):
     sections = list(VIBRATING_BODIES.sections(results, meshes))
     drawn = {name: draw for section in sections for name, draw in section.figures.items()}
     assert {"mode_shape_0", "frequency_1", "damping_0", "pressure_0", "slipping_0"} <= set(drawn)
-    assert all(name in VIBRATING_BODIES.pictures for name in drawn)
     for name in ("mode_shape_0", "damping_0", "slipping_0"):
         assert drawn[name](meshes / f"{name}.png").stat().st_size > 10_000
     assert VIBRATING_BODIES.summary(results["vibration"]).answer[0].startswith("Mode 1 has ")

@@ -11,7 +11,7 @@ PROGRAM = """
     import sys
     from pathlib import Path
 
-    import multiscale.report.finished_run as module
+    import multiscale.report.page as module
     from multiscale.pipeline.stage import Section
 
     def fail(file):

@@ -6,8 +6,8 @@ from multiscale.pipeline.stage import Stage
 from multiscale.pipeline.stages.body_fatigue import BODY_FATIGUE
 from multiscale.pipeline.stages.braking import BRAKING
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.stages.condensed_parts import CONDENSED_PARTS
 from multiscale.pipeline.stages.cracked_body import CRACKED_BODY_STAGE
+from multiscale.pipeline.stages.cut_structures import CONDENSED_PARTS, LINKS, PLATE
 from multiscale.pipeline.stages.ensembles import (
     COARSER_CELLS,
     COARSER_SHEAR,
@@ -15,19 +15,15 @@ from multiscale.pipeline.stages.ensembles import (
     SHEARED_CELLS,
 )
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
-from multiscale.pipeline.stages.friction_law import FRICTION_LAW
 from multiscale.pipeline.stages.grains import GRAINS
-from multiscale.pipeline.stages.growing_cracks import GROWING_CRACKS
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.pipeline.stages.links import LINKS
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
-from multiscale.pipeline.stages.plate import PLATE
-from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
-from multiscale.pipeline.stages.roads import ROADS
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW, ROADS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES
+from multiscale.pipeline.stages.volumes import GROWING_CRACKS, REPRESENTATIVE_VOLUME
 
 __all__ = ["STAGES", "stages_of"]
 

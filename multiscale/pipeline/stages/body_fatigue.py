@@ -385,7 +385,6 @@ BODY_FATIGUE = Stage(
     question="After how many cycles does a crack start, and where?",
     answer=lambda life: [_answer(life)],
     sections=_sections,
-    pictures=("fatigue_amplitude", "fatigue_damage"),
     answers={"cycles_to_crack": "", "cycles_to_first": ""},
     failure=lambda life: "" if int(life["converged"]) else _answer(life),
 )

@@ -15,10 +15,10 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View, list_facts, list_missing, tabulate_budget
 from multiscale.pipeline.stage import Datasets, Section, Stage, with_sample_band
-from multiscale.pipeline.stages.friction_law import FRICTION_LAW
+from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW
 from multiscale.plotting.figure import WIDE, on_axes
+from multiscale.plotting.law_figures import plot_footprint
 from multiscale.plotting.lines import plot_lines
-from multiscale.plotting.tyre_figures import plot_footprint
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.units import ZERO_CELSIUS
 from multiscale.upscaling import (
@@ -288,7 +288,6 @@ BRAKING = Stage(
     question="How hard does the tread block brake at its speeds and temperatures?",
     answer=braking_answer,
     sections=_sections,
-    pictures=("braking_force", "footprint_pressure", "footprint_friction"),
     answers={
         "braking_force": "largest braking force",
         "braking_coefficient": "largest force over load",

@@ -24,6 +24,7 @@ from multiscale.pipeline.case_cells import (
     try_cells,
 )
 from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
+from multiscale.pipeline.inspection import tabulate_statistics
 from multiscale.pipeline.measured_sides import STAGES, Measured
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
@@ -35,7 +36,6 @@ from multiscale.pipeline.stage import (
     Stage,
     unseen,
 )
-from multiscale.pipeline.surface_rows import tabulate_statistics
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import (
     plot_bearing_curve,
@@ -398,7 +398,6 @@ CELLS: Stage = Stage(
     needs=_needs,
     prepare=try_cells,
     sections=_sections,
-    pictures=("surface", "contact_map", "spectral_density", "bearing_curve"),
     work=count_cells,
     folders=("micro", "micro-halved-increments", "micro-slope-order", "plan"),
 )

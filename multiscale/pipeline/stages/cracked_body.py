@@ -15,8 +15,8 @@ from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.pipeline.stages.growing_cracks import GROWING_CRACKS
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
+from multiscale.pipeline.stages.volumes import GROWING_CRACKS
 from multiscale.plotting.damage_figures import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load
@@ -129,7 +129,6 @@ CRACKED_BODY_STAGE = Stage(
     question="Under which load does the body crack?",
     answer=_answer,
     sections=_sections,
-    pictures=("cracked_load", "crack_field"),
     answers={"peak_load": "", "work": ""},
     failure=lambda cracked: "" if int(cracked["converged"]) else FAILED,
 )

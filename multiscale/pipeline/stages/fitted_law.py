@@ -282,16 +282,6 @@ FITTED_LAW = Stage(
     sections=_sections,
     question="How do gap, stiffness and contact of the interface depend on its pressure?",
     answer=_answer,
-    pictures=(
-        "gap_law",
-        "area_law",
-        "unloading",
-        "conductance",
-        "leakage",
-        "flow_along_x",
-        "flow_along_y",
-        "shear_law",
-    ),
     answers=dict.fromkeys(
         (
             "fit_pressure",

@@ -17,7 +17,7 @@ from multiscale.pipeline.showing import Rows, Table
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.plotting.figure import on_axes
-from multiscale.plotting.grain_figures import GRAIN_PICTURES, grain_pictures
+from multiscale.plotting.grain_figures import grain_pictures
 from multiscale.schema import GRANULATE, Dataset, with_cautions
 
 __all__ = ["GRAINS"]
@@ -215,7 +215,6 @@ GRAINS = structure_stage(
     solver=(),
     check=lambda result: None,
     more=_sections,
-    pictures=GRAIN_PICTURES,
     answer=_answer,
     answers=dict.fromkeys(ANSWERS, ""),
     compared=_compared,

@@ -329,7 +329,6 @@ JOINT = Stage(
     question="How stiff is the joint of the two bodies at its preloads, and how much touches?",
     answer=_answer,
     sections=_sections,
-    pictures=("joint_stiffness", "error_budget"),
     answers=dict.fromkeys(ANSWERS, ""),
     compared=lambda result: with_sample_band(result, "joint_stiffness"),
 )

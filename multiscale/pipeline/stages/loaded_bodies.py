@@ -20,7 +20,7 @@ from multiscale.pipeline.showing import Rows, View, list_bolts, padded
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
-from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
+from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     counting,
@@ -28,7 +28,7 @@ from multiscale.pipeline.structure_stage import (
     solver_needs,
     structure_stage,
 )
-from multiscale.plotting import MOST_DRAWN, load_pictures
+from multiscale.plotting import load_pictures
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.schema import MACRO_RESULT, Dataset, with_cautions
@@ -51,15 +51,6 @@ SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
 
 SLIPS = 1e-3
 """Change of a stiffness by slip, relative to it, from which both are told."""
-
-PICTURES = (
-    "body_stress",
-    "error_budget",
-    "loads",
-    "bolts",
-    *(f"{name}_{k}" for k in range(MOST_DRAWN) for name in ("contact_zones", "pressure")),
-)
-"""Names of all figures of loaded bodies."""
 
 
 def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:
@@ -281,7 +272,6 @@ LOADED_BODIES = structure_stage(
     check=partial(require_known, answer="load_displacement"),
     kept=KEPT,
     more=_sections,
-    pictures=PICTURES,
     answer=lambda result: [*_answer(result), *_secants(result)],
     answers={
         "load_stiffness": "stiffness under the last load",

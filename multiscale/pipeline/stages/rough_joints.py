@@ -20,7 +20,7 @@ from multiscale.pipeline.showing import SLIP, Table, View, list_bolts, list_fact
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
-from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
+from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
     choose_solver,
     counting,
@@ -39,19 +39,6 @@ NO_LARGER = (
     "the error of the mesh is unknown, and no interval counts it: nothing was solved with elements "
     "of twice the size; give smaller elements, or an even number of them, in [structure]"
 )
-
-PICTURES = (
-    "contact_zones",
-    "pressure",
-    "hysteresis",
-    "loss",
-    "joint_stiffness",
-    "secant_stiffness",
-    "cycle_loss",
-    "error_budget",
-)
-"""Names of all figures of rough joints."""
-
 
 IN_CYCLES = ("secant_stiffness", "cycle_loss", "cycle_slip")
 
@@ -217,7 +204,6 @@ ROUGH_JOINTS = structure_stage(
     question="How stiff are the joints, where do they slip, and what do they lose in a cycle?",
     check=partial(require_known, answer="approach"),
     more=_sections,
-    pictures=PICTURES,
     answer=_answer,
     answers=dict.fromkeys(
         (

@@ -110,6 +110,5 @@ SLIDING = Stage(
     run=_run,
     needs=_needs,
     sections=_sections,
-    pictures=("sliding", "steady_friction"),
     answers={"nominal_pressure": "", "steady_friction": ""},
 )

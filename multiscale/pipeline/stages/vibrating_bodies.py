@@ -25,7 +25,7 @@ from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER
-from multiscale.pipeline.stages.representative_volume import REPRESENTATIVE_VOLUME
+from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import structure_stage
 from multiscale.pipeline.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
@@ -58,16 +58,6 @@ TABLE = Table(
     at=3,
     missing="slides away",
 )
-
-PICTURES = (
-    "error_budget",
-    *(
-        f"{name}_{k}"
-        for k in range(MOST_DRAWN)
-        for name in ("mode_shape", "frequency", "damping", "pressure", "slipping")
-    ),
-)
-"""Names of all figures of vibrating bodies."""
 
 BUDGETED = ("frequency", "fall", "damping")
 
@@ -331,7 +321,6 @@ VIBRATING_BODIES = structure_stage(
     prepare=lambda bodies, case: bodies.try_to_build(case, macro.vibration.require_joined),
     kept=KEPT,
     more=_sections,
-    pictures=PICTURES,
     answer=_answer,
     answers={
         "frequency": "frequency at the last amplitude",

@@ -1,13 +1,15 @@
-"""Stage: rubber slides over pieces of road."""
+"""Stages: rubber slides over pieces of road; its friction over speed and temperature."""
 
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from multiscale.convergence import Status
+from multiscale.errors import ConvergenceError
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.flat.viscoelastic import solve_sliding
 from multiscale.needs import Choice, Needs
@@ -16,12 +18,15 @@ from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells
 from multiscale.pipeline.toml_model import read_toml, validate
 from multiscale.plotting.figure import Axes, on_axes
+from multiscale.plotting.law_figures import plot_friction_bell
 from multiscale.plotting.surface_figures import plot_road
-from multiscale.schema import MICRO_RESPONSE, Dataset, PlainDataset
+from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, Dataset, PlainDataset
 from multiscale.surfaces import nayak_parameter, rms_height, rms_slope, self_affine
 from multiscale.surfaces.surface import Surface
+from multiscale.units import ZERO_CELSIUS
+from multiscale.upscaling import fit_law, fitted_law, friction_observations, require_law
 
-__all__ = ["ROADS", "make_roads", "slide_road"]
+__all__ = ["FRICTION_LAW", "ROADS", "fit_friction", "make_roads", "slide_road"]
 
 STEP_TIME = 5e-6  # s of a point of a road at one pressure, speed and temperature
 
@@ -141,7 +146,120 @@ ROADS = Stage(
     needs=_needs,
     prepare=_first_road,
     sections=_sections,
-    pictures=("road",),
     work=count_cells,
     folders=("micro",),
+)
+
+
+LAW = (
+    "n_realisations",
+    "pressure_min",
+    "pressure_max",
+    "reference_temperature",
+    "peak_coefficient",
+    "peak_speed",
+    "reference_pressure",
+    "speed_exponent",
+    "rms_error_over_peak",
+    "largest_error_over_peak",
+    "largest_error_speed",
+    "largest_error_temperature",
+    "admissibility",
+)
+"""What the page says of a law of friction."""
+
+
+FAINT = 0.01
+"""Friction over its peak, below which it is not fitted."""
+
+
+def fit_friction(case: Case, response: Dataset) -> Dataset:
+    r"""Fit the friction of all temperatures at once.
+
+    Notes
+    -----
+    Rubber at a temperature T answers to a speed :math:`v` as at the reference to :math:`a_T v`,
+    so that all temperatures together cover more of one curve; errors of the fit count by their
+    size in :math:`\mu`, and a hundredth of its peak is below what a grid resolves:
+
+    .. math:: \mu(p, v, T) = \mu_r(p, a_T v).    \tag{1}
+    """
+    shift = np.array([case.rubber.shift(T) for T in response["temperature"].values])
+    speed = response["sliding_speed"]
+    shifted = response.assign_coords(
+        sliding_speed=("step", shift * speed.values, speed.attrs)  # (1)
+    )
+    good = response["converged"] == 1
+    shear = response["traction"].isel(component=1).where(good).mean("realisation").values
+    mean = np.asarray(shear / response["nominal_pressure"].values)
+    peak = float(np.nanmax(mean, initial=0.0))
+    if peak <= 0.0:
+        raise ConvergenceError("no cell has friction at any speed and temperature")
+    seen = np.flatnonzero(mean > FAINT * peak)
+    law = fit_law(
+        friction_observations(shifted.isel(step=seen)),
+        family="bell",
+        n_samples=case.law.samples,
+        weights=(mean[seen] / peak) ** 2,
+    )
+    bell: Any = fitted_law(law)
+    error = bell.coefficient(response["nominal_pressure"].values, shifted["sliding_speed"].values)
+    error = np.abs(error - mean) / peak
+    worst = int(np.nanargmax(error))
+    return law.assign_attrs(
+        reference_temperature=case.rubber.reference_temperature,
+        wlf_c1=case.rubber.wlf_c1,
+        wlf_c2=case.rubber.wlf_c2,
+        rms_error_over_peak=float(np.sqrt(np.nanmean(error**2))),
+        largest_error_over_peak=float(error[worst]),
+        largest_error_speed=float(speed[worst]),
+        largest_error_temperature=float(response["temperature"][worst]),
+    )
+
+
+def _fit_needs(case: Case) -> Needs:
+    told = "a bell over speed and temperature, with samples for its bands"
+    return Needs(choices=(Choice("friction law", told),), seconds=1.0)
+
+
+def _law_sections(found: Datasets, out: Path) -> Iterator[Section]:
+    response, law = found[MICRO_RESPONSE.name], found[FRICTION_LAW.name]
+    require_law(law, *LAW)
+    count = int(law.attrs["n_realisations"])
+    values = law.attrs
+    pressure = float(found[MACRO_RESULT.name]["preload"][0])
+    bell = on_axes(plot_friction_bell, response, law, pressure)
+    yield Section(
+        "Friction law",
+        [
+            f"The law stands for {response.attrs['bodies']}; it rests on "
+            f"{count} realisation{'s' * (count > 1)} between "
+            f"{1e-3 * values['pressure_min']:.4g} and "
+            f"{1e-3 * values['pressure_max']:.4g} kPa.",
+            f"At {values['reference_temperature'] - ZERO_CELSIUS:.4g} °C friction peaks at "
+            f"{float(law['peak_coefficient']):.3g} and {float(law['peak_speed']):.3g} m/s "
+            f"under {1e-3 * float(law['reference_pressure']):.3g} kPa; the speed of the "
+            f"peak goes with the power {float(law['speed_exponent']):.2g} of the pressure, and "
+            f"other temperatures shift it.",
+            f"The bell misses the cells by {100.0 * values['rms_error_over_peak']:.2g} % of "
+            f"the peak, root mean square, and by at most "
+            f"{100.0 * values['largest_error_over_peak']:.2g} %, at "
+            f"{values['largest_error_speed']:.3g} m/s and "
+            f"{values['largest_error_temperature'] - ZERO_CELSIUS:.4g} °C.",
+            "It is friction by hysteresis on the waves of the road that the case names: no "
+            "adhesion, no finer texture.",
+            f"Admissibility: {values['admissibility']}.",
+        ],
+        figures={"friction": bell},
+    )
+
+
+FRICTION_LAW = Stage(
+    schema=INTERFACE_LAW,
+    tables=("rubber", "sliding"),
+    reads={"law"},
+    takes=(ROADS,),
+    run=lambda case, found, job: fit_friction(case, found[MICRO_RESPONSE.name]),
+    needs=_fit_needs,
+    sections=_law_sections,
 )

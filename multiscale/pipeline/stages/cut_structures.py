@@ -1,4 +1,4 @@
-"""Stage: a structure of bars and cables, at rest or in motion, whole or cut."""
+"""Stages: bars and cables, plates, whole or cut, and condensed substructures."""
 
 from collections.abc import Iterator
 from math import ceil
@@ -8,25 +8,28 @@ import numpy as np
 
 from multiscale import macro
 from multiscale.errors import ConvergenceError
-from multiscale.io import write_link_fields
+from multiscale.io import write_body_fields, write_link_fields
 from multiscale.macro import substructures
 from multiscale.macro.links.link_needs import link_needs
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
+from multiscale.pipeline.made_bodies import Plate
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View
-from multiscale.pipeline.stage import Datasets, Job, Section
+from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.plotting.link_figures import (
     plot_deformed_links,
     plot_energies,
     plot_sorted_tensions,
 )
-from multiscale.schema import MACRO_RESULT, Dataset
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, Dataset
 
-__all__ = ["LINKS"]
+__all__ = ["CONDENSED_PARTS", "LINKS", "PLATE"]
 
 FURTHEST = 0.05
 """Displacement of the ends of a link against each other, over its length, that counts as small."""
@@ -253,6 +256,69 @@ LINKS = structure_stage(
     question="Which tensions do the links carry, and which of them are slack?",
     answers=dict.fromkeys(("slack_links", "largest_displacement", "largest_tension"), ""),
     more=_sections,
-    pictures=("sorted_tensions", "energies", "deformed_links"),
     answer=_answer,
+)
+
+
+def _solve_plate(plate: Plate, case: Case, found: Datasets, job: Job) -> Dataset:
+    assembly, factors = plate.build(), np.array(case.statics.load_factors)
+    result = macro.solve_assembly(assembly, factors, method=case.cut.method(job.team))
+    result = substructures.add_body_fields(result, assembly.bodies)
+    largest = np.linalg.norm(result["displacement"].to_numpy(), axis=2).max(axis=1)
+    return with_too_far(MACRO_RESULT.assign(result, {"largest_displacement": largest}))
+
+
+def _plate_answer(result: Dataset) -> Iterator[str]:
+    """Report the largest displacement at the last load factor, and the largest stress."""
+    known = np.flatnonzero(result["converged"].to_numpy() == 1)
+    for last in (result.isel(step=k) for k in known[-1:]):
+        last = last.assign(equivalent_stress=last["equivalent_stress"].max())
+        yield from View(result).sentences(
+            last,
+            "At the load factor {load_factor} the plate moves by up to {largest_displacement}, and "
+            "the largest mean stress of an element is {equivalent_stress} (von Mises).",
+        )
+
+
+def _plate_sections(result: Dataset) -> Iterator[Section]:
+    """Show the plate at the last step."""
+    known = np.flatnonzero(result["converged"].to_numpy() == 1)
+    if known.size:
+        drawn = in_space(plot_body_stress, result, step=int(known[-1]))
+        yield Section("Plate", figures={"body_stress": drawn})
+
+
+PLATE = structure_stage(
+    "plate",
+    _solve_plate,
+    lambda plate, case: cut_needs(
+        3 * plate.nodes, substructures=case.cut.count, coarse=case.cut.coarse
+    ),
+    Table(("load_factor", "largest_displacement", "iterations", "residual")),
+    write_body_fields,
+    reads={"structure", "statics", "substructures"},
+    question="How far does the plate move under its loads?",
+    answers={"largest_displacement": ""},
+    more=_plate_sections,
+    answer=_plate_answer,
+)
+
+
+def _condense(case: Case, found: Datasets, job: Job) -> Dataset:
+    """Condense at the last step that converged."""
+    result = found[MACRO_RESULT.name]
+    solved = np.isfinite(result["displacement"].values).all(axis=(1, 2))
+    step = int(np.flatnonzero(solved)[-1])
+    assert case.structure is not None  # it asks for the stage
+    return macro.homogenise(case.structure.cut(case, found, job), result, step=step).assign_attrs(
+        title=case.title
+    )
+
+
+CONDENSED_PARTS = Stage(
+    schema=HOMOGENISED,
+    tables=("structure", "homogenise"),
+    reads={"substructures"},
+    takes=(LINKS, PLATE, ROUGH_JOINTS),
+    run=_condense,
 )
