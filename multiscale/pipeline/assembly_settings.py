@@ -79,20 +79,12 @@ class LoadCycles(Settings):
 
 @dataclass(frozen=True, eq=False)
 class StructureParts:
-    """The structure of a case, built.
-
-    Attributes
-    ----------
-    assembly : Assembly
-    path : LoadPath
-    facts : tuple of str, what is said of it beside the answer
-    loading : JointLoading, optional, of which the path is the main part
-    """
+    """The structure of a case, built."""
 
     assembly: "macro.Assembly"
     path: "substructures.LoadPath"
-    facts: tuple[str, ...] = ()
-    loading: "substructures.JointLoading | None" = None
+    facts: tuple[str, ...] = ()  # what is reported beside the answer
+    loading: "substructures.JointLoading | None" = None  # has the path as its main part
 
 
 class Bodies(StructureKind):

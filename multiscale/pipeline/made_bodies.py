@@ -290,16 +290,10 @@ class RoughBodies(StructureKind, Material):
 
 
 class BuiltBody(MeshedBody):
-    """A body whose mesh is built; no case has such a table.
-
-    Attributes
-    ----------
-    source : RoughBodies, builds it
-    number : int, from below
-    """
+    """A body whose mesh is built by its source; no case has such a table."""
 
     source: Any
-    number: int
+    number: int  # from below
 
     def load(self) -> "Mesh":
         """Build the mesh."""
@@ -308,12 +302,7 @@ class BuiltBody(MeshedBody):
 
 
 class JointedBodies(Bodies):
-    """Stacked blocks or a lap joint as bodies with interfaces; no case has such a table.
-
-    Attributes
-    ----------
-    source : RoughBodies, builds them
-    """
+    """Stacked blocks or a lap joint, built by their source; no case has such a table."""
 
     source: Any
 

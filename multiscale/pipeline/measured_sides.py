@@ -48,25 +48,14 @@ OBLIQUE = 1.0 / 3.0
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What cells hold of the roughness of a measured map.
+    """What cells hold of the roughness of a measured map."""
 
-    Attributes
-    ----------
-    stages : tuple of Roughness, of the map, of its windows and of the cells
-    map_filled : float, share of filled points of the map
-    filled : tuple of float, share of filled points of each window
-    cutoff : str, the shortest wave that was kept, and what chose it
-    cautions : tuple of str, what is lost between map and cells, one sentence each
-    losses : dict of str to str
-        Cautions about the rms height and the rms slope, by the name of the quantity.
-    """
-
-    stages: tuple[Roughness, Roughness, Roughness]
-    map_filled: float
-    filled: tuple[float, ...]
-    cutoff: str
-    cautions: tuple[str, ...]
-    losses: dict[str, str] = field(default_factory=dict)
+    stages: tuple[Roughness, Roughness, Roughness]  # of the map, of its windows and of the cells
+    map_filled: float  # share of filled points
+    filled: tuple[float, ...]  # share of filled points of each window
+    cutoff: str  # the shortest wave that was kept, and what chose it
+    cautions: tuple[str, ...]  # what is lost between map and cells, one sentence each
+    losses: dict[str, str] = field(default_factory=dict)  # cautions by rms height and rms slope
 
     def cautions_beside(self, other: "Measured") -> list[str]:
         """Return the cautions that count against the map of the other body, often far rougher."""

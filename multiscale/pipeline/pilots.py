@@ -28,18 +28,11 @@ MOST_POINTS = 2048  # across it
 
 @dataclass(frozen=True, eq=False)
 class Pilots:
-    """Stored responses that tell the scatter and the errors by size and grid.
+    """Stored responses that tell the scatter and the errors by size and grid."""
 
-    Attributes
-    ----------
-    sizes : mapping of float to Dataset, by the edge of the cell, m
-    grids : mapping of float to Dataset, the same cells by the spacing of their grid, m
-    source : str, where they come from, in words
-    """
-
-    sizes: Mapping[float, Dataset]
-    grids: Mapping[float, Dataset]
-    source: str
+    sizes: Mapping[float, Dataset]  # by the edge of the cell, m
+    grids: Mapping[float, Dataset]  # the same cells by the spacing of their grid, m
+    source: str  # where they come from, in words
 
     def sizes_beside(self, case: Case) -> dict[float, Dataset]:
         """Return the responses by the ratio of their size to the size of a case."""

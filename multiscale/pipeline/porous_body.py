@@ -31,18 +31,11 @@ class SurfaceDamage:
 
 
 class PorousBody(MeshedBody):
-    """A body with its representative volume; no case has such a table.
+    """A body with its representative volume; no case has such a table."""
 
-    Attributes
-    ----------
-    plain : MeshedBody, the body without its volume
-    volume_data : Dataset, follows ``RVE``
-    factor : float, by which the stiffness is multiplied
-    """
-
-    plain: MeshedBody
-    volume_data: Any
-    factor: float = 1.0
+    plain: MeshedBody  # without its volume
+    volume_data: Any  # a dataset that follows ``RVE``
+    factor: float = 1.0  # by which the stiffness is multiplied
 
     @classmethod
     def of(cls, body: MeshedBody, rve: Dataset) -> "PorousBody":

@@ -24,21 +24,11 @@ workers must be able to import it."""
 
 @dataclass(frozen=True, eq=False)
 class ReadyBodies:
-    """Bodies of a case, built and condensed for the method that solves them.
-
-    Attributes
-    ----------
-    bodies : Bodies
-    case : Case
-    laws : sequence of Dataset or None, of every interface
-    parts : StructureParts
-    chosen : MethodChoice
-    structure : CondensedProblem
-    """
+    """Bodies of a case, built and condensed for the method that solves them."""
 
     bodies: Bodies
     case: Case
-    laws: Sequence[Dataset | None]
+    laws: Sequence[Dataset | None]  # of every interface
     parts: StructureParts
     chosen: "substructures.MethodChoice"
     structure: "substructures.CondensedProblem"

@@ -83,21 +83,12 @@ Range = tuple[float, float]
 
 
 class Pressed(NamedTuple):
-    """Nominal pressures of an interface, estimated from the loads before anything is solved.
+    """Nominal pressures of an interface, estimated from the loads before anything is solved."""
 
-    Attributes
-    ----------
-    what : str, loads and interface, in words, up to the verb
-    steps : sequence of tuple of float
-        Least and largest pressure at each load step, Pa.
-    law : Path, optional, law of this interface, in place of the law of the case
-    stated : tuple of float, optional, pressures of a law that the case states itself, Pa
-    """
-
-    what: str
-    steps: Sequence[Range]
-    law: Path | None = None
-    stated: Range | None = None
+    what: str  # loads and interface, in words, up to the verb
+    steps: Sequence[Range]  # least and largest pressure at each load step, Pa
+    law: Path | None = None  # of this interface, in place of the law of the case
+    stated: Range | None = None  # pressures of a law that the case states itself, Pa
 
 
 def tell_far(pressed: Pressed, data: Range, source: str, remedy: str) -> str:
@@ -128,24 +119,16 @@ def _say_range(ends: Range) -> str:
 
 
 class StructureKind(Settings):
-    """The table ``[structure]`` of a case; a kind also knows how it is built, by ``build``.
+    """The table ``[structure]`` of a case; a kind also has a method ``build``."""
 
-    Attributes
-    ----------
-    stage : str, name of the stage that solves it
-    asks : tuple of tuple of str, the tables that go with it: all of one of these sets
-    models : mapping of str to type, models of those tables whose keys depend on the kind
-    may_be_cut : bool, whether ``[substructures]`` may cut it
-    may_tire : bool, whether ``[fatigue]`` and ``[growth]`` may follow its elements
-    of_bodies : bool, whether it is made of the materials of ``[body_1]`` and ``[body_2]``
-    """
-
-    stage: ClassVar[str]
-    asks: ClassVar[tuple[tuple[str, ...], ...]]
+    stage: ClassVar[str]  # name of the stage that solves it
+    asks: ClassVar[tuple[tuple[str, ...], ...]]  # tables that go with it: all of one of these sets
     models: ClassVar[Mapping[str, type[Settings]]] = {}
-    may_be_cut: ClassVar[bool] = False
+    """Of those tables whose keys depend on the kind."""
+    may_be_cut: ClassVar[bool] = False  # whether ``[substructures]`` may cut it
     may_tire: ClassVar[bool] = False
-    of_bodies: ClassVar[bool] = False
+    """Whether ``[fatigue]`` and ``[growth]`` may follow its elements."""
+    of_bodies: ClassVar[bool] = False  # whether it is made of ``[body_1]`` and ``[body_2]``
 
     @property
     def interface_width(self) -> float | None:
