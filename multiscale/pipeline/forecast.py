@@ -23,24 +23,13 @@ GROWTH = 1.25
 
 @dataclass(frozen=True, order=True)
 class Setting:
-    """What a planner may choose.
-
-    Attributes
-    ----------
-    size : float
-        The cell is :math:`2^s` times as large as that of the case, and so is its depth if the
-        case gives none; a whole number, but for stored cells.
-    grid : float
-        The finest spacing on which some cells are solved is :math:`2^{-g}` times that of the case;
-        likewise.
-    realisations : int
-    control : int, cheap cells beside them, of which the first have their surfaces; may be 0
-    """
+    """What a planner may choose."""
 
     size: float
-    grid: float
+    """The cell is 2^size times as large as that of the case, and its depth if none is given."""
+    grid: float  # the finest spacing is 2^-grid times that of the case
     realisations: int
-    control: int = 0
+    control: int = 0  # cheap cells beside them, of which the first have their surfaces
 
     def __str__(self) -> str:
         """Return the setting in words."""
@@ -53,20 +42,12 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The error budget of one quantity at one setting.
-
-    Attributes
-    ----------
-    setting : Setting
-    half_width, bias : ndarray, shape (terms, steps)
-        See ``ERROR_BUDGET``; relative, NaN where not known.
-    cheap : float, share of the cheap cells in the square of the sampling error
-    """
+    """The error budget of one quantity at one setting."""
 
     setting: Setting
-    half_width: np.ndarray
-    bias: np.ndarray
-    cheap: float = 0.0
+    half_width: np.ndarray  # shape (terms, steps), relative, NaN where not known
+    bias: np.ndarray  # likewise
+    cheap: float = 0.0  # share of the cheap cells in the square of the sampling error
 
     @property
     def total(self) -> float:

@@ -44,36 +44,22 @@ def unseen(finished: int, total: int, parts: str) -> None:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page of a run.
-
-    Attributes
-    ----------
-    heading : str
-    lines : sequence of str, paragraphs
-    told : sequence of str, further ones, which the command line prints, too
-    head, rows : tuple of str, sequence of tuple of str, a table
-    figures : mapping of str to callable
-        From the name of a figure to a function that draws it into the file that it is given.
-    links : mapping of str to str
-        From the text of a first cell of the table to the page of a run, relative to this one.
-    files : mapping of str to callable
-        From the name of a download to a function that writes it into the file that it is given.
-    notes : bool, whether the last column of the table is text
-    small : bool, whether three figures stand side by side, or else two
-    printed : bool, whether the command line prints the table
-    """
+    """A part of the page of a run."""
 
     heading: str
-    lines: Sequence[str] = ()
+    lines: Sequence[str] = ()  # paragraphs
     head: tuple[str, ...] = ()
     rows: Sequence[tuple[str, ...]] = ()
     figures: Mapping[str, Callable[[Path], Path]] = field(default_factory=dict)
+    """Functions that draw them into the file that they are given."""
     links: Mapping[str, str] = field(default_factory=dict)
+    """From the text of a first cell of the table to the page of a run, relative to this one."""
     files: Mapping[str, Callable[[Path], object]] = field(default_factory=dict)
-    notes: bool = False
-    small: bool = False
-    printed: bool = True
-    told: Sequence[str] = ()
+    """Functions that write downloads into the file that they are given."""
+    notes: bool = False  # whether the last column of the table is text
+    small: bool = False  # whether three figures stand side by side, or else two
+    printed: bool = True  # whether the command line prints the table
+    told: Sequence[str] = ()  # further ones, which the command line prints, too
 
 
 @dataclass(frozen=True)
@@ -86,28 +72,17 @@ class Summary:
 
 @dataclass(frozen=True)
 class Job:
-    """Where and with what the stages of a case are run.
+    """Where and with what the stages of a case are run."""
 
-    Attributes
-    ----------
-    out : Path, run folder, which exists
-    executor : Executor or None, see :func:`multiscale.executors.run_jobs`
-    progress : ShowProgress, called after every part of a stage that takes long
-    team : ProcessGroup or None, processes that share the substructures of a structure
-    sparing : bool, whether only what took long is written; see :func:`~multiscale.pipeline.run`
-    read_law : callable
-        From a dataset, or a case and whether it is quick, to an interface law; a case is run in a
-        folder of its own.
-    read_rve : callable, the same for representative volumes
-    """
-
-    out: Path
+    out: Path  # run folder, which exists
     executor: Executor | None = None
-    progress: ShowProgress = unseen
-    team: "ProcessGroup | None" = None
-    sparing: bool = False
+    progress: ShowProgress = unseen  # called after every part of a stage that takes long
+    team: "ProcessGroup | None" = None  # processes that share the substructures of a structure
+    sparing: bool = False  # whether only what took long is written
     read_law: Callable[[Path, bool], Dataset] = lambda file, quick: read_law(file)
+    """Read the law of a dataset, or of a case that may be quick and is run in its folder."""
     read_rve: Callable[[Path, bool], Dataset] = lambda file, quick: open_dataset(file, RVE)
+    """Read a representative volume likewise."""
 
     def ensemble(
         self, folder: str, identity: str, count: int, parts: str, *, each: int = 1
@@ -137,30 +112,20 @@ def _nothing(*_: object) -> tuple[()]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shown:
-    """A dataset of a run or a sweep, in a file named after its schema, and how it is shown.
-
-    Attributes
-    ----------
-    schema : Schema
-    cautions : callable
-        From the dataset to what a user should know before trusting it, one sentence each.
-    sections : callable
-        From the datasets and the run folder to parts of the page, with their figures.
-    work : callable, from the datasets to rows that say how much was computed
-    question : str or callable, from the dataset to what a run is for; empty if it is not
-    answer : callable
-        From the dataset to the answer, in sentences; the last stage with a question heads the page.
-    failure : callable
-        From the dataset to why some of its steps have no answer; such a command ends with 1.
-    """
+    """A dataset of a run or a sweep, in a file named after its schema, and how it is shown."""
 
     schema: Schema
     cautions: Callable[[Dataset], Iterable[str]] = list_cautions
+    """What a user should know before trusting it, one sentence each."""
     sections: Callable[[Datasets, Path], Iterable[Section]] = _nothing
+    """Parts of the page, with their figures, in a run folder."""
     work: Callable[[Datasets], Iterable[tuple[str, str]]] = _nothing
-    question: str | Callable[[Dataset], str] = ""
+    """Rows that report how much was computed."""
+    question: str | Callable[[Dataset], str] = ""  # what a run is for; empty if it is not
     answer: Callable[[Dataset], Iterable[str]] = _nothing
+    """In sentences; the last stage with a question heads the page."""
     failure: Callable[[Dataset], str] = lambda dataset: ""
+    """Why some of its steps have no answer; such a command ends with 1."""
 
     @property
     def name(self) -> str:
@@ -196,41 +161,30 @@ class Shown:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stage(Shown):
-    """A stage of a case.
+    """A stage of a case."""
 
-    Attributes
-    ----------
-    tables : tuple of str, tables of a case file that together ask for the stage
-    reads : set of str, or dict, optional
-        Tables and keys of a case on which its dataset depends, beside those of the stages that it
-        takes from, as ``include`` of pydantic; all if not given.
-    takes : tuple of Stage, stages whose datasets it takes
-    run : callable
-        From the case, the datasets of earlier stages and the job to the dataset of the stage.
-    write_fields : callable, writes the dataset for ParaView into a folder, under a name
-    needs : callable, from the case to the :class:`Needs` of the stage
-    prepare : callable, refuses from the case what it can before any stage is run
-    check : callable, refuses a dataset that has been written but answers nothing
-    kept : str, what ``--quick`` leaves as it is, in a sentence
-    folders : tuple of str, folders of a run where the stage finds what it need not compute again
-    answers : mapping of str to str
-        Variables by which runs are compared, with labels in place of those of ``SHOWN``; those of
-        the last stage that has any, as far as a run has them, at the end of their steps or cycles.
-    compared : callable, from the dataset to one that has the answers under their names
-    """
-
-    tables: tuple[str, ...]
+    tables: tuple[str, ...]  # of a case file that together ask for the stage
     reads: set[str] | dict[str, Any] | None = None
-    takes: "tuple[Stage, ...]" = ()
+    """Tables and keys on which its dataset depends, beside those of the stages that it takes from,
+    as ``include`` of pydantic; all if not given."""
+    takes: "tuple[Stage, ...]" = ()  # stages whose datasets it takes
     run: Callable[[Any, Datasets, Job], Dataset]
+    """From the case, the datasets of earlier stages and the job."""
     write_fields: Callable[..., object] | None = None
+    """Write the dataset for ParaView into a folder, under a name."""
     needs: Callable[[Any], Needs] = lambda case: Needs()
     prepare: Callable[[Any], object] = _nothing
+    """Refuse from the case what it can before any stage is run."""
     check: Callable[[Dataset], object] = _nothing
-    kept: str = ""
+    """Refuse a dataset that has been written but answers nothing."""
+    kept: str = ""  # what ``--quick`` leaves as it is, in a sentence
     folders: tuple[str, ...] = ()
+    """Folders of a run where the stage finds what it need not compute again."""
     answers: Mapping[str, str] = field(default_factory=dict)
+    """Variables by which runs are compared at the end of their steps or cycles, with labels in
+    place of those of ``SHOWN``; those of the last stage that has any, as far as a run has them."""
     compared: Callable[[Dataset], Dataset] = lambda dataset: dataset
+    """Return a dataset that has the answers under their names."""
 
     def asked_for(self, tables: Container[str]) -> bool:
         """Whether the tables of a case file ask for the stage."""
