@@ -15,7 +15,8 @@ import pytest
 from multiscale.fe.boxes import HEX_ORDER
 from multiscale.fe.faces import face_of
 from multiscale.io import open_law, save_law
-from multiscale.micro import Surface, self_affine
+from multiscale.micro import Cell, Surface, run_ensemble, self_affine
+from multiscale.micro import Path as PressurePath
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
 from multiscale.upscaling import fit_law
@@ -54,22 +55,39 @@ def egg_box(n, amplitude):
     return Surface(amplitude * np.outer(x, x), (1.0, 1.0))
 
 
-def rough_square(points, long_cutoff, short_cutoff, rms_slope, *, seed=0, size=1.0):
-    """A self-affine surface of a square cell with H = 0.8."""
+def rough_square(points, long_cutoff, short_cutoff, rms_slope, *, seed=0, size=1.0, hurst=0.8):
+    """A self-affine surface of a square cell."""
     return self_affine(
         (points, points),
         (size, size),
         seed,
-        hurst_exponent=0.8,
+        hurst_exponent=hurst,
         long_cutoff=long_cutoff,
         short_cutoff=short_cutoff,
         rms_slope=rms_slope,
     )
 
 
+def flat_cell(surface, modulus=0.91, poissons_ratio=0.3):
+    """A flat cell as deep as it is long; its contact modulus is 1 if no modulus is given."""
+    return Cell(surface, surface.size[0], 8, modulus, poissons_ratio, geometry="flat")
+
+
+def press_flat(surfaces, pressures, *moduli, **options):
+    """Response of flat cells at pressures."""
+    cells = [flat_cell(surface, *moduli) for surface in surfaces]
+    return run_ensemble(cells, PressurePath(pressure=tuple(pressures)), **options)
+
+
 def flat(points):
     """A plane of 1 m by 1 m."""
     return Surface(np.zeros((points, points)), (1.0, 1.0))
+
+
+def sphere(points, radius):
+    """A paraboloid as the obstacle of a flat body."""
+    x = (np.arange(points) - points // 2) / points
+    return Surface((x[:, None] ** 2 + x**2) / (2.0 * radius), (1.0, 1.0))
 
 
 COMMAND = "from multiscale.cli import main; main()"

@@ -1,7 +1,6 @@
 """CalculiX reads the law that is exported for it: two stiff blocks, pressed and then sheared."""
 
 import re
-import shutil
 import subprocess
 
 import numpy as np
@@ -9,6 +8,7 @@ import pytest
 
 from multiscale.upscaling import assume_shear, fit_law, law_from_dataset
 from multiscale.upscaling.export import pressure_overclosure, write_pressure_overclosure
+from tests.calculix import needs_calculix, run_calculix
 from tests.upscaling.responses import exponential_gaps, response_of
 
 EDGE, HEIGHT, STIFF = 10.0, 1.0, 2e8  # mm and MPa: the interface gives way, not the blocks
@@ -82,18 +82,13 @@ def solve(folder, approach, pair):
     )
     text = MODEL.format(nodes=nodes, stiff=STIFF, approach=approach, pair=pair, prints=PRINTS)
     text += "".join(SHEAR.format(slip=one, prints=PRINTS) for one in SLIPS)
-    (folder / "blocks.inp").write_text(text)
-    subprocess.run(["ccx", "blocks"], cwd=folder, check=True, capture_output=True, timeout=60)
-    said = (folder / "blocks.dat").read_text()
+    said = run_calculix(folder, [text])
     number = r"\s+(-?\d\.\d+E[+-]\d+)"
     moved = re.findall(rf"^\s+\d+{number * 3}$", said, re.MULTILINE)
     force = re.findall(rf"total force.*\n\s*\n{number * 3}", said)
     steps = len(SLIPS) + 1
     u = np.array(moved, dtype=float).reshape(-1, 16, 3)
     return u[-steps:], np.array(force, dtype=float)[-steps:]
-
-
-needs_calculix = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 
 
 def press_and_shear(folder, pair, face_to_face=False, friction=True):

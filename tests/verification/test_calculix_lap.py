@@ -1,10 +1,7 @@
 """A bolted lap joint beside CalculiX, on the same meshes, with the law as `export` writes it."""
 
-import os
 import re
-import subprocess
 from dataclasses import dataclass
-from shutil import which
 
 import numpy as np
 import pytest
@@ -22,6 +19,7 @@ from multiscale.upscaling import (
     sliders_from_dataset,
     write_pressure_overclosure,
 )
+from tests.calculix import needs_calculix, run_calculix
 from tests.support import keep_ignoring_broken_pipes
 from tests.upscaling.responses import response_of
 
@@ -33,10 +31,7 @@ FACES = np.array(  # corners of a hexahedron on its faces S1 to S6
 PATH = ((0.0, 0.0), (1.0, 0.0), (1.5, 1.0), (2.5, -1.0), (3.5, 1.0))
 """Times, and shear over its amplitude: the first unit of time brings the preload."""
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(which("ccx") is None, reason="needs CalculiX, which is not installed"),
-]
+pytestmark = [pytest.mark.slow, needs_calculix]
 
 
 @dataclass(frozen=True)
@@ -100,13 +95,14 @@ def write_bodies(assembly, lower):
     return lines, facets
 
 
-def write_input(assembly, case, path):
-    """Write the model, mm and MPa; the faces overlap at the start so that they meet at once."""
+def deck(assembly, case):
+    """Lines of the model, mm and MPa; the faces overlap at the start so that they meet at once."""
     lower = 0.6 * case.apart
     lines, facets = write_bodies(assembly, lower)
     shear = [f"{time:g}, {factor:g}" for time, factor in PATH]
     pressed = [f"{i}, P{s}, {1e-6 * PRELOAD}" for one in facets for i, s in one["washer"]]
-    lines += [
+    return [
+        *lines,
         *("*MATERIAL, NAME=STEEL", "*ELASTIC", "210000., .3"),
         *(f"*SOLID SECTION, ELSET=E{number}, MATERIAL=STEEL" for number in (0, 1)),
         *case.interaction.splitlines(),
@@ -123,15 +119,12 @@ def write_input(assembly, case, path):
         *(f"{i}, P{side}, {-1e-6 * SHEAR}" for i, side in facets[1]["end"]),
         *("*NODE PRINT, NSET=N1, TIME POINTS=TIMES", "U", "*END STEP"),
     ]
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
 def loop_of_calculix(assembly, case, out):
     """Times, and mean displacement of the pulled end along the pull, m."""
-    write_input(assembly, case, out / "lap.inp")
-    threads = os.environ | {"OMP_NUM_THREADS": "1"}
-    subprocess.run(["ccx", "-i", "lap"], cwd=out, capture_output=True, check=True, env=threads)
-    tables = re.split(r" displacements .* time +(\S+)\n", (out / "lap.dat").read_text())[1:]
+    said = run_calculix(out, deck(assembly, case))
+    tables = re.split(r" displacements .* time +(\S+)\n", said)[1:]
     times = np.array([float(time) for time in tables[::2]])
     u = np.array([np.loadtxt(table.split("\n"), usecols=1) for table in tables[1::2]])
     values, weight, _ = face_operator(assembly.bodies[1].basis, "end")

@@ -1,9 +1,6 @@
 """Two plates of quadratic tetrahedra beside CalculiX: tied, and by a law of one stiffness."""
 
-import os
 import re
-import subprocess
-from shutil import which
 
 import numpy as np
 import pytest
@@ -16,6 +13,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Interface, solve_assembly
 from multiscale.macro.continuum.body import load_vector
 from multiscale.macro.vibration import press_structure, structure_mass, tangent_modes
+from tests.calculix import needs_calculix, run_calculix
 from tests.contact_scenes import block
 
 SIZE = np.array([0.04, 0.01, 0.004])  # m, of the lower plate
@@ -25,10 +23,7 @@ PRESSURE, PUSH, DENSITY, FRICTION, RATIO = 1e6, 1.0, 7850.0, 0.5, 0.8
 FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))  # corners of the faces S1 to S4
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(which("ccx") is None, reason="needs CalculiX, which is not installed"),
-]
+pytestmark = [pytest.mark.slow, needs_calculix]
 
 
 def plates(stiffness, elements):
@@ -103,12 +98,7 @@ def deck(assembly, joint):
 
 def by_calculix(assembly, joint, folder):
     """Mean displacement of the pushed face by the push, m, and the first frequencies, Hz."""
-    (folder / "plates.inp").write_text("\n".join(deck(assembly, joint)) + "\n", encoding="ascii")
-    threads = os.environ | {"OMP_NUM_THREADS": "1"}
-    subprocess.run(
-        ["ccx", "-i", "plates"], cwd=folder, capture_output=True, check=True, env=threads
-    )
-    statics, modes = (folder / "plates.dat").read_text().split("E I G E N", 1)
+    statics, modes = run_calculix(folder, deck(assembly, joint)).split("E I G E N", 1)
     tables = re.split(r" displacements .*\n", statics)[1:]
     u = [np.loadtxt(one.splitlines(), usecols=3) for one in (tables[0], tables[-1])]
     upper = assembly.bodies[1]

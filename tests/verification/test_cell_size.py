@@ -7,38 +7,20 @@ shortest wave. Pressures over contact modulus times slope.
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from tests.support import press_flat, rough_square
 
 MODULUS, NU, SLOPE, WAVE = 1e9, 0.3, 0.1, 1e-3
 CONTACT_MODULUS = MODULUS / (1.0 - NU**2)
 
 
-def ensemble(
-    size, n_realisations, pressures, *, ratio=4, points=8, seed=0, long_cutoff=WAVE, hurst=0.8
-):
+def ensemble(size, n_realisations, pressures, *, ratio=4, seed=0, long_cutoff=WAVE):
     """Response of cells of ``size`` longest waves, with ``ratio`` shortest waves in the longest."""
-    n, length = round(size * ratio * points), size * WAVE
-    cells = [
-        Cell(
-            self_affine(
-                (n, n),
-                (length, length),
-                seed + k,
-                hurst_exponent=hurst,
-                long_cutoff=long_cutoff,
-                short_cutoff=WAVE / ratio,
-                rms_slope=SLOPE,
-            ),
-            length,
-            8,
-            MODULUS,
-            NU,
-            geometry="flat",
-        )
-        for k in range(n_realisations)
+    band, n = (long_cutoff, WAVE / ratio, SLOPE), round(8 * size * ratio)
+    surfaces = [
+        rough_square(n, *band, seed=seed + k, size=size * WAVE) for k in range(n_realisations)
     ]
-    path = Path(pressure=tuple(CONTACT_MODULUS * SLOPE * np.asarray(pressures)))
-    return run_ensemble(cells, path).assign_attrs(contact_modulus=CONTACT_MODULUS)
+    pressure = CONTACT_MODULUS * SLOPE * np.asarray(pressures)
+    return press_flat(surfaces, pressure, MODULUS, NU)
 
 
 @pytest.fixture(scope="module")

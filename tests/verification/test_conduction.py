@@ -8,7 +8,9 @@ from scipy.sparse.linalg import cg
 from skfem import Basis, BilinearForm, ElementHex1, MeshHex
 from skfem.helpers import dot, grad
 
-from multiscale.micro import Cell, Path, self_affine, solve_cell
+from multiscale.micro import Path, solve_cell
+from multiscale.surfaces import Surface, rms_height
+from tests.support import flat_cell, rough_square
 
 LENGTH, YOUNG, NU = 4e-4, 210e9, 0.3  # m, Pa
 CONTACT_MODULUS = YOUNG / (1.0 - NU**2)
@@ -60,16 +62,9 @@ def constriction(half_space, touching):
 @pytest.mark.slow
 def test_spots_conduct_as_the_stiffness_of_the_interface_says(half_space):
     """Within 2 % at three pressures: h = 2 K k / E*, of a half-space on a perfect conductor."""
-    surface = self_affine(
-        (POINTS, POINTS),
-        (LENGTH, LENGTH),
-        1,
-        hurst_exponent=0.8,
-        long_cutoff=2e-4,
-        short_cutoff=1e-4,
-        rms_height=4e-7,
-    )
-    cell = Cell(surface, LENGTH, 8, YOUNG, NU, geometry="flat")
+    rough = rough_square(POINTS, 2e-4, 1e-4, 0.02, seed=1, size=LENGTH)
+    surface = Surface(4e-7 / rms_height(rough) * rough.heights, rough.size)
+    cell = flat_cell(surface, YOUNG, NU)
     for pressure in (4e7, 1e8, 2e8):
         around = pressure * np.array([0.99, 1.0, 1.01])
         found = solve_cell(cell, Path(pressure=tuple(around)), keep_fields=True)

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.upscaling import (
     area_from_dataset,
     error_budget,
     fit_law,
     law_from_dataset,
 )
+from tests.support import press_flat, rough_square
 
 MODULUS, NU, EDGE = 1e9, 0.3, 1e-3
 TRUTH, OTHERS = 96, 60
@@ -64,27 +64,14 @@ def halved(pressure):
 
 def press(number, scene):
     """Response of all realisations of a scene at the halved steps."""
-    cells = [
-        Cell(
-            self_affine(
-                (scene.points, scene.points),
-                (EDGE, EDGE),
-                100_000 * number + seed,
-                hurst_exponent=scene.hurst,
-                long_cutoff=EDGE / scene.waves,
-                short_cutoff=EDGE / scene.waves / scene.band,
-                rms_slope=scene.slope,
-            ),
-            EDGE,
-            8,
-            MODULUS,
-            NU,
-            geometry="flat",
-        )
+    band = EDGE / scene.waves, EDGE / scene.waves / scene.band, scene.slope
+    options = {"size": EDGE, "hurst": scene.hurst}
+    surfaces = [
+        rough_square(scene.points, *band, seed=100_000 * number + seed, **options)
         for seed in [*range(TRUTH), *range(192, 192 + OTHERS)]
     ]
     pressure = MODULUS / (1.0 - NU**2) * scene.slope * halved(scene.pressures)
-    return run_ensemble(cells, Path(pressure=tuple(pressure)))
+    return press_flat(surfaces, pressure, MODULUS, NU)
 
 
 def values_of(law, pressure):

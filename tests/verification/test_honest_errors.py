@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from multiscale.macro import Block, RoughJoint
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.surfaces import rms_height
 from multiscale.surfaces.surface import Surface
 from multiscale.upscaling import (
@@ -35,6 +34,7 @@ from multiscale.upscaling import (
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.law_budget import grid_term
 from tests.pressed_joint import press_blocks
+from tests.support import press_flat, rough_square
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,14 +55,12 @@ def mean_of(response, name):
 
 
 def surface(size, seed, *, points, hurst):
-    n = round(size * RATIO * points)
-    spectrum = {"hurst_exponent": hurst, "long_cutoff": WAVE, "short_cutoff": WAVE / RATIO}
-    return self_affine((n, n), (size * WAVE, size * WAVE), seed, rms_slope=SLOPE, **spectrum)
+    band, n = (WAVE, WAVE / RATIO, SLOPE), round(size * RATIO * points)
+    return rough_square(n, *band, seed=seed, size=size * WAVE, hurst=hurst)
 
 
 def press(surfaces, pressures=PRESSURE):
-    cells = [Cell(one, one.size[0], 8, MODULUS, NU, geometry="flat") for one in surfaces]
-    return run_ensemble(cells, Path(pressure=tuple(pressures)))
+    return press_flat(surfaces, pressures, MODULUS, NU)
 
 
 def ensemble(size, n, seed, *, points=8, hurst):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from multiscale.laws.bulk import J2, NeoHookean
-from multiscale.micro import Cell, Path, Surface, layer, solve_cell
+from multiscale.laws.bulk import J2, Elastic, NeoHookean
+from multiscale.micro import Cell, Path, SecondBody, Surface, layer, solve_cell
 from multiscale.micro.contact_area import HALF_SPACE
 from multiscale.micro.elastic.flat_reference import element_edges
 from tests.closed_forms import mindlin
-from tests.support import egg_box, observed_rate, rough_square, slow
+from tests.support import egg_box, flat, observed_rate, rough_square, slow, sphere
 
 
 @pytest.fixture
@@ -77,14 +77,23 @@ def test_plastic_pressures_tend_to_a_limit_as_increments_shrink():
     assert limit == pytest.approx(8.8559e-4, rel=0.01)  # quartered steps of the independent code
 
 
-def test_tangential_over_normal_stiffness():
-    n, layers, nu = 32, 16, 0.3
-    surface = rough_square(n, 0.5, 0.25, 0.02, seed=3)
-    loads = (0.002, 0.00204)
-    pressed = solve_cell(Cell(surface, 1.0, layers, 1.0, nu), Path(pressure=loads))
-    sticky = Cell(surface, 1.0, layers, 1.0, nu, friction_coefficient=1e3)
+@pytest.mark.parametrize(
+    ("layers", "opposite"),
+    [(16, None), (12, SecondBody(1.0, 12, Elastic(1.0, 0.3)))],
+    ids=["one body", "two bodies"],
+)
+def test_tangential_over_normal_stiffness(layers, opposite):
+    surface, nu, loads = rough_square(32, 0.5, 0.25, 0.02, seed=3), 0.3, (0.002, 0.00204)
     step = 1e-3 * surface.heights.std()
-    sheared = solve_cell(sticky, Path(pressure=loads[:1] * 2, slide=((0.0, 0.0), (step, 0.0))))
+    pressed, sheared = (
+        solve_cell(
+            Cell(surface, 1.0, layers, 1.0, nu, friction_coefficient=mu, opposite=opposite), path
+        )
+        for mu, path in (
+            (0.0, Path(pressure=loads)),
+            (1e3, Path(pressure=loads[:1] * 2, slide=((0.0, 0.0), (step, 0.0)))),
+        )
+    )
     assert sheared["slip_fraction"].values[0, 1] == 0.0
     stiffness = [
         float(np.diff(response["traction"].values[0, :, k])[0])
@@ -123,43 +132,38 @@ def test_sliding_up_an_inclined_facet(bulk, mu):
     np.testing.assert_allclose(across, 0.0, atol=1e-10)
 
 
-def sphere(n, radius):
-    """A paraboloid as the obstacle of a flat body."""
-    x = (np.arange(n) - n // 2) / n
-    return Surface((x[:, None] ** 2 + x**2) / (2.0 * radius), (1.0, 1.0))
+MU, CONTACT_RADIUS = 0.4, 0.16
 
 
-def mindlin_case(n, layers, increments, share=0.8):
-    """Press a sphere, shear it to a share of the limit, and go once around; nu = .499."""
-    nu, mu, radius, a = 0.499, 0.4, 10.0, 0.16
-    force = 4.0 / (1.0 - nu**2) * a**3 / (3.0 * radius)
+def sheared_sphere(n, layers, shares, increments=1):
+    """Press a sphere, nu = .499, and shear it to shares of the limit of friction.
+
+    Returns the cell, its response, the forces over the limit, and the limit with the modulus.
+    """
+    nu, radius, a = 0.499, 10.0, CONTACT_RADIUS
+    limit = MU * 4.0 / (1.0 - nu**2) * a**3 / (3.0 * radius)
     modulus = mindlin.tangential_modulus((1.0, nu))
-    flat = Surface(np.zeros((n, n)), (1.0, 1.0))
-    cell = Cell(flat, 1.0, layers, 1.0, nu, obstacle=sphere(n, radius), friction_coefficient=mu)
-    far = float(mindlin.tangential_displacement(share, mu * force, a, modulus))
-    slides = ((0.0, 0.0), (far, 0.0), (-far, 0.0), (far, 0.0))
-    path = Path(pressure=(force,) * 4, slide=slides, increments=increments)
+    cell = Cell(flat(n), 1.0, layers, 1.0, nu, sphere(n, radius), friction_coefficient=MU)
+    slides = [
+        (float(np.sign(s) * mindlin.tangential_displacement(abs(s), limit, a, modulus)), 0.0)
+        for s in (0.0, *shares)
+    ]
+    path = Path(pressure=(limit / MU,) * len(slides), slide=tuple(slides), increments=increments)
     response = solve_cell(cell, path, tolerance=1e-7)
     assert response["converged"].values.all()
-    ratio = response["traction"].values[0, :, 1] / (mu * force)
-    return response, ratio, (mu * force, a, modulus)
+    return cell, response, response["traction"].values[0, :, 1] / limit, (limit, a, modulus)
 
 
 @pytest.mark.long
 def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_refined():
     """Nodes in contact reach beyond its edge, and those that stick beyond theirs by less."""
-    nu, mu, radius, a = 0.499, 0.4, 10.0, 0.16
-    force = 4.0 / (1.0 - nu**2) * a**3 / (3.0 * radius)
-    modulus = mindlin.tangential_modulus((1.0, nu))
-    far = [mindlin.tangential_displacement(share, mu * force, a, modulus) for share in (0.4, 0.8)]
-    path = Path(pressure=(force,) * 3, slide=tuple((float(s), 0.0) for s in (0.0, *far)))
-    grids, errors, blurred = np.array([32, 64, 96]), [], []
+    grids, a, errors, blurred = np.array([32, 64, 96]), CONTACT_RADIUS, [], []
     for n, layers in zip(grids, (16, 24, 30), strict=True):
-        flat = Surface(np.zeros((n, n)), (1.0, 1.0))
-        cell = Cell(flat, 1.0, layers, 1.0, nu, obstacle=sphere(n, radius), friction_coefficient=mu)
-        response = solve_cell(cell, path, tolerance=1e-7)
-        stick = 1.0 - response["slip_fraction"].values[0, 1:]
-        inner = mindlin.stick_radius(response["traction"].values[0, 1:, 1] / (mu * force))
+        cell, response, ratio, _ = sheared_sphere(n, layers, (0.4, 0.8))
+        stick, inner = (
+            1.0 - response["slip_fraction"].values[0, 1:],
+            mindlin.stick_radius(ratio[1:]),
+        )
         errors.append(np.max(np.abs(stick / inner**2 - 1.0)))
         reach = element_edges(cell)[0].reach / (n * a)
         seen = (inner + HALF_SPACE.reach / (n * a)) / (1.0 + reach)
@@ -173,9 +177,9 @@ def test_the_stick_area_tends_to_that_of_cattaneo_and_mindlin_as_the_grid_is_ref
 def test_a_sphere_in_partial_slip_follows_cattaneo_and_mindlin():
     losses = []
     for increments in (4, 8):
-        response, ratio, (limit, a, modulus) = mindlin_case(64, 24, increments)
+        _, response, ratio, theory = sheared_sphere(64, 24, (0.8, -0.8, 0.8), increments)
         work = response["friction_work"].values[0]
-        losses.append((work[3] - work[1]) / mindlin.loop_energy(ratio[3], limit, a, modulus))
+        losses.append((work[3] - work[1]) / mindlin.loop_energy(ratio[3], *theory))
     assert ratio[3] == pytest.approx(ratio[1], rel=2e-3)  # the loop closes
     assert ratio[2] == pytest.approx(-ratio[1], rel=2e-3)
     # backward steps dissipate too much, in proportion to their length
@@ -208,9 +212,8 @@ def test_the_work_of_friction_is_the_work_done_on_the_obstacle():
 @pytest.mark.long
 def test_a_sphere_on_a_perfectly_plastic_body_has_a_hardness_of_three_yield_stresses():
     n, yield_stress, radius = 64, 1e-3, 2.0
-    flat = Surface(np.zeros((n, n)), (1.0, 1.0))
     law = J2(1.0, 0.3, yield_stress)
-    cell = Cell(flat, 1.0, 20, 1.0, 0.3, obstacle=sphere(n, radius), bulk=law)
+    cell = Cell(flat(n), 1.0, 20, 1.0, 0.3, obstacle=sphere(n, radius), bulk=law)
     path = Path(approach=(0.002, 0.003, 0.004, 0.005, 0.006))
     response = solve_cell(cell, path, tolerance=1e-4)
     area = response["contact_fraction"].values[0]

@@ -3,25 +3,17 @@
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
 from multiscale.micro.gap_flow import gap_flow
 from multiscale.upscaling import effective_permeability
+from tests.support import press_flat, rough_square
 
 
 @pytest.mark.slow
 def test_the_gap_of_random_surfaces_percolates_up_to_42_per_cent_of_contact():
     """W. B. Dapp and others, Phys. Rev. Lett. 108 (2012) 244301; cells of 4 waves: .400 +- .010."""
-    waves = {"hurst_exponent": 0.8, "long_cutoff": 0.25, "short_cutoff": 0.0625}
-    cells = [
-        Cell(
-            self_affine((128, 128), (1.0, 1.0), seed, rms_slope=0.1, **waves),
-            *(1.0, 8, 1.0, 0.3),
-            geometry="flat",
-        )
-        for seed in range(8)
-    ]
-    pressure = 0.1 / 0.91 * np.arange(0.17, 0.3, 0.02)  # over the slope times E*: 1.7 to 2.9
-    response = run_ensemble(cells, Path(pressure=tuple(pressure)), keep_flow=True)
+    surfaces = [rough_square(128, 0.25, 0.0625, 0.1, seed=seed) for seed in range(8)]
+    pressure = 0.1 * np.arange(0.17, 0.3, 0.02)  # over the slope times E*: .17 to .29
+    response = press_flat(surfaces, pressure, keep_flow=True)
     area = response["contact_fraction"].to_numpy()[..., None]
     opened = response["hydraulic_aperture"].to_numpy() > 0.0
     assert opened[:, 0].all()

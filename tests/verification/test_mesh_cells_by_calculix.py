@@ -1,8 +1,5 @@
 """Cells with overhang, inclusion and pore against CalculiX on the same mesh."""
 
-import shutil
-import subprocess
-
 import numpy as np
 import pytest
 
@@ -10,12 +7,10 @@ from multiscale.laws.bulk import Elastic
 from multiscale.micro import CellSides, Path, solve_cell
 from multiscale.micro.mesh.mesh_cell import assemble_elastic_mesh
 from multiscale.micro.mesh.meshing import ElementKind, cell_from_file
+from tests.calculix import needs_calculix, run_calculix
 from tests.voxels import write_voxels
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed"),
-]
+pytestmark = [pytest.mark.slow, needs_calculix]
 
 VTK = [0, 3, 6, 2, 1, 5, 7, 4]
 """Corners of a hexahedron of scikit-fem in the order of CalculiX."""
@@ -55,8 +50,8 @@ def scene(kind, path):
     )
 
 
-def write_deck(folder, cell, moved):
-    """Write the elastic problem in which contact nodes have the displacements along z given."""
+def deck(cell, moved):
+    """Lines of the elastic problem in which contact nodes have the displacements along z given."""
     mesh, points = cell.mesh, cell.mesh.p
     lines = ["*NODE, NSET=ALL"]
     lines += [f"{k + 1},{x:.9e},{y:.9e},{z:.9e}" for k, (x, y, z) in enumerate(points.T)]
@@ -77,14 +72,13 @@ def write_deck(folder, cell, moved):
             lines.append(f"{side + 1},{axis + 1},{axis + 1},0.")
     lines += [f"{n + 1},1,3,0." for n in np.flatnonzero(points[2] == 0.0)]
     lines += [f"{n + 1},3,3,{u:.12e}" for n, u in moved.items()]
-    lines += ["*NODE PRINT, NSET=ALL", "U,RF", "*END STEP", ""]
-    (folder / "deck.inp").write_text("\n".join(lines))
+    return [*lines, "*NODE PRINT, NSET=ALL", "U,RF", "*END STEP"]
 
 
-def read_tables(file):
+def read_tables(said):
     """Displacements and reactions of all nodes, shape (nodes, 3)."""
     tables, rows = [], []
-    for line in [*file.read_text().splitlines(), "end of tables"]:
+    for line in [*said.splitlines(), "end of tables"]:
         words = line.split()
         if len(words) == 4 and words[0].isdigit():
             rows.append([float(word) for word in words[1:]])
@@ -109,9 +103,7 @@ def test_calculix_finds_the_same_contact_forces(kind, tmp_path):
     held = {top[k]: gap[k] - APPROACH for k in np.flatnonzero(state.active)}
     assert 4 < len(held) < 49
 
-    write_deck(tmp_path, cell, held)
-    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True, timeout=300)
-    displacement, reaction = read_tables(tmp_path / "deck.dat")
+    displacement, reaction = read_tables(run_calculix(tmp_path, deck(cell, held)))
     contact = -reaction[list(held), 2]
     assert contact.sum() == pytest.approx(force, rel=1e-5)
     np.testing.assert_allclose(contact, state.force[state.active], atol=1e-4 * contact.max())

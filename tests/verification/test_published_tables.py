@@ -7,17 +7,16 @@ does not matter, and the shortest wave has 5 or 16 points.
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, solve_cell
+from multiscale.micro import Path, solve_cell
 from multiscale.surfaces import nayak_parameter
 from multiscale.surfaces.fourier import wavenumbers
 from tests.closed_forms import full_contact
-from tests.support import rough_square
+from tests.support import flat_cell, rough_square
 
 
 def press(surface, pressures):
     """Response of the flat cell with contact modulus 1 Pa."""
-    cell = Cell(surface, surface.size[0], 8, 0.91, 0.3, geometry="flat")
-    response = solve_cell(cell, Path(pressure=tuple(pressures)), keep_fields=True)
+    response = solve_cell(flat_cell(surface), Path(pressure=tuple(pressures)), keep_fields=True)
     assert response["converged"].all()
     return response
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from multiscale.micro import Cell, Path, run_ensemble, self_affine
+from multiscale.micro import Cell, Path, run_ensemble
 from multiscale.pipeline import load_case
 from multiscale.pipeline.case_cells import composite_material, make_surfaces
+from tests.support import press_flat, rough_square
 
 POINTS = 256
 
@@ -40,20 +41,9 @@ def test_sizes_of_spots_fall_by_the_law_of_self_affine_islands(hurst):
     # 215004 uses it for contacts); elastic contact keeps a power law between the size of the
     # shortest wave and a largest size (Mueser and Wang, Lubricants 6 (2018) 85), which Hill's
     # estimator above a quarter of the shortest wave's square sees as a slightly steeper fall
-    surfaces = [
-        self_affine(
-            (POINTS, POINTS),
-            (1.0, 1.0),
-            seed,
-            rms_slope=0.1,
-            hurst_exponent=hurst,
-            long_cutoff=0.5,
-            short_cutoff=8.0 / POINTS,
-        )
-        for seed in range(6)
-    ]
-    cells = [Cell(surface, 1.0, 8, 0.91, 0.3, geometry="flat") for surface in surfaces]
-    found = run_ensemble(cells, Path(pressure=(0.004,)), keep_spots=True)
+    band = 0.5, 8.0 / POINTS, 0.1
+    surfaces = [rough_square(POINTS, *band, seed=seed, hurst=hurst) for seed in range(6)]
+    found = press_flat(surfaces, (0.004,), keep_spots=True)
     area = found["spot_area"].values.ravel() * POINTS**2
     least = 16.0
     above = area[area > least]
