@@ -29,24 +29,14 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Solution:
-    """Result of an iterative solver.
+    """Result of an iterative solver."""
 
-    Attributes
-    ----------
-    value : ndarray, the solution, with the shape and unit in the docstring of the solver status :
-    Status, why the solver stopped residuals : tuple of float, dimensionless residual after each
-    iteration; empty if none was computed seconds : tuple of float, time from the start to each
-    residual, s; empty if it is not measured trail : tuple of str, methods in the order in which
-    they ran; empty of a single method detail : str, place and remedy of a failure, beyond the
-    status
-    """
-
-    value: np.ndarray
-    status: Status
-    residuals: tuple[float, ...] = ()
-    seconds: tuple[float, ...] = ()
-    trail: tuple[str, ...] = ()
-    detail: str = ""
+    value: np.ndarray  # with the shape and unit in the docstring of the solver
+    status: Status  # why the solver stopped
+    residuals: tuple[float, ...] = ()  # dimensionless, after each iteration; maybe empty
+    seconds: tuple[float, ...] = ()  # from the start to each residual; empty if it is not measured
+    trail: tuple[str, ...] = ()  # methods in the order in which they ran; empty of a single method
+    detail: str = ""  # place and remedy of a failure, beyond the status
 
     def __post_init__(self) -> None:
         if self.status is Status.CONVERGED and not (

@@ -35,15 +35,11 @@ def choose(part: str, built: bool, why: str, why_not: str) -> Choice:
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of a stage.
-
-    ``memory`` is the estimated peak of its largest solve, byte; ``seconds`` the estimated time on
-    one core, s, NaN where there is no estimate.
-    """
+    """Cost of a stage."""
 
     stage: str
-    memory: int
-    seconds: float
+    memory: int  # estimated peak of its largest solve, byte
+    seconds: float  # estimated time on one core, s; NaN without an estimate
 
     def __str__(self) -> str:
         """Return the cost in words, as far as it is estimated."""
@@ -54,31 +50,17 @@ class Cost:
 
 @dataclass(frozen=True)
 class Needs:
-    """Needs of a single scene, for a reader; solvers use the cell, structure or options.
+    """Needs of a single scene, for a reader; solvers use the cell, structure or options."""
 
-    Attributes
-    ----------
-    unknowns_per_contact : int, 1 without friction, 3 with it
-    kinematics : str, such as ``"small strain, the mesh follows the surface"``
-    choices : tuple of Choice, parts that are built, and parts that only other scenes build
-    state_variables : tuple of str, history kept at each point; none for an elastic scene
-    fields : tuple of str, local fields kept in the result
-    libraries : tuple of str, heavy libraries that are imported
-    memory : int, estimated peak memory of the largest solve, byte
-    seconds : float
-        Estimated time on one core, s; NaN where there is no estimate, or the parts are joined.
-    costs : tuple of Cost, costs of stages, of a case that has several
-    """
-
-    unknowns_per_contact: int = 1
-    kinematics: str = ""
-    choices: tuple[Choice, ...] = ()
-    state_variables: tuple[str, ...] = ()
-    fields: tuple[str, ...] = ()
-    libraries: tuple[str, ...] = ()
-    memory: int = 0
-    seconds: float = nan
-    costs: tuple[Cost, ...] = ()
+    unknowns_per_contact: int = 1  # 3 with friction
+    kinematics: str = ""  # such as "small strain, the mesh follows the surface"
+    choices: tuple[Choice, ...] = ()  # parts that are built, and parts that only other scenes build
+    state_variables: tuple[str, ...] = ()  # history kept at each point; none for an elastic scene
+    fields: tuple[str, ...] = ()  # local fields kept in the result
+    libraries: tuple[str, ...] = ()  # heavy libraries that are imported
+    memory: int = 0  # estimated peak of the largest solve, byte
+    seconds: float = nan  # estimated time on one core, s; NaN without an estimate
+    costs: tuple[Cost, ...] = ()  # of stages, of a case that has several
 
     @property
     def built(self) -> dict[str, str]:

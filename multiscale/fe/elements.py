@@ -40,22 +40,13 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Elements:
-    """Shape functions and weights of the elements of a mesh at their quadrature points.
+    """Shape functions and weights of the elements of a mesh at their quadrature points."""
 
-    Attributes
-    ----------
-    gradient : ndarray, shape (elements, points, nodes, d), gradients of the shape functions, 1/m
-    weight : ndarray, shape (elements, points), volumes of the points, m³ (m² in two dimensions)
-    unknowns : ndarray of int, shape (elements, nodes * d), unknown d a + i of every entry
-    size : int, number of unknowns
-    mean_volume : bool, whether the volume ratio is its mean over the element, (1)
-    """
-
-    gradient: np.ndarray
-    weight: np.ndarray
-    unknowns: np.ndarray
-    size: int
-    mean_volume: bool = True
+    gradient: np.ndarray  # (elements, points, nodes, d), of the shape functions, 1/m
+    weight: np.ndarray  # (elements, points), volumes of the points, m³ (m² in two dimensions)
+    unknowns: np.ndarray  # (elements, nodes * d), unknown d a + i of every entry
+    size: int  # number of unknowns
+    mean_volume: bool = True  # whether the volume ratio is its mean over the element, (1)
 
 
 def element_of_order(mesh: "Mesh", order: int) -> "Element":

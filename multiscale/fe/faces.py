@@ -70,15 +70,13 @@ SLIVER = 1e-9
 class OrientedFace:
     """Facets of a named boundary, oriented outwards.
 
-    ``facets``, shape (facets, corners), are positions in ``nodes``: seen from outside the corners
-    run counter-clockwise (in two dimensions the body lies to the left from the first to the
-    second). ``nodes`` are the sorted vertices of the mesh, ``position``, shape (n, d), their
-    places, m.
+    Seen from outside the corners of a facet run counter-clockwise; in two dimensions the body lies
+    to the left from the first to the second.
     """
 
-    facets: np.ndarray
-    nodes: np.ndarray
-    position: np.ndarray
+    facets: np.ndarray  # (facets, corners), places in nodes
+    nodes: np.ndarray  # (n,), vertices of the mesh, sorted
+    position: np.ndarray  # (n, d), of the vertices, m
 
     @cached_property
     def normals(self) -> np.ndarray:

@@ -13,18 +13,11 @@ __all__ = ["Bar", "Beam", "Cable", "LinkLaw", "LinkResponse", "Strut"]
 
 @dataclass(frozen=True)
 class LinkResponse:
-    r"""Response of a link law to a strain.
+    """Response of a link law to a strain."""
 
-    Attributes
-    ----------
-    tension : ndarray, shape (...), tension :math:`\tau`, N, compression negative
-    tangent : ndarray, shape (...), :math:`\mathrm{d}\tau / \mathrm{d}\varepsilon`, N; zero if slack
-    slack : ndarray, shape (...), slack over the relaxed length, dimensionless; zero with a force
-    """
-
-    tension: np.ndarray
-    tangent: np.ndarray
-    slack: np.ndarray
+    tension: np.ndarray  # N, compression negative
+    tangent: np.ndarray  # derivative of the tension by the strain, N; zero for slack links
+    slack: np.ndarray  # over the relaxed length, never negative; zero for links that carry force
 
 
 @dataclass(frozen=True)

@@ -61,20 +61,12 @@ def natural_map(
 
 @dataclass(frozen=True)
 class Verdict:
-    """Errors of an answer, measured from the data only; every number is dimensionless.
+    """Errors of an answer, measured from the data only; every number is dimensionless."""
 
-    Attributes
-    ----------
-    error : float, natural-map error relative to the norm of the data, the larger of (1)
-    penetration : float, largest approach left at a contact, relative to the norm of the data
-    cone_violation : float, largest distance of an impulse from its cone over the largest impulse
-    tolerance : float, the bound that each of them has to keep
-    """
-
-    error: float
-    penetration: float
-    cone_violation: float
-    tolerance: float
+    error: float  # natural-map error relative to the norm of the data, the larger of (1)
+    penetration: float  # largest approach left at a contact, relative to the norm of the data
+    cone_violation: float  # largest distance of an impulse from its cone over the largest impulse
+    tolerance: float  # bound that each of them has to keep
 
     @property
     def accepted(self) -> bool:

@@ -33,32 +33,18 @@ PIVOT = 0.01
 
 @dataclass(frozen=True)
 class ScaledFriction:
-    r"""Dimensionless friction problem :math:`\hat u = \hat W \hat r + \hat q`.
+    r"""Dimensionless friction problem :math:`\hat u = \hat W \hat r + \hat q`."""
 
-    Attributes
-    ----------
-    blocks : ndarray, shape (n, 3, 3), of :math:`\hat W` row by row, each with its diagonal block
-    columns, starts : ndarray, shapes (n,) and (contacts + 1,)
-        Contact that each block belongs to, ascending in a row, and first block of every row.
-    diagonal : ndarray, shape (contacts,), which block is the diagonal one
-    velocity : ndarray, shape (contacts, 3), :math:`\hat q`, norm one
-    friction : ndarray, shape (contacts,), :math:`\hat\mu > 0`
-    reaction_unit, velocity_unit : ndarray, shape (contacts, 3)
-        :math:`r = \hat r` times the first, N s, and :math:`u = \hat u` times the second, m/s.
-    measure : tuple, given friction coefficients, contact masses and step of 1 kg
-    size : float, norm of the given :math:`q` that errors are relative to, m/s
-    """
-
-    blocks: np.ndarray
-    columns: np.ndarray
-    starts: np.ndarray
-    diagonal: np.ndarray
-    velocity: np.ndarray
-    friction: np.ndarray
-    reaction_unit: np.ndarray
-    velocity_unit: np.ndarray
-    measure: tuple[np.ndarray, np.ndarray, float]
-    size: float
+    blocks: np.ndarray  # (n, 3, 3), of W row by row; every row has its diagonal block
+    columns: np.ndarray  # (n,), contact that each block belongs to, ascending in a row
+    starts: np.ndarray  # (contacts + 1,), first block of every row
+    diagonal: np.ndarray  # (contacts,), which block is the diagonal one
+    velocity: np.ndarray  # (contacts, 3), q, norm one
+    friction: np.ndarray  # (contacts,), mu > 0
+    reaction_unit: np.ndarray  # (contacts, 3), of impulses, N s
+    velocity_unit: np.ndarray  # (contacts, 3), of velocities, m/s
+    measure: tuple[np.ndarray, np.ndarray, float]  # given friction, contact masses, 1 kg
+    size: float  # norm of the given q that errors are relative to, m/s
 
     def respond(self, reaction: np.ndarray) -> np.ndarray:
         """Velocity W r + q, shape (contacts, 3)."""
@@ -154,27 +140,16 @@ def scale_friction(
 
 @dataclass
 class Progress:
-    """Record of a run, updated by the methods through :meth:`note`.
+    """Record of a run, updated by the methods through :meth:`note`."""
 
-    Attributes
-    ----------
-    problem : ScaledFriction, which measures the errors
-    target : float, error at which the run may stop; dimensionless
-    callback : callable, optional, called as ``callback(iteration, residual)``
-    started : float, start on the clock, s
-    residuals, seconds : list of float, error and time, s, of every noted iterate
-    trail : list of str, methods in their order
-    best, smallest : dimensionless best iterate so far, shape (contacts, 3), and its error
-    """
-
-    problem: ScaledFriction
-    target: float
-    callback: Callable[[int, float], None] | None = None
-    started: float = field(default_factory=perf_counter)
-    residuals: list[float] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    trail: list[str] = field(default_factory=list)
-    best: np.ndarray | None = None
+    problem: ScaledFriction  # measures the errors
+    target: float  # error at which the run may stop, dimensionless
+    callback: Callable[[int, float], None] | None = None  # called as callback(iteration, residual)
+    started: float = field(default_factory=perf_counter)  # on the clock, s
+    residuals: list[float] = field(default_factory=list)  # of every noted iterate
+    seconds: list[float] = field(default_factory=list)  # since the start
+    trail: list[str] = field(default_factory=list)  # methods in their order
+    best: np.ndarray | None = None  # iterate, (contacts, 3), dimensionless
     smallest: float = np.inf
 
     def note(self, reaction: np.ndarray) -> bool:

@@ -33,20 +33,12 @@ LARGEST_ROUNDING = 1e-6
 
 @dataclass(frozen=True)
 class ScaledLCP:
-    r"""The problem :math:`0 \le A x + b \perp x \ge 0`, without units.
+    r"""The problem :math:`0 \le A x + b \perp x \ge 0`, without units."""
 
-    Attributes
-    ----------
-    matrix : csr_array or ndarray, shape (n, n), :math:`A = D M D` with a diagonal of ones
-    vector : ndarray, shape (n,), :math:`b = D q / \delta` with the size :math:`\delta` of the data
-    unit : ndarray, shape (n,), :math:`\delta D`, so that :math:`z = \delta D x`
-    is_symmetric : bool, whether mirrored entries of A agree
-    """
-
-    matrix: csr_array | np.ndarray
-    vector: np.ndarray
-    unit: np.ndarray
-    is_symmetric: bool
+    matrix: csr_array | np.ndarray  # (n, n), A = D M D with a diagonal of ones
+    vector: np.ndarray  # (n,), b = D q / delta with the size delta of the data
+    unit: np.ndarray  # (n,), delta D, so that z = delta D x
+    is_symmetric: bool  # whether mirrored entries of A agree
 
     def slack(self, x: np.ndarray) -> np.ndarray:
         """Return A x + b."""

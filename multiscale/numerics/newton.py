@@ -39,18 +39,11 @@ MAX_EVALUATIONS = 2200
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a Newton iteration, as the user gives them.
+    """Limits of a Newton iteration, as the user gives them."""
 
-    Attributes
-    ----------
-    max_iterations : int, limit of Newton steps
-    tolerance : float, bound on the residual of the solver; dimensionless
-    callback : callable, optional, called as ``callback(iteration, residual)``
-    """
-
-    max_iterations: int = 60
-    tolerance: float = 1e-10
-    callback: Callable[[int, float], None] | None = None
+    max_iterations: int = 60  # of Newton steps
+    tolerance: float = 1e-10  # bound on the residual of the solver, dimensionless
+    callback: Callable[[int, float], None] | None = None  # called as callback(iteration, residual)
 
     def __post_init__(self) -> None:
         check_limits(self.tolerance, self.max_iterations)
@@ -59,9 +52,6 @@ class Limits:
 @dataclass
 class NewtonRun:
     """Record of a Newton iteration that decides when to stop; the iterates stay in the loop.
-
-    ``patience`` is the number of iterations without a smaller residual after which it gives up;
-    ``residuals`` and ``seconds``, s, are of every iterate, ``begin`` is the start on the clock, s.
 
     >>> x, run = 2.0, NewtonRun(Limits(tolerance=1e-12))
     >>> while run.goes_on(abs(x * x - 2.0)):
@@ -72,11 +62,11 @@ class NewtonRun:
     """
 
     limits: Limits
-    patience: float = np.inf
+    patience: float = np.inf  # iterations without a smaller residual after which it gives up
     status: Status = Status.MAX_ITERATIONS
     residuals: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
-    begin: float = field(default_factory=perf_counter)
+    begin: float = field(default_factory=perf_counter)  # on the clock, s
 
     def goes_on(self, residual: float, floor: float = 0.0) -> bool:
         """Record the residual of an iterate and return whether to take another step.
