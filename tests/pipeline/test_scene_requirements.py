@@ -24,9 +24,8 @@ from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, box
 from multiscale.macro.granulate.grain_motion import initial_state, step_grains
 from multiscale.macro.granulate.model import grain_needs
 from multiscale.macro.links import dynamics as dynamics_module
-from multiscale.macro.links import limited_motion as motion_module
 from multiscale.macro.links.link_equations import Tangent
-from multiscale.macro.links.link_needs import link_needs
+from multiscale.macro.links.link_system import link_needs
 from multiscale.macro.substructures import latin as latin_module
 from multiscale.macro.substructures import latin_solver as solve_module
 from multiscale.macro.substructures import split_grid
@@ -315,7 +314,7 @@ def test_geometric_stiffness_is_built_where_it_is_needed_and_nowhere_else(monkey
 def test_impulses_are_sought_where_a_link_has_a_fixed_length(monkeypatch, rigid):
     """Complementarity is solved once in each Newton iteration of each step, or in none."""
     grid = tensegrity_grid(2, prestress=40.0, **({"cable": Cable(np.inf)} if rigid else {}))
-    sought, steps = count(monkeypatch, motion_module, "solve_lcp"), []
+    sought, steps = count(monkeypatch, dynamics_module, "solve_lcp"), []
     solve_step = dynamics_module.limited_motion
 
     def counted(*arguments):

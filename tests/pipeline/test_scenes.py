@@ -136,7 +136,7 @@ def test_nodes_that_move_farther_than_the_structure_measures_are_a_caution(hangi
 
 
 def test_a_motion_that_fails_says_when_and_keeps_what_was_found(tmp_path, monkeypatch):
-    monkeypatch.setattr("multiscale.macro.links.limited_motion.MAX_ITERATIONS", 2)
+    monkeypatch.setattr("multiscale.macro.links.dynamics.MAX_ITERATIONS", 2)
     scene = load_case(
         write_scene(tmp_path, MOVING, ('"5 ms"', '"100 ms"'), ("= 1.0", "= 4.0"))
     ).quick()

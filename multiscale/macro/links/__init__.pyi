@@ -1,10 +1,10 @@
 from .dynamics import simulate as simulate
 from .link_structures import cable_net as cable_net
+from .link_structures import system_from_mesh as system_from_mesh
+from .link_structures import system_from_table as system_from_table
 from .link_structures import tensegrity_grid as tensegrity_grid
 from .link_system import LinkSystem as LinkSystem
 from .link_system import describe as describe
-from .link_tables import system_from_mesh as system_from_mesh
-from .link_tables import system_from_table as system_from_table
 from .mechanisms import prestress_by_itself as prestress_by_itself
 from .mechanisms import self_stress as self_stress
 from .statics import solve_static as solve_static

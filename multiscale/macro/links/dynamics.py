@@ -5,29 +5,38 @@ Moreau-Jean steps of the measure equation: velocities may jump, impulses replace
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
-from multiscale.convergence import Status
+from multiscale.convergence import Solution, Status
 from multiscale.errors import CaseError
-from multiscale.macro.links.limited_motion import MomentumBalance, largest, limited_motion
 from multiscale.macro.links.link_equations import LinkEquations, equations
 from multiscale.macro.links.link_system import LinkSystem, link_dataset
+from multiscale.nonsmooth import solve_lcp
 from multiscale.numerics.compiled import compiled
 from multiscale.numerics.factorisation import Solve
+from multiscale.numerics.newton import Limits, NewtonRun, step_length
 from multiscale.schema import Dataset
 
-__all__ = ["mean_tension", "simulate"]
+__all__ = ["limited_motion", "mean_tension", "simulate"]
 
 EXCHANGED = ("work", "numerical_dissipation", "link_dissipation", "smallest_link_dissipation")
 """Energies of each step; all but the last are summed over the steps."""
 
 START_TOLERANCE = 1e-9
 """Allowed elongation of an inextensible link at the start, relative to its length."""
+
+MAX_ITERATIONS = 50
+
+TOLERANCE = 1e-12
+"""Bound on the momentum out of balance, relative to the largest; raised to the rounding error."""
+
+UNDERFLOW_LIMIT = float(np.sqrt(np.finfo(float).tiny))
+"""Momentum, N s, or rate, m/s, below which the energy of a motion underflows."""
 
 
 def simulate(
@@ -171,50 +180,38 @@ def _nodal_masses(model: LinkEquations, mass: np.ndarray | float) -> np.ndarray:
     return np.asarray((masses / np.square(model.unit))[free])
 
 
+class MomentumBalance(NamedTuple):
+    """Momentum of a step without impulses: the gradient of a convex function of the velocity."""
+
+    momentum: np.ndarray  # g(y), shape (n,), N s
+    stiffness: np.ndarray  # of the links in the tangent of g, times squared steps, (rows,), kg
+    largest: float  # largest term of the sum, N s
+    rounding: float  # its rounding error, N s
+
+
 @dataclass(frozen=True)
 class _State:
-    """State of the structure at a time.
+    """State of the structure at a time."""
 
-    Attributes
-    ----------
-    time, step : float, time and size of the last step, s; infinite before the first step
-    u, v : ndarray, shape (n,), displacement, m, and velocity, m/s
-    elongation, support : ndarray, shape (rows,)
-        Elongation of the links, and its part due to the motion of the supports, m.
-    tension : ndarray, shape (rows,), tension of the extensible links, N; zero for the others
-    impulse : ndarray, shape (rows,)
-        Impulse of the inextensible links in the last step, N s; zero for the others.
-    mean : ndarray, shape (rows,), mean tension of all links in the last step, N
-    """
-
-    time: float
-    step: float
-    u: np.ndarray
-    v: np.ndarray
-    elongation: np.ndarray
-    support: np.ndarray
-    tension: np.ndarray
-    impulse: np.ndarray
-    mean: np.ndarray
+    time: float  # s
+    step: float  # size of the last step, s; infinite before the first step
+    u: np.ndarray  # displacement, shape (n,), m
+    v: np.ndarray  # velocity, shape (n,), m/s
+    elongation: np.ndarray  # of the links, shape (rows,), m
+    support: np.ndarray  # part of the elongation due to the motion of the supports, m
+    tension: np.ndarray  # of the extensible links, shape (rows,), N; zero for the others
+    impulse: np.ndarray  # of the inextensible links in the last step, (rows,), N s; else zero
+    mean: np.ndarray  # mean tension of all links in the last step, shape (rows,), N
 
 
 @dataclass(frozen=True)
 class _Scheme:
-    """Structure with its operators, loads and the parameters of the time stepping.
-
-    Attributes
-    ----------
-    model : LinkEquations, equations of the free unknowns
-    supported : LinkEquations, equations of the fixed components
-    mass : ndarray, shape (n,), mass of each unknown, kg
-    theta, restitution : float, parameters of :func:`simulate`, dimensionless
-    load_factor, support_motion : callable, functions of time as in :func:`simulate`
-    """
+    """Structure with its operators, and the parameters of :func:`simulate`."""
 
     system: LinkSystem
-    model: LinkEquations
-    supported: LinkEquations
-    mass: np.ndarray
+    model: LinkEquations  # of the free unknowns
+    supported: LinkEquations  # of the fixed components
+    mass: np.ndarray  # of each unknown, shape (n,), kg
     theta: float
     restitution: float
     load_factor: Callable[[float], float]
@@ -339,12 +336,12 @@ class _Scheme:
         after = self.prestress + k * (drift + growth)
         tension, slope = mean_tension(before, after, model.lower, model.upper, self.theta)
         # rounding of the elongations, and of the motions that they are the differences of
-        cancelling = largest(np.abs(drift) + np.abs(growth)) + step * largest(y)
+        cancelling = _largest(np.abs(drift) + np.abs(growth)) + step * _largest(y)
         balance = MomentumBalance(
             self.mass * y + h * model.gather(tension) - push,
             h * step * slope * k,
-            max(largest(push), h * largest(tension)),
-            8.0 * np.finfo(float).eps * h * largest(k) * cancelling,
+            max(_largest(push), h * _largest(tension)),
+            8.0 * np.finfo(float).eps * h * _largest(k) * cancelling,
         )
         return balance, tension
 
@@ -454,3 +451,69 @@ def mean_tension(
         tension[row] = (2.0 * theta - 1.0) * end + 2.0 * (1.0 - theta) * mean
         slope[row] = (2.0 * theta - 1.0) * carries + 2.0 * (1.0 - theta) * growth
     return tension, slope
+
+
+def limited_motion(
+    balance: Callable[[np.ndarray], MomentumBalance],
+    factorise: Callable[[np.ndarray], Solve],
+    start: np.ndarray,
+    limits: tuple[csr_array, np.ndarray, np.ndarray],
+) -> Solution:
+    r"""Solve the balance of momentum under the limits (A, b, C) of the rates.
+
+    Notes
+    -----
+    The solution (y, p) of
+
+    .. math:: g(y) + A^T p = 0, \qquad 0 \le p \perp b - A y + C p \ge 0    \tag{1}
+
+    is the minimum of a convex function with the gradient :math:`(g, C p)` under
+    :math:`A y - C p \le b`. Newton's method linearises g, condenses y, solves the complementarity
+    problem for p and searches along the step.
+    """
+    A, bound, C = limits
+    columns = A.T.toarray()
+    n = start.size
+
+    def slope(x: np.ndarray, dx: np.ndarray, share: float) -> float:
+        y, p = np.split(x + share * dx, [n])
+        return float(dx[:n] @ balance(y).momentum + dx[n:] @ (C @ p))
+
+    p, accuracy = np.zeros_like(bound), 0.0
+    x = np.append(start, p)
+    now = balance(start)
+    run = NewtonRun(Limits(MAX_ITERATIONS, TOLERANCE))
+    while True:
+        # linearised balance: rates y without and with the impulses p
+        solve = factorise(now.stiffness)
+        y = x[:n] - solve(now.momentum + columns @ x[n:])
+        if bound.size:
+            give = solve(columns)
+            rates = bound - A @ (y + give @ x[n:])
+            rates[np.abs(rates) < UNDERFLOW_LIMIT] = 0.0
+            impulses = solve_lcp(A @ give + C, rates, start=x[n:])
+            p, accuracy = impulses.value, impulses.residuals[-1]
+            y = y - give @ (p - x[n:])
+            if not impulses.converged:
+                return Solution(np.append(y, p), impulses.status, (*run.residuals, accuracy))
+
+        # residual of (1) at the full step
+        new = balance(y)
+        size = max(new.largest, _largest(p), UNDERFLOW_LIMIT)
+        residual = _largest(new.momentum + columns @ p) / size
+        if not run.goes_on(residual, new.rounding / size):
+            last = max(residual, accuracy)
+            return Solution(np.append(y, p), run.status, (*run.residuals[:-1], last))
+
+        # line search; a full first step meets the limits, which the start need not
+        dx = np.append(y, p) - x
+        if run.steps or not bound.size:
+            length = step_length(partial(slope, x, dx), slope(x, dx, 0.0))
+            dx = (min(length, 1.0) if bound.size else length) * dx
+        x = x + dx
+        now = balance(x[:n])
+
+
+def _largest(vector: np.ndarray) -> float:
+    """Return the largest absolute entry, zero if there are none."""
+    return float(np.abs(vector).max(initial=0.0))

@@ -26,22 +26,12 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Tangent:
-    """Symmetric matrices of one pattern, given by the entries of their upper triangle.
+    """Symmetric matrices of one pattern, given by the entries of their upper triangle by rows."""
 
-    Attributes
-    ----------
-    start, column : ndarray of int
-        Pattern by rows: first entry of each row, shape (n + 1,), and increasing columns.
-    place : ndarray of int, shape (rows, w (w + 1) / 2)
-        Entry that each product of two coefficients of a row of B is added to, -1 if fixed.
-    coefficient : ndarray, shape (rows, w), entries of B
-    cholesky : callable, factorisation as returned by :func:`prepare_cholesky`
-    """
-
-    start: np.ndarray
-    column: np.ndarray
-    place: np.ndarray
-    coefficient: np.ndarray
+    start: np.ndarray  # first entry of each row, shape (n + 1,)
+    column: np.ndarray  # increasing in each row
+    place: np.ndarray  # entry of each product of two coefficients of a row of B, -1 if fixed
+    coefficient: np.ndarray  # entries of B, shape (rows, w)
     cholesky: Factorise
 
     @property
@@ -82,31 +72,18 @@ class LinkEquations:
     The rows are the elongations of the links in their order, then the other modes of the beams.
     Rotations are multiplied by a length and moments divided by it, so that every unknown is in m
     and every force in N.
-
-    Attributes
-    ----------
-    link : ndarray of int, shape (rows,), link of a row
-    unknown : ndarray of int, shape (rows, w), unknowns of a row, -1 for fixed components
-    coefficient : ndarray, shape (rows, w), entries of :math:`B`
-    stiffness, prestress, lower, upper : ndarray, shape (rows,)
-        :math:`k` (N/m), :math:`\tau^0` and the admissible range (N).
-    load : ndarray, shape (n,), :math:`F^d`, N
-    number : ndarray of int, shape (nodes, c)
-        Unknown of each component of the nodes, -1 for fixed components.
-    unit : ndarray, shape (c,)
-        Factor of each component: 1 for displacements, a length, m, for rotations.
     """
 
-    link: np.ndarray
-    unknown: np.ndarray
-    coefficient: np.ndarray
-    stiffness: np.ndarray
-    prestress: np.ndarray
-    lower: np.ndarray
+    link: np.ndarray  # link of a row, shape (rows,)
+    unknown: np.ndarray  # unknowns of a row, shape (rows, w), -1 for fixed components
+    coefficient: np.ndarray  # entries of B, shape (rows, w)
+    stiffness: np.ndarray  # k, shape (rows,), N/m
+    prestress: np.ndarray  # tau^0, shape (rows,), N
+    lower: np.ndarray  # admissible range, shape (rows,), N
     upper: np.ndarray
-    load: np.ndarray
-    number: np.ndarray
-    unit: np.ndarray
+    load: np.ndarray  # F^d, shape (n,), N
+    number: np.ndarray  # unknown of each component of the nodes, shape (nodes, c), -1 if fixed
+    unit: np.ndarray  # factor of each component: 1, or a length, m, for rotations
 
     @property
     def n(self) -> int:
@@ -230,18 +207,11 @@ def compatibility(system: LinkSystem) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class LinkState:
-    """Equilibrium at a load factor.
+    """Equilibrium at a load factor."""
 
-    Attributes
-    ----------
-    solution : Solution, ``value`` is the displacement, shape (n,), m
-    tension : ndarray, shape (rows,), N; for the modes of beams their force
-    slack : ndarray, shape (rows,), m; never negative
-    """
-
-    solution: Solution
-    tension: np.ndarray
-    slack: np.ndarray
+    solution: Solution  # its value is the displacement, shape (n,), m
+    tension: np.ndarray  # shape (rows,), N; of the modes of beams their force
+    slack: np.ndarray  # shape (rows,), m; never negative
 
 
 def state_of(

@@ -69,18 +69,11 @@ MAX_PAIRS = 8
 
 @dataclass
 class SlackStiffness:
-    """Stiffness of slack links in the tangent, adapted to the length of the Newton steps.
+    """Stiffness of slack links in the tangent, adapted to the length of the Newton steps."""
 
-    Attributes
-    ----------
-    share : float, stiffness of a slack link relative to its elastic stiffness
-    least : float, smallest share
-    short : int, number of successive short steps
-    """
-
-    share: float = RESIDUAL_STIFFNESS
+    share: float = RESIDUAL_STIFFNESS  # of the elastic stiffness of a slack link
     least: float = RESIDUAL_STIFFNESS
-    short: int = 0
+    short: int = 0  # number of successive short steps
 
     @property
     def exhausted(self) -> bool:
@@ -224,10 +217,7 @@ def relax_zones(model: LinkEquations, load: np.ndarray, elastic: np.ndarray) -> 
 def unbalanced_zones(
     model: LinkEquations, load: np.ndarray, elastic: np.ndarray
 ) -> Iterator[tuple[np.ndarray, LinkEquations, float]]:
-    """Yield the zones around the largest forces out of balance, which share no unknowns.
-
-    Each zone is given by its unknowns, its equations and the largest force out of balance.
-    """
+    """Yield unknowns, equations and largest force out of balance of the zones, which are apart."""
     force = model.prestress + elastic
     residual = np.abs(load - model.gather(np.clip(force, model.lower, model.upper)))
     # cores, and rings of neighbours around them
@@ -249,15 +239,12 @@ def unbalanced_zones(
     row_part = part_of[model.unknown].max(axis=1)  # -1, a fixed component, selects the last entry
     for rows, inside in zip(_members(row_part, count), _members(part, count), strict=True):
         position[unknowns[inside]] = np.arange(inside.size)
+        of_rows = ("link", "coefficient", "stiffness", "lower", "upper")
         zone_model = replace(
             model,
-            link=model.link[rows],
+            **{name: getattr(model, name)[rows] for name in of_rows},
             unknown=position[model.unknown[rows]],
-            coefficient=model.coefficient[rows],
-            stiffness=model.stiffness[rows],
             prestress=force[rows],
-            lower=model.lower[rows],
-            upper=model.upper[rows],
             load=load[unknowns[inside]],
             number=model.number[:0],
         )
@@ -309,11 +296,9 @@ def exact_step(
     upper: np.ndarray,
     work: float,
 ) -> float:
-    """Return the zero of the piecewise linear slope of the energy, by Newton inside a bracket.
-
-    The slope is summed from its initial value, minus ``work``, and the gains of the tensions,
-    because a difference of two nearly equal sums would lose it near the solution.
-    """
+    """Return the zero of the piecewise linear slope of the energy, by Newton inside a bracket."""
+    # the slope is its initial value, minus ``work``, and the gains of the tensions: a difference
+    # of two nearly equal sums would lose it near the solution
     low, high, step = 0.0, np.inf, 1.0
     for _ in range(100):
         slope, curvature = -work, 0.0

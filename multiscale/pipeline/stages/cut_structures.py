@@ -10,7 +10,7 @@ from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields, write_link_fields
 from multiscale.macro import substructures
-from multiscale.macro.links.link_needs import link_needs
+from multiscale.macro.links.link_system import link_needs
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
