@@ -20,16 +20,11 @@ SWEEPS_PER_CHECK = 10
 class Velocities(NamedTuple):
     """Velocities that impulses change, of grains and then of walls.
 
-    Attributes
-    ----------
-    velocity : ndarray, shape (bodies, 8)
-        Velocity in columns 0-2 and radius times spin in 4-6, m/s; (bodies, 4) if nothing turns.
-    mobility : ndarray, shape (bodies, 3)
-        One over the mass along the normal and across it, and the squared radius over the inertia,
-        1/kg; (bodies, 1), only the first, if nothing turns.
-    strain : ndarray, shape (2, 3)
-        Strain rate of a periodic cell along each axis, 1/s, and one over the root of its inertia,
-        1/(kg m2)^.5, zero for a prescribed rate; None if the cell is rigid.
+    Columns 0-2 of ``velocity``, shape (bodies, 8), are the velocity and 4-6 radius times spin, m/s;
+    ``mobility``, shape (bodies, 3), is one over the mass along the normal and across it, and the
+    squared radius over the inertia, 1/kg. If nothing turns they have 4 columns and 1. ``strain``,
+    shape (2, 3), is the strain rate of a periodic cell along each axis, 1/s, and one over the root
+    of its inertia, 1/(kg m2)^.5, zero for a prescribed rate; None if the cell is rigid.
     """
 
     velocity: np.ndarray
@@ -62,18 +57,13 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
 
 
 def _arguments(contacts: Contacts, motion: Velocities) -> tuple[Any, ...]:
-    """Return the arguments of the kernels.
-
-    Those that can be None stand by themselves: then no code is compiled for them.
-    """
+    """Return the arguments of the kernels; those that can be None stand by themselves."""
+    # no code is compiled for an argument that is None
     return contacts._replace(coulomb=None), contacts.coulomb, motion[:2], motion.strain
 
 
 def _solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
-    """Return impulses, N s, of the assembled problem with friction, that may miss the tolerance.
-
-    ``motion`` has the velocities before the impulses act.
-    """
+    """Return impulses, N s, of the assembled problem with friction, that may miss the tolerance."""
     assert contacts.coulomb is not None
     velocity, ends, normal = motion.velocity, contacts.ends, contacts.normal
     across, friction = contacts.coulomb.T

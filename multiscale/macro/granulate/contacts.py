@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from multiscale.macro.granulate.grain_bodies import PLANE
+from multiscale.executors import run_ranges
+from multiscale.macro.granulate.model import PLANE
 from multiscale.numerics.compiled import compiled
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "Walls",
     "allowed_step",
     "build_contacts",
+    "find_pairs",
     "find_wall_pairs",
     "mark_overlaps",
     "penetration",
@@ -30,6 +32,8 @@ to the smaller radius."""
 STIFFENING, LEAST_COMPLIANCE = 0.1, 5e-5
 """Factor on the compliance of a contact that overlaps too far, and the compliance below which a
 contact is not stiffened further; dimensionless."""
+
+LEAST = 1000  # grains for a thread
 
 
 class Walls(NamedTuple):
@@ -51,85 +55,46 @@ class Positions(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs that may touch in a step; impulses have c = 1 or 3 components.
+    """Pairs that may touch in a step; impulses have c = 1 or 3 components."""
 
-    Attributes
-    ----------
-    ends : ndarray of int32, shape (pairs, 2), bodies; walls are numbered after the grains
-    impulse, anchor : ndarray, shape (pairs, c)
-        Impulses from which the sweeps start, and at which contact springs are relaxed, N s.
-    approach, hits : ndarray, shape (pairs,)
-        Normal velocity before an impact at the end of the last step, and before one caused in this
-        step, else zero, m/s.
-    wanted : ndarray of bool, shape (pairs,), pairs that are contacts whatever their gap
-    compliance : ndarray, shape (pairs,), dimensionless
-    """
-
-    ends: np.ndarray
-    impulse: np.ndarray
-    anchor: np.ndarray
-    approach: np.ndarray
-    hits: np.ndarray
-    wanted: np.ndarray
-    compliance: np.ndarray
+    ends: np.ndarray  # bodies, int32, shape (pairs, 2); walls are numbered after the grains
+    impulse: np.ndarray  # impulses from which the sweeps start, shape (pairs, c), N s
+    anchor: np.ndarray  # impulses at which contact springs are relaxed, shape (pairs, c), N s
+    approach: np.ndarray  # normal velocity before an impact at the end of the last step, m/s
+    hits: np.ndarray  # normal velocity before an impact caused in this step, else zero, m/s
+    wanted: np.ndarray  # whether a pair is a contact whatever its gap, shape (pairs,)
+    compliance: np.ndarray  # shape (pairs,), dimensionless
 
 
 class FreeStep(NamedTuple):
-    """A step before its contacts are known.
+    """A step before its contacts are known; arrays as in :class:`~.contact_solver.Velocities`."""
 
-    Attributes
-    ----------
-    length : float, s
-    before, velocity : ndarray, shape (bodies, 4 or 8), before and after the forces act, m/s
-    mobility : ndarray, shape (bodies, 1 or 3), as of :class:`~.contact_solver.Velocities`
-    friction : ndarray, coefficients of the grains and of each wall; empty without friction
-    strain : ndarray, shape (2, 3)
-        Strain rates of the cell, 1/s, and one over the root of its inertia, 1/(kg m2)^.5.
-    restitution, relaxation, rest : float
-        Coefficient, time in which overlaps relax, s, and speed up to which nothing bounces, m/s.
-    first, last : float, shares of the change of velocity before and after an impact
-    """
-
-    length: float
-    before: np.ndarray
-    velocity: np.ndarray
+    length: float  # s
+    before: np.ndarray  # velocities before the forces act, m/s
+    velocity: np.ndarray  # velocities after the forces have acted, m/s
     mobility: np.ndarray
-    friction: np.ndarray
+    friction: np.ndarray  # coefficients of the grains and of each wall; empty without friction
     strain: np.ndarray
     restitution: float
-    relaxation: float
-    rest: float
-    first: float
-    last: float
+    relaxation: float  # time in which overlaps relax, s
+    rest: float  # speed up to which nothing bounces, m/s
+    first: float  # share of the change of velocity before an impact
+    last: float  # share after it
 
 
 class Contacts(NamedTuple):
-    """The contacts of a step.
+    """The contacts of a step, shape (contacts, ...)."""
 
-    Attributes
-    ----------
-    number : ndarray of int, shape (contacts,), number of the pair of each contact
-    ends : ndarray of int32, shape (contacts, 2), bodies i and j
-    normal : ndarray, shape (contacts, 3), from j to i
-    bias : ndarray, shape (contacts,), m/s
-    mass, compliance : ndarray, shape (contacts,), along the normal, kg, and dimensionless
-    coulomb : ndarray, shape (contacts, 2), or None
-        Mass across the normal, kg, and friction coefficient; None without friction.
-    branch : ndarray, shape (contacts, 3), from centre j to centre i, m; zero at walls
-    impulse, anchor : ndarray, shape (contacts, 3), or (contacts, 1) without friction
-        Impulses in global axes, or along the normal, and those at which springs are relaxed, N s.
-    """
-
-    number: np.ndarray
-    ends: np.ndarray
-    normal: np.ndarray
-    bias: np.ndarray
-    mass: np.ndarray
-    compliance: np.ndarray
-    coulomb: np.ndarray | None
-    branch: np.ndarray
-    impulse: np.ndarray
-    anchor: np.ndarray
+    number: np.ndarray  # number of the pair of each contact
+    ends: np.ndarray  # bodies i and j, int32
+    normal: np.ndarray  # from j to i, shape (contacts, 3)
+    bias: np.ndarray  # m/s
+    mass: np.ndarray  # along the normal, kg
+    compliance: np.ndarray  # dimensionless
+    coulomb: np.ndarray | None  # mass across the normal, kg, and friction; None without friction
+    branch: np.ndarray  # from centre j to centre i, shape (contacts, 3), m; zero at walls
+    impulse: np.ndarray  # (contacts, 3) in global axes, or (contacts, 1) along the normal, N s
+    anchor: np.ndarray  # impulses at which springs are relaxed, N s
 
     @property
     def frictional(self) -> bool:
@@ -244,24 +209,15 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
     """Build the contacts from the pairs that may touch within a step.
 
     A pair becomes a contact if it is wanted, had an impulse, or comes nearer than
-    ``CONTACT_DISTANCE`` in a step without impulses.
-
-    An impact in the first half of a step bounces in this step. An impact in the second half, or
-    one caused within the step, ends the step in contact and bounces in the next step: the second
-    return value, shape (pairs,), is the normal velocity before such an impact, m/s.
+    ``CONTACT_DISTANCE`` in a step without impulses. Returns the fields of :class:`Contacts`, their
+    number, and the normal velocities of the pairs before impacts that bounce in the next step, m/s:
+    impacts in the second half of the step, or caused within it.
     """
     position, radius, period, walls = place
     kind, point, axis, bore = walls
     pair_ends, start, spring, approach, hits, wanted, give = pairs
-    h, old, velocity, mobility, coefficient, strain = (
-        step.length,
-        step.before,
-        step.velocity,
-        step.mobility,
-        step.friction,
-        step.strain,
-    )
-    restitution, relaxation, rest = step.restitution, step.relaxation, step.rest
+    h, old, velocity, mobility, coefficient, strain = step[:6]
+    restitution, relaxation, rest, first, last = step[6:]
     n, m = radius.size, 0
     size, width = start.shape
     number, ends = np.empty(size, np.int64), np.empty((size, 2), np.int32)
@@ -288,12 +244,12 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
         before = (old[i, 0] - old[j, 0]) * nx + (old[i, 1] - old[j, 1]) * ny
         before += (old[i, 2] - old[j, 2]) * nz
         gained = ahead - affine - before
-        fastest = min(before + step.first * gained, approach[k], hits[k])
+        fastest = min(before + first * gained, approach[k], hits[k])
         impact = restitution > 0.0 and fastest < -rest
         delayed = impact and approach[k] == 0.0 and gap + 0.5 * h * before > 0.0
         bias[m] = gap / h if gap > 0.0 else gap / relaxation
         if impact and not delayed:
-            bias[m] = restitution * fastest - step.last * gained
+            bias[m] = restitution * fastest - last * gained
         delayed_velocity[k] = fastest if delayed else 0.0
         number[m], ends[m, 0], ends[m, 1] = k, i, j
         normal[m, 0], normal[m, 1], normal[m, 2] = nx, ny, nz
@@ -308,19 +264,8 @@ def build_contacts(pairs, place, step):  # type: ignore[no-untyped-def]
         for a in range(width):
             impulse[m, a], anchor[m, a] = start[k, a], spring[k, a]
         m += 1
-    contacts = Contacts(
-        number[:m],
-        ends[:m],
-        normal[:m],
-        bias[:m],
-        mass[:m],
-        compliance[:m],
-        coulomb[:m],
-        branch[:m],
-        impulse[:m],
-        anchor[:m],
-    )
-    return contacts, delayed_velocity
+    built = (number, ends, normal, bias, mass, compliance, coulomb, branch, impulse, anchor)
+    return built, m, delayed_velocity
 
 
 @compiled
@@ -375,3 +320,134 @@ def penetration(ends, place):  # type: ignore[no-untyped-def]
         if -gap > worst * smaller:
             worst, which = -gap / smaller, k
     return worst, which
+
+
+def find_pairs(
+    position: np.ndarray, radius: np.ndarray, reach: float, period: np.ndarray
+) -> np.ndarray:
+    r"""Find all pairs of grains whose gap is at most a reach.
+
+    Notes
+    -----
+    Grains are sorted into levels by size; a pair is found from its smaller grain by a search of its
+    level and all coarser levels, so that the work is proportional to the number of grains whatever
+    the ratio of their sizes. Level k has the radii in :math:`(R_{\max} 2^{-k-1}, R_{\max} 2^{-k}]`
+    and cells that are wider than :math:`2 R_{\max} 2^{-k}` plus the reach, in a hash table. Grains
+    are counted and listed in two parallel passes; the list does not depend on the number of
+    threads.
+
+    References
+    ----------
+    .. [1] H. Mio, A. Shimosaka, Y. Shirakawa and J. Hidaka, J. Chem. Eng. Japan 38 (2005)
+       969-975, for cells of several sizes in granular simulations.
+    """
+    largest = float(radius.max())
+    level = np.floor(np.log2(largest / radius) * (1.0 - 1e-12)).astype(np.int64)
+    levels = int(level.max()) + 1
+    width = np.empty((levels, 3))
+    count = np.zeros((levels, 3), np.int64)  # cells along a period, 0 without a period
+    for k in range(levels):
+        cell = 2.0 * largest * 0.5**k + reach
+        for a in range(3):
+            if np.isfinite(period[a]):
+                count[k, a] = max(1, int(period[a] / cell))
+                width[k, a] = period[a] / count[k, a]
+            else:
+                width[k, a] = cell
+    table = 1 << max(4, int(2 * radius.size - 1).bit_length())
+    grains = (position, radius, reach, period)
+    grid = (level, width, count, *_fill_cells(position, level, width, count, table))
+    found = np.empty(radius.size, np.int64)
+    run_ranges(_count_pairs, radius.size, grains, grid, found, least=LEAST)
+    starts = np.concatenate([[0], np.cumsum(found)])
+    pairs = np.empty((starts[-1], 2), np.int32)
+    run_ranges(_list_pairs, radius.size, grains, grid, starts, pairs, least=LEAST)
+    return pairs
+
+
+@compiled
+def _hash(k, a, b, c, table):  # type: ignore[no-untyped-def]
+    """Return the slot of a cell in a table whose size is a power of two."""
+    return (a * 73856093 ^ b * 19349663 ^ c * 83492791 ^ k * 2654435761) & (table - 1)
+
+
+@compiled
+def _fill_cells(position, level, width, count, table):  # type: ignore[no-untyped-def]
+    """Chain the grains of each slot of the table."""
+    heads = np.full(table, -1, np.int64)
+    following = np.empty(level.size, np.int64)
+    cells = np.empty((level.size, 3), np.int64)
+    for i in range(level.size - 1, -1, -1):
+        k = level[i]
+        for a in range(3):
+            c = int(np.floor(position[i, a] / width[k, a]))
+            cells[i, a] = c % count[k, a] if count[k, a] > 0 else c
+        slot = _hash(k, cells[i, 0], cells[i, 1], cells[i, 2], table)
+        following[i] = heads[slot]
+        heads[slot] = i
+    return heads, following, cells
+
+
+@compiled
+def _visit(i, grains, grid, out, first):  # type: ignore[no-untyped-def]
+    """Count the pairs of grain i, and list them in ``out`` if it is not empty."""
+    position, radius, reach, period = grains
+    level, width, count, heads, following, cells = grid
+    found = 0
+    home = np.empty(3, np.int64)
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    for k in range(level[i] + 1):
+        for a in range(3):
+            home[a] = int(np.floor(position[i, a] / width[k, a]))
+            low[a], high[a] = -1, 1
+            if count[k, a] == 1:
+                low[a], high[a] = 0, 0
+            elif count[k, a] == 2:
+                low[a] = 0
+        for da in range(low[0], high[0] + 1):
+            ca = home[0] + da
+            if count[k, 0] > 0:
+                ca %= count[k, 0]
+            for db in range(low[1], high[1] + 1):
+                cb = home[1] + db
+                if count[k, 1] > 0:
+                    cb %= count[k, 1]
+                for dc in range(low[2], high[2] + 1):
+                    cc = home[2] + dc
+                    if count[k, 2] > 0:
+                        cc %= count[k, 2]
+                    j = heads[_hash(k, ca, cb, cc, heads.size)]
+                    while j >= 0:
+                        here = cells[j, 0] == ca and cells[j, 1] == cb and cells[j, 2] == cc
+                        # a pair within a level is found by its first grain
+                        if here and level[j] == k and (k < level[i] or j > i):
+                            square = 0.0
+                            for a in range(3):
+                                d = position[i, a] - position[j, a]
+                                if period[a] < np.inf:
+                                    d -= period[a] * np.round(d / period[a])
+                                square += d * d
+                            distance = radius[i] + radius[j] + reach
+                            if square <= distance * distance:
+                                if out.shape[0] > 0:
+                                    out[first + found, 0] = i
+                                    out[first + found, 1] = j
+                                found += 1
+                        j = following[j]
+    return found
+
+
+@compiled
+def _count_pairs(begin, end, grains, grid, found):  # type: ignore[no-untyped-def]
+    none = np.empty((0, 2), np.int32)
+    for i in range(begin, end):
+        found[i] = _visit(i, grains, grid, none, np.int64(0))
+
+
+@compiled
+def _list_pairs(begin, end, grains, grid, starts, pairs):  # type: ignore[no-untyped-def]
+    """List the pairs in the order of the grains that find them."""
+    for i in range(begin, end):
+        if starts[i + 1] > starts[i]:
+            _visit(i, grains, grid, pairs, starts[i])

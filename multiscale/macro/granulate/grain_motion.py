@@ -16,12 +16,12 @@ from multiscale.macro.granulate.contacts import (
     Walls,
     allowed_step,
     build_contacts,
+    find_pairs,
     find_wall_pairs,
     mark_overlaps,
     penetration,
 )
 from multiscale.macro.granulate.model import Model, Solver
-from multiscale.macro.granulate.neighbours import find_pairs
 
 __all__ = ["GrainState", "initial_state", "step_grains"]
 
@@ -34,42 +34,21 @@ ALLOWED_START_OVERLAP = 0.01
 
 @dataclass(frozen=True)
 class GrainState:
-    """State of grains, walls and cell at a time.
+    """State of grains, walls and cell at a time."""
 
-    Attributes
-    ----------
-    time : float, s
-    position : ndarray, shape (grains, 3), centres, m
-    velocity : ndarray, shape (bodies, 4 or 8)
-        Velocities and radius times spin, as in :mod:`~multiscale.macro.granulate.contact_solver`.
-    point : ndarray, shape (walls, 3), point on each wall, m
-    period : ndarray, shape (3,), periods of the cell, m; infinite along axes without a period
-    pairs : ndarray of int32, shape (pairs, 2)
-        Neighbours: two grains, or a grain and a wall, numbered after the grains.
-    approach : ndarray, shape (pairs,)
-        Normal velocity before an impact that bounces in the next step, else zero, m/s.
-    listed_position : ndarray, shape (grains, 3), centres at which the neighbours were found, m
-    list_reach : float, largest gap of the listed pairs, m
-    rate : ndarray, shape (3,), strain rates of the cell, 1/s
-    step_length : float, length of the last step, s
-    force_time : float
-        Time in which the forces of the last step acted, s; nan before the first step.
-    contacts : Contacts, contacts of the last step, numbered as the pairs of now
-    """
-
-    time: float
-    position: np.ndarray
-    velocity: np.ndarray
-    point: np.ndarray
-    period: np.ndarray
-    pairs: np.ndarray
-    approach: np.ndarray
-    listed_position: np.ndarray
-    list_reach: float
-    rate: np.ndarray
-    step_length: float
-    force_time: float
-    contacts: Contacts
+    time: float  # s
+    position: np.ndarray  # centres, shape (grains, 3), m
+    velocity: np.ndarray  # of the bodies as in :class:`Velocities`, m/s
+    point: np.ndarray  # point on each wall, shape (walls, 3), m
+    period: np.ndarray  # periods of the cell, shape (3,), m; infinite along axes without a period
+    pairs: np.ndarray  # neighbours: two grains, or a grain and a wall, int32, shape (pairs, 2)
+    approach: np.ndarray  # normal velocity before an impact that bounces in the next step, m/s
+    listed_position: np.ndarray  # centres for which the neighbours were listed, (grains, 3), m
+    list_reach: float  # largest gap of the listed pairs, m
+    rate: np.ndarray  # strain rates of the cell, shape (3,), 1/s
+    step_length: float  # length of the last step, s
+    force_time: float  # time in which the forces of the last step acted, s; nan before the first
+    contacts: Contacts  # contacts of the last step, numbered as the pairs of now
 
     @property
     def contact_forces(self) -> np.ndarray:
@@ -202,10 +181,7 @@ def step_grains(
 
 
 class _SolvedContacts(NamedTuple):
-    """Solved contacts of a step: velocities after it, m/s, and strain rates of the cell, 1/s.
-
-    ``approach`` is as of :class:`GrainState`, and ``residual`` the natural-map error.
-    """
+    """Solved contacts of a step, with the next state, and the natural-map error as residual."""
 
     contacts: Contacts
     velocity: np.ndarray
@@ -275,8 +251,8 @@ def _solve_contacts(
     """Solve (1), and again if other pairs overlap."""
     place, pairs, sweeps = state.place(model), _pairs_of_step(model, state, acted), 0
     while True:
-        contacts, approach = build_contacts(pairs, place, step)
-        contacts = Contacts(*contacts)
+        built, count, approach = build_contacts(pairs, place, step)
+        contacts = Contacts(*(field[:count] for field in built))
         if not model.frictional:
             contacts = contacts._replace(coulomb=None)
         strain = step.strain.copy()

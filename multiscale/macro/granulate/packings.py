@@ -3,8 +3,7 @@
 import numpy as np
 
 from multiscale.errors import CaseError
-from multiscale.macro.granulate.grain_bodies import CylinderWall, Grains, PlaneWall, box
-from multiscale.macro.granulate.model import ContactLaw, Model
+from multiscale.macro.granulate.model import ContactLaw, CylinderWall, Grains, Model, PlaneWall, box
 
 __all__ = ["column", "deposit", "draw_radii", "place_loosely", "release", "silo"]
 

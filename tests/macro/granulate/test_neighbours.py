@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from multiscale.macro.granulate.neighbours import find_pairs
+from multiscale.macro.granulate.contacts import find_pairs
 
 
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0])
