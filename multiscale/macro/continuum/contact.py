@@ -204,22 +204,12 @@ class Contact:
 
 @dataclass(frozen=True)
 class Coupling:
-    """Some interfaces, or all, in one configuration: contact node after contact node.
+    """Some interfaces, or all, in one configuration: contact node after contact node."""
 
-    Attributes
-    ----------
-    operator : csr_array, shape (n, nodes of the problem)
-        (1) for a component, m² (m in two dimensions).
-    frame : ndarray, shape (n, d, d), rows n, t1, t2
-    area : ndarray, shape (n,), area of side 1 that is opposite side 2, m²
-    kept : ndarray of bool, shape (n, d)
-        Local components that can be transmitted: not those that a support holds.
-    """
-
-    operator: csr_array
-    frame: np.ndarray
-    area: np.ndarray
-    kept: np.ndarray
+    operator: csr_array  # (1) of a component, shape (n, nodes of the problem), m², in a plane m
+    frame: np.ndarray  # rows n, t1, t2, shape (n, d, d)
+    area: np.ndarray  # area of side 1 that is opposite side 2, shape (n,), m²
+    kept: np.ndarray  # whether a component can be transmitted, shape (n, d): no support holds it
 
     @classmethod
     def stack(cls, parts: Sequence["Coupling"], nodes: int, d: int) -> "Coupling":
@@ -245,24 +235,15 @@ class Coupling:
 
 @dataclass(frozen=True)
 class ContactInterface:
-    """A contact with the numbers of its nodes in the whole problem.
-
-    Attributes
-    ----------
-    name : str, of the contact
-    contact : Contact, as given by the user
-    faces : tuple of OrientedFace, side 1, and side 2 unless it is an obstacle
-    nodes : tuple of ndarray, their nodes, numbered over all bodies
-    area : ndarray, shape (n1,), area that each node of side 1 stands for, undeformed, m²
-    free : ndarray of bool, shape (n1, d), components of side 1 that no support holds
-    """
+    """A contact with the numbers of its nodes in the whole problem."""
 
     name: str
     contact: Contact
-    faces: tuple[OrientedFace, ...]
-    nodes: tuple[np.ndarray, ...]
-    area: np.ndarray
-    free: np.ndarray
+    faces: tuple[OrientedFace, ...]  # side 1, and side 2 unless it is an obstacle
+    nodes: tuple[np.ndarray, ...]  # their nodes, numbered over all bodies
+    part: slice  # of the contact nodes of the problem, which are the nodes of the sides 1
+    area: np.ndarray  # area that each node of side 1 stands for, undeformed, shape (n1,), m²
+    free: np.ndarray  # components of side 1 that no support holds, shape (n1, d)
 
     @property
     def follows(self) -> bool:

@@ -67,39 +67,23 @@ RELAXATION = 0.3
 
 @dataclass(frozen=True)
 class ContactEquilibrium:
-    """A state of the whole problem.
-
-    Attributes
-    ----------
-    time : float, of the load step
-    displacement : ndarray, shape (unknowns,), m
-    reaction : ndarray, shape (contact nodes, c), Pa
-    state : tuple of ndarray, internal variables of the bodies
-    coupling : Coupling, of all interfaces
-    jump : ndarray, shape (contact nodes, c), gap and slip of the step, m
-    unbalance : ndarray, shape (unknowns,)
-        Internal less external and contact forces, N: the forces of the supports.
-    """
+    """A state of the whole problem."""
 
     time: float
-    displacement: np.ndarray
-    reaction: np.ndarray
-    state: tuple[np.ndarray, ...]
-    coupling: Coupling
-    jump: np.ndarray
-    unbalance: np.ndarray
+    displacement: np.ndarray  # shape (unknowns,), m
+    reaction: np.ndarray  # shape (contact nodes, c), Pa
+    state: tuple[np.ndarray, ...]  # internal variables of the bodies
+    coupling: Coupling  # of all interfaces
+    jump: np.ndarray  # gap and slip of the step, shape (contact nodes, c), m
+    unbalance: np.ndarray  # internal less external and contact forces, N: of the supports
 
 
 class LocalLaw(NamedTuple):
-    """Residual of the contact law, Pa, shape (nodes, c), and its derivatives, (nodes, c, c).
+    """Residual of the contact law, and its derivatives of shape (nodes, c, c)."""
 
-    The derivative by the jump, Pa/m, has zero rows where the node is open; the derivative by the
-    reaction is dimensionless.
-    """
-
-    residual: np.ndarray
-    by_reaction: np.ndarray
-    by_jump: np.ndarray
+    residual: np.ndarray  # shape (nodes, c), Pa
+    by_reaction: np.ndarray  # dimensionless
+    by_jump: np.ndarray  # Pa/m; rows are zero where the node is open
 
 
 @dataclass(frozen=True)
@@ -279,7 +263,8 @@ class _Step:
         law, jump = trial.law, trial.end.jump
         closed = np.zeros(len(jump), dtype=bool)
         coupling = trial.end.coupling
-        for part in self.assembly.contact_nodes:
+        for interface in self.assembly.interfaces:
+            part = interface.part
             possible = coupling.kept[part, 0]
             if possible.any() and not np.any(law.by_jump[part, 0, 0]):
                 gap = np.where(possible, jump[part, 0], np.inf)
@@ -326,7 +311,8 @@ class _Step:
         d, body = assembly.start.shape[1], list(assembly.bodies).index(name)
         low, high = assembly.first[body : body + 2]
         carried, normal = 0.0, np.zeros(d)
-        for interface, part in zip(assembly.interfaces, assembly.contact_nodes, strict=True):
+        for interface in assembly.interfaces:
+            part = interface.part
             if any(low <= nodes[0] < high for nodes in interface.nodes):
                 force = before.reaction[part, 0] * before.coupling.area[part]
                 carried += float(assembly.friction[part] @ force)
@@ -364,27 +350,15 @@ def _block_diagonal(blocks: np.ndarray) -> csr_array:
 
 @dataclass(frozen=True)
 class CondensedContact:
-    """A linear contact problem in its reactions.
-
-    Attributes
-    ----------
-    assembly : FiniteAssembly, the problem
-    coupling : Coupling, its interfaces
-    operator : csr_array, shape (contact unknowns, unknowns), weighted jump, m²
-    stiffness : csr_array, shape (unknowns, unknowns), of all bodies, N/m
-    solve : callable, inverse of the stiffness of the free unknowns
-    delassus : ndarray, shape (contact unknowns, contact unknowns)
-        Mean jump of a node, m, for a unit reaction, Pa.
-    rho : ndarray, shape (contact nodes,), stiffness of the contact law, Pa/m
-    """
+    """A linear contact problem in its reactions."""
 
     assembly: FiniteAssembly
     coupling: Coupling
-    operator: csr_array
-    stiffness: csr_array
-    solve: Callable[[np.ndarray], np.ndarray]
-    delassus: np.ndarray
-    rho: np.ndarray
+    operator: csr_array  # weighted jump, shape (contact unknowns, unknowns), m²
+    stiffness: csr_array  # of all bodies, N/m
+    solve: Callable[[np.ndarray], np.ndarray]  # with the stiffness of the free unknowns
+    delassus: np.ndarray  # mean jump of a node, m, for a unit reaction, Pa
+    rho: np.ndarray  # stiffness of the contact law, shape (contact nodes,), Pa/m
 
     def step(
         self, before: ContactEquilibrium, time: float, limits: Limits

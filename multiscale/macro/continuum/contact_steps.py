@@ -35,26 +35,16 @@ MAX_CONDENSED = 1500
 class SurfaceState:
     """Traction, gap and slip of a contact at the end of a load step, by nodes of side 1.
 
-    Attributes
-    ----------
-    position : ndarray, shape (d, nodes), undeformed, m
-    frame : ndarray, shape (nodes, d, d), rows n (from side 1 to side 2), t1, t2
-    traction : ndarray, shape (d, nodes)
-        In that frame, work-conjugate to the jump; contact negative, Pa. Per deformed area between
-        bodies, per undeformed area on an obstacle.
-    gap : ndarray, shape (nodes,)
-        Mean over the area of the node, m; NaN where nothing lies opposite.
-    area : ndarray, shape (nodes,), of the node, weight of the traction, m² (m in two dimensions)
-    slip : ndarray, shape (d - 1, nodes)
-        Slip of side 2 against side 1 in this load step, m; empty without friction.
+    The traction is work-conjugate to the jump, negative in contact, per deformed area between
+    bodies and per undeformed area on an obstacle.
     """
 
-    position: np.ndarray
-    frame: np.ndarray
-    traction: np.ndarray
-    gap: np.ndarray
-    area: np.ndarray
-    slip: np.ndarray
+    position: np.ndarray  # undeformed, shape (d, nodes), m
+    frame: np.ndarray  # rows n (from side 1 to side 2), t1, t2, shape (nodes, d, d)
+    traction: np.ndarray  # in that frame, shape (d, nodes), Pa
+    gap: np.ndarray  # mean over the area of the node, m; NaN where nothing lies opposite
+    area: np.ndarray  # of the node, weight of the traction, m² (m in two dimensions)
+    slip: np.ndarray  # of side 2 against side 1 in this load step, (d - 1, nodes), m; or empty
 
     @property
     def pressure(self) -> np.ndarray:
@@ -158,8 +148,8 @@ def solve_contact(
     if not times or not np.all(np.diff([0.0, *times]) > 0.0) or not np.isfinite(times[-1]):
         raise CaseError(f"times must increase from zero and be finite, got {times}")
     state = rest(assembly)
-    for interface, part in zip(assembly.interfaces, assembly.contact_nodes, strict=True):
-        if not np.any(state.coupling.kept[part, 0]):
+    for interface in assembly.interfaces:
+        if not np.any(state.coupling.kept[interface.part, 0]):
             raise CaseError(
                 f"contact {interface.name!r}: the surfaces {interface.contact.side1} and "
                 f"{interface.contact.side2} have no common area; check positions, boundaries "
@@ -235,7 +225,8 @@ def _report(assembly: FiniteAssembly, solution: Solution, end: ContactEquilibriu
     d, c = assembly.start.shape[1], assembly.components
     known = 1.0 if solution.converged else np.nan
     contact = {}
-    for interface, part in zip(assembly.interfaces, assembly.contact_nodes, strict=True):
+    for interface in assembly.interfaces:
+        part = interface.part
         coupling = end.coupling[part]
         traction = np.full((d, len(coupling.area)), 0.0 * known)
         traction[:c] = -known * end.reaction[part].T

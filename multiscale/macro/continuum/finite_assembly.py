@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array, kron
@@ -106,7 +105,7 @@ class FiniteAssembly:
     @cached_property
     def interfaces(self) -> tuple[ContactInterface, ...]:
         """Contacts with the numbers of their nodes."""
-        number, interfaces = dict(zip(self.bodies, self.first, strict=False)), []
+        number, interfaces, end = dict(zip(self.bodies, self.first, strict=False)), [], 0
         for name, contact in self.contacts.items():
             faces = [face_of(self.bodies[body].mesh, side) for body, side in contact.surfaces]
             nodes = [
@@ -116,33 +115,27 @@ class FiniteAssembly:
             body, side = contact.side1
             area = face_points(self.bodies[body].basis, side)[1].sum(axis=1)
             free = self.free.reshape(self.start.shape)[nodes[0]]
+            begin, end = end, end + nodes[0].size
+            part = slice(begin, end)
             interfaces.append(
-                ContactInterface(name, contact, tuple(faces), tuple(nodes), area, free)
+                ContactInterface(name, contact, tuple(faces), tuple(nodes), part, area, free)
             )
         return tuple(interfaces)
 
     @cached_property
-    def contact_nodes(self) -> tuple[slice, ...]:
-        """Contact nodes of each interface, which are the nodes of its side 1."""
-        end = np.cumsum([0] + [len(interface.nodes[0]) for interface in self.interfaces])
-        return tuple(slice(a, b) for a, b in pairwise(end))
-
-    @cached_property
     def friction(self) -> np.ndarray:
         """Coefficient of friction of every contact node."""
-        values = [interface.contact.friction_coefficient for interface in self.interfaces]
-        return self._at_nodes(np.array(values, dtype=float))
+        return self._at_nodes([i.contact.friction_coefficient for i in self.interfaces], float)
 
     @cached_property
     def follows(self) -> np.ndarray:
         """Whether the partner of a contact node is a body and changes with the motion."""
-        contacts = [interface.contact for interface in self.interfaces]
-        values = [contact.finite_sliding and contact.obstacle is None for contact in contacts]
-        return self._at_nodes(np.array(values, dtype=bool))
+        return self._at_nodes([interface.follows for interface in self.interfaces], bool)
 
-    def _at_nodes(self, values: np.ndarray) -> np.ndarray:
-        """Values of the interfaces at their contact nodes."""
-        return np.repeat(values, [len(interface.nodes[0]) for interface in self.interfaces])
+    def _at_nodes(self, values: list[float], kind: type) -> np.ndarray:
+        """Repeat values of the interfaces for their contact nodes."""
+        counts = [interface.nodes[0].size for interface in self.interfaces]
+        return np.repeat(np.array(values, kind), counts)
 
     @cached_property
     def offset(self) -> np.ndarray:
@@ -151,8 +144,8 @@ class FiniteAssembly:
         coupling = self.couple(rest, 0.0)
         gap = self.jump(coupling, coupling, (rest, rest), (0.0, 0.0), fitted=False)[:, 0]
         parts = [
-            interface.fitted_gap(gap[part], coupling.area[part], self.start)
-            for interface, part in zip(self.interfaces, self.contact_nodes, strict=True)
+            interface.fitted_gap(gap[interface.part], coupling.area[interface.part], self.start)
+            for interface in self.interfaces
         ]
         return np.concatenate([np.zeros(0), *parts])
 
@@ -232,10 +225,10 @@ class FiniteAssembly:
         if old is not None and self.is_fixed:
             return old
         x, parts = self.start + u.reshape(self.start.shape), []
-        for interface, part in zip(self.interfaces, self.contact_nodes, strict=True):
+        for interface in self.interfaces:
             moving = interface.contact.finite_sliding
             if old is not None and not moving:
-                parts.append(old[part])
+                parts.append(old[interface.part])
             else:
                 parts.append(interface.couple(x if moving else self.start, time))
         return Coupling.stack(parts, *self.start.shape)
@@ -281,7 +274,8 @@ class FiniteAssembly:
             turned = now.slip_operator(old) @ (start + u) / area - distance
             slip[partner] = turned[partner]
         gap = np.einsum("ai,ai->a", now.frame[:, 0], distance)
-        for interface, part in zip(self.interfaces, self.contact_nodes, strict=True):
+        for interface in self.interfaces:
+            part = interface.part
             if (obstacle := interface.contact.obstacle) is not None:
                 last, shift = (obstacle.moved(d, time) for time in times)
                 slip[part] += shift - last
