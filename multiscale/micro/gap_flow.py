@@ -20,21 +20,11 @@ IMBALANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class GapFlow:
-    """Flow along one axis of a cell, under a pressure difference from one end to the other.
+    """Flow along one axis of a cell, under a pressure difference from one end to the other."""
 
-    Attributes
-    ----------
-    aperture : float
-        Hydraulic aperture, m: distance of parallel walls with the same flow. Zero where no path
-        leads through, NaN where in- and outflow do not balance.
-    share : float, points on paths that lead through, over all points
-    speed : ndarray, shape (nx, ny)
-        Flow per width at every point over its mean along the axis, dimensionless.
-    """
-
-    aperture: float
-    share: float
-    speed: np.ndarray
+    aperture: float  # m, of parallel walls with the same flow; 0 if closed, NaN out of balance
+    share: float  # points on paths that lead through, over all points
+    speed: np.ndarray  # (nx, ny), flow per width at every point over its mean along the axis
 
 
 def open_gap(gap: np.ndarray, pressure: np.ndarray) -> np.ndarray:

@@ -24,19 +24,6 @@ REACH = 8.0
 DECAY = 0.4  # p / K over the rms height of a self-affine surface at light load
 
 LONGEST = 20.0  # periods of a cell
-_KEPT = (
-    "traction",
-    "mean_gap",
-    "contact_fraction",
-    "slip_fraction",
-    "friction_work",
-    "flowing_fraction",
-    "converged",
-    "active_set_iterations",
-    "linear_iterations",
-    "increments",
-    "wall_time",
-)
 
 
 def shear_path(
@@ -198,7 +185,7 @@ def slide_cell(
 
     values = {
         name: np.concatenate([runs[k][name].values for k in range(len(pressure))])
-        for name in _KEPT
+        for name in (*SLIDING_RESPONSE.variables, *SLIDING_RESPONSE.optional)
         if name in runs[0]
     }
     traction = values["traction"]

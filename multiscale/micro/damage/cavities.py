@@ -35,20 +35,12 @@ EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a &
 
 @dataclass(frozen=True)
 class SectionPlane:
-    """A plane with coordinates y: x = origin + y @ frame.
+    """A plane with coordinates y: x = origin + y @ frame."""
 
-    Attributes
-    ----------
-    origin : ndarray, shape (3,), a point of the plane, m
-    normal : ndarray, shape (3,), unit normal
-    frame : ndarray, shape (2, 3), orthonormal directions in the plane, right-handed with the normal
-    slab : float, thickness of the slab about the plane in which flat cracks count, m
-    """
-
-    origin: np.ndarray
-    normal: np.ndarray
-    frame: np.ndarray
-    slab: float = 0.0
+    origin: np.ndarray  # (3,), a point of the plane, m
+    normal: np.ndarray  # (3,), unit normal
+    frame: np.ndarray  # (2, 3), directions in the plane, right-handed with the normal
+    slab: float = 0.0  # thickness of the slab about the plane in which flat cracks count, m
 
     @staticmethod
     def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "SectionPlane":
@@ -94,16 +86,10 @@ def _box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Bodies(ABC):
-    """Bodies centre + root @ w, abs(w) <= 1.
+    """Bodies centre + root @ w, abs(w) <= 1."""
 
-    Attributes
-    ----------
-    centre : ndarray, shape (n, 3)
-    root : ndarray, shape (n, 3, 3), or (n, 3, 2) of flat bodies, columns are the semi-axes, m
-    """
-
-    centre: np.ndarray
-    root: np.ndarray
+    centre: np.ndarray  # (n, 3), m
+    root: np.ndarray  # (n, 3, 3), or (n, 3, 2) of flat bodies, with the semi-axes as columns, m
 
     @property
     def reach(self) -> np.ndarray:
@@ -127,9 +113,14 @@ class Bodies(ABC):
     def section(self, plane: SectionPlane) -> tuple[np.ndarray, np.ndarray]:
         """Centres, (k, 2), and roots, (k, 2, 2), of the ellipses that a plane has in common, m."""
 
-    @abstractmethod
     def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
         """Whether points (3, ...) lie in body k, or within half a thickness, m, of a crack."""
+        return self._within(k, points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1)))
+
+    def _within(self, k: int, away: np.ndarray) -> np.ndarray:
+        inverse = np.linalg.pinv if self.flat else np.linalg.inv
+        w = np.tensordot(inverse(self.root[k]), away, axes=1)
+        return np.asarray(np.sum(w**2, axis=0) <= 1.0)
 
 
 class Ellipsoids(Bodies):
@@ -151,12 +142,6 @@ class Ellipsoids(Bodies):
         circle = np.sqrt((1.0 - s) * (1.0 + s))[:, None, None] * perpendicular(m)
         centre = (c - plane.origin + np.einsum("nij,nj->ni", R, s[:, None] * m)) @ plane.frame.T
         return centre, np.einsum("ai,nij,nkj->nak", plane.frame, R, circle)
-
-    def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
-        """Whether points lie in body k."""
-        away = points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1))
-        w = np.tensordot(np.linalg.inv(self.root[k]), away, axes=1)
-        return np.asarray(np.sum(w**2, axis=0) <= 1.0)
 
 
 class Cracks(Bodies):
@@ -191,13 +176,10 @@ class Cracks(Bodies):
     def contains(self, k: int, points: np.ndarray, thickness: float) -> np.ndarray:
         """Whether points lie within half a thickness of crack k."""
         away = points - self.centre[k].reshape(3, *(1,) * (points.ndim - 1))
-        w = np.tensordot(np.linalg.pinv(self.root[k]), away, axes=1)
         above = np.tensordot(self.normal[k], away, axes=1)
         # only one of two layers of points at the same distance counts
-        near = (above > -0.5 * thickness * (1.0 + NEGLIGIBLE)) & (
-            above <= 0.5 * thickness * (1 - NEGLIGIBLE)
-        )
-        return np.asarray((np.sum(w**2, axis=0) <= 1.0) & near)
+        low, high = -0.5 * thickness * (1.0 + NEGLIGIBLE), 0.5 * thickness * (1 - NEGLIGIBLE)
+        return np.asarray(self._within(k, away) & (above > low) & (above <= high))
 
 
 def spheres(centre: np.ndarray, radius: float | np.ndarray) -> Ellipsoids:

@@ -45,6 +45,7 @@ References
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft, ndimage
@@ -72,14 +73,7 @@ Solve = Callable[["VoxelOperator", np.ndarray], tuple[Solution, np.ndarray]]
 
 
 class VoxelOperator:
-    """Stiffness of a periodic box of bricks, each with its moduli.
-
-    Parameters
-    ----------
-    lame, shear : ndarray, shape (nx, ny, nz)
-        Lame's parameters of the bricks, Pa; both zero in a void.
-    spacing : sequence of float, edges of a brick along x, y and z, m
-    """
+    """Stiffness of a periodic box of bricks with edges, m, and Lame's parameters of each, Pa."""
 
     def __init__(
         self, lame: np.ndarray, shear: np.ndarray, spacing: Sequence[float] | np.ndarray
@@ -127,16 +121,28 @@ class VoxelOperator:
             fft.irfftn(values, s=force.shape[1:], axes=(1, 2, 3), workers=threads, overwrite_x=True)
         )
 
+    def _invert_laplacians(self, angles: list[np.ndarray]) -> np.ndarray:
+        """Inverse of the diagonal blocks of the stiffness for products of sines or cosines."""
+        (lame, shear), edges = self.reference, self.edges
+        sine = [np.sin(0.5 * t) ** 2 for t in angles]
+        parts = []
+        for axis in range(3):
+            factors = [
+                s / edges[k] ** 2 if k == axis else 1.0 - 2.0 * s / 3.0 for k, s in enumerate(sine)
+            ]
+            parts.append(np.einsum("i,j,k->ijk", *factors))
+        total = shear * sum(parts)
+        blocks = 4.0 * np.prod(edges) * np.stack([total + (lame + shear) * part for part in parts])
+        blocks[blocks == 0.0] = np.inf  # a motion of the whole
+        return np.asarray(1.0 / blocks, dtype=np.float32)
+
 
 class FixedVoxels(VoxelOperator):
     """Voxels with fixed nodes on the sides; opposite sides share their nodes."""
 
-    def __init__(
-        self, lame: np.ndarray, shear: np.ndarray, spacing: Sequence[float] | np.ndarray
-    ) -> None:
-        super().__init__(lame, shear, spacing)
-        angles = [np.pi * np.arange(1, n) / n for n in self.lame.shape]
-        self._inverse = _invert_laplacians(angles, self.reference, self.edges)
+    @cached_property
+    def _inverse(self) -> np.ndarray:
+        return self._invert_laplacians([np.pi * np.arange(1, n) / n for n in self.lame.shape])
 
     def forces(self, u: np.ndarray, strain: np.ndarray | None = None) -> np.ndarray:
         """Nodal forces, none on the sides."""
@@ -160,16 +166,17 @@ class FixedVoxels(VoxelOperator):
 class FreeVoxels(VoxelOperator):
     """Voxels with free sides, the last of which along every axis are void."""
 
-    def __init__(
-        self, lame: np.ndarray, shear: np.ndarray, spacing: Sequence[float] | np.ndarray
-    ) -> None:
-        super().__init__(lame, shear, spacing)
-        angles = [np.pi * np.arange(n) / (n - 1) for n in self.lame.shape]
-        self._inverse = _invert_laplacians(angles, self.reference, self.edges)
-        self._share = np.ones(self.lame.shape, dtype=np.float32)  # of the volume at a node
+    @cached_property
+    def _inverse(self) -> np.ndarray:
+        return self._invert_laplacians([np.pi * np.arange(n) / (n - 1) for n in self.lame.shape])
+
+    @cached_property
+    def _share(self) -> np.ndarray:
+        """One over the root of the share of a volume that a node has."""
+        share = np.ones(self.lame.shape, dtype=np.float32)
         for axis in range(3):
-            ends = np.moveaxis(self._share, axis, 0)
-            ends[[0, -1]] *= np.sqrt(2.0)  # one over the root of one half
+            np.moveaxis(share, axis, 0)[[0, -1]] *= np.sqrt(2.0)
+        return share
 
     def precondition(self, force: np.ndarray) -> np.ndarray:
         """Displacement of Laplacians of the mean material with free sides, without mean."""
@@ -234,24 +241,6 @@ def _loaded(solid: np.ndarray) -> np.ndarray:
         if depth == 1 or deep.any():
             return deep
         depth //= 2
-
-
-def _invert_laplacians(
-    angles: list[np.ndarray], reference: tuple[float, float], edges: np.ndarray
-) -> np.ndarray:
-    """Inverse of the diagonal blocks of the stiffness for products of sines or cosines."""
-    lame, shear = reference
-    sine = [np.sin(0.5 * t) ** 2 for t in angles]
-    parts = []
-    for axis in range(3):
-        factors = [
-            s / edges[k] ** 2 if k == axis else 1.0 - 2.0 * s / 3.0 for k, s in enumerate(sine)
-        ]
-        parts.append(np.einsum("i,j,k->ijk", *factors))
-    total = shear * sum(parts)
-    blocks = 4.0 * np.prod(edges) * np.stack([total + (lame + shear) * part for part in parts])
-    blocks[blocks == 0.0] = np.inf  # a motion of the whole
-    return np.asarray(1.0 / blocks, dtype=np.float32)
 
 
 def update_iterate(

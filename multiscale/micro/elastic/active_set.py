@@ -65,31 +65,14 @@ class Inverse(Protocol):
 
 @dataclass(frozen=True)
 class ElasticBody:
-    r"""The operators of (1), for any discretisation.
+    """The operators of (1), for any discretisation; contact quantities have one entry a node."""
 
-    Vectors are arrays of any shape, contact quantities arrays of one entry per contact node.
-
-    Attributes
-    ----------
-    apply : callable
-        ``apply(u, out)`` returns :math:`K u`, which ``out`` may hold.
-    trace : callable
-        :math:`u \mapsto N u`, the displacement along the obstacle's normals.
-    add : callable
-        ``add(vector, values)`` does ``vector += N^t values`` in place.
-    inverse : Inverse
-    shape : tuple of int
-    dtype : type
-        Precision of the iterations, which end in double precision in any case: ``np.float32``
-        where the inverse has no more, and ``apply`` takes it.
-    """
-
-    apply: Callable[..., np.ndarray]
-    trace: Callable[[np.ndarray], np.ndarray]
-    add: Callable[[np.ndarray, np.ndarray], None]
+    apply: Callable[..., np.ndarray]  # apply(u, out) returns K u, which out may hold
+    trace: Callable[[np.ndarray], np.ndarray]  # N u, displacement along the obstacle's normals
+    add: Callable[[np.ndarray, np.ndarray], None]  # vector += N^t values, in place
     inverse: Inverse
     shape: tuple[int, ...]
-    dtype: type[np.floating] = np.float64
+    dtype: type[np.floating] = np.float64  # of the iterations, which end in double precision
 
 
 @dataclass(frozen=True)
@@ -100,20 +83,14 @@ class ReferenceInverse:
     :math:`z = K_0^{-1} (r - N_A^t l)` with :math:`N_A z + b\,d\delta = 0`, and :math:`b^t l`
     balances the load.
 
-    Attributes
-    ----------
-    solve : callable
-        ``solve(force, correct, out)`` applies :math:`K_0^{-1}`. ``correct`` gets
-        :math:`N K_0^{-1} f` and returns contact forces :math:`l`; the result is
-        :math:`K_0^{-1} (f - N^t l)`, which ``out`` may hold. ``None`` stands for :math:`f = 0`.
-    compliance : callable
-        :math:`\lambda \mapsto C_0 \lambda = N K_0^{-1} N^t \lambda`.
-    surface_stiffness : callable, an approximate inverse of ``compliance``, symmetric and positive
+    With ``solve(force, correct, out)`` forces f, or ``None`` for zero, become
+    :math:`K_0^{-1} (f - N^t l)`, which ``out`` may hold, where ``correct`` returns the contact
+    forces l for :math:`N K_0^{-1} f`.
     """
 
     solve: Callable[..., np.ndarray]
-    compliance: Callable[[np.ndarray], np.ndarray]
-    surface_stiffness: Callable[[np.ndarray], np.ndarray]
+    compliance: Callable[[np.ndarray], np.ndarray]  # C_0 = N K_0^-1 N^t
+    surface_stiffness: Callable[[np.ndarray], np.ndarray]  # approximates its inverse, symmetric
 
     def guess(
         self,

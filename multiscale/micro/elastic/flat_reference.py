@@ -58,15 +58,9 @@ class Reference:
         def tilted_correct(moved: Field) -> Field:
             return self._tilt_force(correct(self._tilt(moved)))  # type: ignore[misc]
 
-        tilted = force
-        if force is not None:
-            tilted = force.copy()
-            for k, slope in enumerate(self.slopes):
-                tilted[:, :, k] += slope[:, None] * self.map_factor[:, None] * force[:, :, 2]
+        tilted = force if force is None else self._tilt_force(force)
         u = self.inverse.solve(tilted, tilted_correct if correct else None, out)
-        for k, slope in enumerate(self.slopes):
-            u[:, :, 2] += slope[:, None] * self.map_factor[:, None] * u[:, :, k]
-        return u
+        return self._tilt(u, out=u)
 
     def compliance(self, force: Field) -> Field:
         """Motion of the surface under forces on it, shapes (nx, 3, ny)."""
@@ -82,20 +76,27 @@ class Reference:
         symbol = self.inverse.surface_compliance[5]
         return SurfaceFilter(symbol), SurfaceFilter(1.0 / symbol)
 
-    def _tilt(self, moved: Field, sign: float = 1.0) -> Field:
+    def _shares(self, field: Field) -> list[Field]:
+        """Slopes in x and y at the nodes of a surface or, by their height, of all planes."""
+        slopes = self.slopes or ()
+        if field.ndim == 3:
+            return list(slopes)
+        return [slope[:, None] * self.map_factor[:, None] for slope in slopes]
+
+    def _tilt(self, moved: Field, sign: float = 1.0, out: Field | None = None) -> Field:
         if self.slopes is None:
             return moved
-        tilted = moved.copy()
-        for k, slope in enumerate(self.slopes):
-            tilted[:, 2] += sign * slope * moved[:, k]
+        tilted = moved.copy() if out is None else out
+        for k, share in enumerate(self._shares(moved)):
+            tilted[..., 2, :] += sign * share * moved[..., k, :]
         return tilted
 
     def _tilt_force(self, force: Field, sign: float = 1.0) -> Field:
         if self.slopes is None:
             return force
         tilted = force.copy()
-        for k, slope in enumerate(self.slopes):
-            tilted[:, k] += sign * slope * force[:, 2]
+        for k, share in enumerate(self._shares(force)):
+            tilted[..., k, :] += sign * share * force[..., 2, :]
         return tilted
 
 

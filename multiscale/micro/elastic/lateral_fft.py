@@ -179,24 +179,12 @@ def _backward(begin, end, inverse, above, x, y, values):  # type: ignore[no-unty
 
 @dataclass(frozen=True)
 class LateralInverse:
-    """Factors of the flat cell on a clamped base.
+    """Factors of the flat cell on a clamped base."""
 
-    Attributes
-    ----------
-    shape : tuple of int, points in x, layers, points in y
-    inverse : ndarray, shape (nx // 2 + 1, layers, 6, 2 (ny // 2 + 1))
-        Inverse pivots, 6 entries of a symmetric block, twice for real and imaginary parts.
-    coupling : tuple of ndarray
-        Factors of (1) from each node plane to the plane above, and the waves along x and along y,
-        these twice: shapes (layers - 1, 9), (4, nx) and (4, 2 (ny // 2 + 1)).
-    scale : float
-        Stiffness by which the factors are divided, N/m, so that they fit single precision.
-    """
-
-    shape: tuple[int, int, int]
-    inverse: np.ndarray
-    coupling: tuple[np.ndarray, np.ndarray, np.ndarray]
-    scale: float = 1.0
+    shape: tuple[int, int, int]  # points in x, layers, points in y
+    inverse: np.ndarray  # (nx // 2 + 1, layers, 6, 2 (ny // 2 + 1)), inverse pivots, all twice
+    coupling: tuple[np.ndarray, np.ndarray, np.ndarray]  # factors of (1) upwards, waves in x and y
+    scale: float = 1.0  # stiffness by which the factors are divided, N/m, for single precision
 
     @cached_property
     def surface_compliance(self) -> np.ndarray:
@@ -320,14 +308,9 @@ def _multiply_symbol(symbol: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceFilter:
-    """Multiplication of fields on the surface by a number per wavenumber, such as a compliance.
+    """Multiplication of fields on the surface by a number per wavenumber, such as a compliance."""
 
-    Attributes
-    ----------
-    symbol : ndarray, shape (nx, ny // 2 + 1), the numbers
-    """
-
-    symbol: np.ndarray
+    symbol: np.ndarray  # (nx, ny // 2 + 1), the numbers
 
     @cached_property
     def _transform(self) -> np.ndarray:
@@ -344,7 +327,6 @@ class SurfaceFilter:
 
     @cached_property
     def _single(self) -> np.ndarray:
-        """The numbers in single precision."""
         return self.symbol.astype(np.float32)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from multiscale.executors import run_ranges
 from multiscale.laws.bulk import J2, NeoHookean, Prony
-from multiscale.micro.elastic.hexahedron import BATCH, gather, scatter
+from multiscale.micro.elastic.stiffness import BATCH, gather, scatter
 from multiscale.micro.finite.equations import BodyResponse, FiniteBody, Respond
 from multiscale.micro.finite.matrix import (
     ENTRIES,

@@ -20,21 +20,11 @@ translations, the rounding of single precision does not affect them.
 
 import numpy as np
 
-from multiscale.micro.elastic.hexahedron import BATCH
+from multiscale.micro.elastic.stiffness import BATCH
 from multiscale.micro.finite.strain import kernel, part
 from multiscale.numerics.compiled import compiled
 
-__all__ = [
-    "ENTRIES",
-    "FIRST",
-    "MOTIONS",
-    "POINT_ROWS",
-    "SECOND",
-    "STEP",
-    "add_matrix",
-    "multiply",
-    "walsh",
-]
+__all__ = ["add_matrix", "multiply", "walsh"]
 
 MOTIONS = 21  # modes 1 to 7, component by component
 ENTRIES = 3 * 28 + 3 * 49

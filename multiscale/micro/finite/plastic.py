@@ -28,7 +28,7 @@ import math
 
 import numpy as np
 
-from multiscale.micro.elastic.hexahedron import BATCH
+from multiscale.micro.elastic.stiffness import BATCH
 from multiscale.micro.finite.matrix import FIRST, SECOND, STEP
 from multiscale.micro.finite.strain import (
     COFACTOR,

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from multiscale.micro.elastic.hexahedron import (
+from multiscale.micro.elastic.stiffness import (
     BATCH,
     X,
     Y,
@@ -44,34 +44,9 @@ from multiscale.micro.elastic.hexahedron import (
 from multiscale.numerics.compiled import compiled
 
 __all__ = [
-    "CHANGE",
-    "COFACTOR",
-    "DEFORMED",
-    "DET",
-    "DILATED",
-    "EDGES",
-    "FACTOR",
-    "FC",
-    "FLUX",
-    "GEOMETRY",
-    "GRADIENT",
-    "LAST",
-    "LAW",
-    "LOG",
-    "MEAN",
-    "NODES",
-    "PRESSURE",
-    "PULLED",
-    "SCRATCH",
-    "STRAIN",
-    "SYMMETRIC",
-    "TANH",
-    "VOLUME",
-    "WEIGHT",
     "Layer",
     "Moduli",
     "combine",
-    "edge_derivatives",
     "edge_forces",
     "kernel",
     "logarithm",
@@ -131,39 +106,24 @@ ROOTS = 20  # enough for any b whose eigenvalues double precision tells apart
 
 
 class Layer(NamedTuple):
-    """Layered mesh.
+    """Layered mesh."""
 
-    Attributes
-    ----------
-    heights : ndarray, shape (nx, ny), of the surface, m
-    planes : ndarray, shape (layers + 1,), heights of the node planes below a flat surface, m
-    factor : ndarray, shape (layers + 1,), share of the surface's height in that of each plane
-    dx, dy : float, spacing of the nodes, m
-    """
-
-    heights: np.ndarray
-    planes: np.ndarray
-    factor: np.ndarray
-    dx: float
+    heights: np.ndarray  # (nx, ny), of the surface, m
+    planes: np.ndarray  # (layers + 1,), heights of the node planes below a flat surface, m
+    factor: np.ndarray  # (layers + 1,), share of the surface's height in that of each plane
+    dx: float  # spacing of the nodes, m
     dy: float
 
 
 class Moduli(NamedTuple):
-    """Moduli of a law, Pa; those of :class:`multiscale.laws.bulk.J2` are 0 without flow.
-
-    Attributes
-    ----------
-    shear, volume : float, shear modulus and modulus of the change of volume, Pa
-    yield_stress, hardening, saturation : float, Pa
-    rate : float, saturation rate, dimensionless
-    """
+    """Moduli of a law, Pa; those of :class:`multiscale.laws.bulk.J2` are 0 without flow."""
 
     shear: float
-    volume: float
+    volume: float  # of the change of volume
     yield_stress: float = 0.0
     hardening: float = 0.0
     saturation: float = 0.0
-    rate: float = 0.0
+    rate: float = 0.0  # of the saturation, dimensionless
 
 
 @kernel

@@ -95,24 +95,14 @@ class RelaxingSolid:
 class SlidingContact:
     r"""Contact of a rough body and a viscoelastic half-space in steady sliding.
 
-    Attributes
-    ----------
-    pressure : ndarray, shape (nx, ny)
-        Pa.
-    friction : float
-        :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle`, dimensionless: the
-        force on the half-space along :math:`-x`, against its motion, over the load.
-    contact_fraction : float, real over nominal contact area
-    mean_gap : float
-        m.
-    status : Status
-    active_sets, linear_iterations : int
+    The friction :math:`\langle p\, \partial h/\partial x \rangle / \langle p \rangle` is the force
+    on the half-space along :math:`-x`, against its motion, over the load.
     """
 
-    pressure: np.ndarray
+    pressure: np.ndarray  # (nx, ny), Pa
     friction: float
-    contact_fraction: float
-    mean_gap: float
+    contact_fraction: float  # real over nominal contact area
+    mean_gap: float  # m
     status: Status
     active_sets: int
     linear_iterations: int

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from multiscale.micro.damage import Cavities
 
-__all__ = ["ElementKind", "cell_from_file", "graph_mesh_cell", "scalar_element"]
+__all__ = ["ElementKind", "cell_from_file", "graph_mesh_cell"]
 
 VOID = 1e-4
 """Modulus of an element in a pore over that of the solid."""
@@ -43,18 +43,13 @@ class ElementKind(StrEnum):
         """Whether the element is a tetrahedron."""
         return self in (ElementKind.TET4, ElementKind.TET10)
 
+    def scalar(self) -> "Element":
+        """Return the scikit-fem element of one displacement component."""
+        import skfem
 
-def scalar_element(kind: ElementKind) -> "Element":
-    """Return the scikit-fem element of one displacement component."""
-    from skfem import ElementHex1, ElementHex2, ElementTetP1, ElementTetP2
-
-    elements = {
-        ElementKind.HEX8: ElementHex1,
-        ElementKind.HEX27: ElementHex2,
-        ElementKind.TET4: ElementTetP1,
-        ElementKind.TET10: ElementTetP2,
-    }
-    return elements[kind]()
+        name = "ElementTetP" if self.simplex else "ElementHex"
+        element: Element = getattr(skfem, f"{name}{self.order}")()
+        return element
 
 
 def graph_mesh_cell(
@@ -125,7 +120,7 @@ def graph_mesh_cell(
         element_law = _porous(flat, element_law, pores)
     return MeshCell(
         mesh,
-        scalar_element(element),
+        element.scalar(),
         element_law,
         sides,
         obstacle,
@@ -246,7 +241,7 @@ def cell_from_file(
     element_law = law if not volumes and not mesh.subdomains else _law_of(mesh, volumes or {}, path)
     return MeshCell(
         mesh.with_boundaries(named),
-        scalar_element(element),
+        element.scalar(),
         element_law,
         sides,
         points=points,

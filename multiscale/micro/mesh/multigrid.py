@@ -36,22 +36,12 @@ FIRST = 0.1  # share of the nodes that touch at first under a load
 
 @dataclass(eq=False)
 class MultigridInverse:
-    """Stiffness of a body, and the data from which multigrid is set up.
+    """Stiffness of a body, and the data from which multigrid is set up."""
 
-    Attributes
-    ----------
-    stiffness : csr_array, shape (n, n), symmetric and positive definite, N/m
-    modes : ndarray, shape (n, 6), rigid motions
-    place : ndarray of int, shape (n,)
-        Place 3 a + i of every unknown among the components i of the nodes a.
-    contact : ndarray of int, shape (contacts,)
-        Unknown of every contact node along z; -1 for nodes that cannot touch.
-    """
-
-    stiffness: sparse.csr_array
-    modes: np.ndarray
-    place: np.ndarray
-    contact: np.ndarray
+    stiffness: sparse.csr_array  # (n, n), symmetric and positive definite, N/m
+    modes: np.ndarray  # (n, 6), rigid motions
+    place: np.ndarray  # (n,), place 3 a + i of every unknown among the components i of nodes a
+    contact: np.ndarray  # (contacts,), unknown of every contact node along z; -1 if it cannot touch
     _cycle: Operator | None = None
     _fixed: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=bool))
     _lowered: np.ndarray | None = None  # d of the present solve

@@ -6,7 +6,7 @@ from skfem import Basis, ElementHex1
 
 from multiscale.laws.bulk import J2, NeoHookean, Prony
 from multiscale.micro import FiniteCell, Surface
-from multiscale.micro.elastic.hexahedron import BATCH
+from multiscale.micro.elastic.stiffness import BATCH
 from multiscale.micro.finite.large_strain import LargeStrainLayer
 from multiscale.micro.finite.preconditioner import mixed_reference
 from multiscale.micro.layer import GraphMesh, graded_planes
