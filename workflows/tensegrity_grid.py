@@ -18,7 +18,8 @@ from pathlib import Path
 
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.stages.cut_structures import LINKS
-from multiscale.plotting import draw_links
+from multiscale.plotting import plot_deformed_links
+from multiscale.plotting.figure import in_space
 
 SCENES = Path(__file__).parent / "scenes"
 PARTS = {"static": "tensegrity_grid", "unloading": "sudden_unloading"}
@@ -39,7 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             scene = scene.quick()
         folder = arguments.out / part
         result = run_macro(scene, folder / "macro_result.nc")
-        draw_links(result, folder / "figures", scale=SCALE)
+        LINKS.draw(result, folder / "figures")
+        draw = in_space(plot_deformed_links, result, scale=SCALE, size=(7.5, 5.5))
+        draw(folder / "figures" / "deformed_links.png")
         sys.stdout.write("\n".join(LINKS.lines(result)) + "\n")
     return 0
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from multiscale import __version__
-from multiscale.io import open_dataset
+from multiscale.io import make_folder, open_dataset
 from multiscale.needs import Needs
 from multiscale.schema import RVE, Dataset, Schema
 from multiscale.upscaling import read_law
@@ -141,6 +141,12 @@ class Shown:
         """Return the question, which the dataset may have changed, and its answer."""
         asked = self.question(dataset) if callable(self.question) else self.question
         return Summary(str(dataset.attrs.get("question", asked)), list(self.answer(dataset)))
+
+    def draw(self, dataset: Dataset, folder: Path) -> list[Path]:
+        """Draw all figures of a dataset into PNG files of a folder, and return them."""
+        sections = self.sections({self.name: dataset}, folder)
+        figures = [one for section in sections for one in section.figures.items()]
+        return [draw(make_folder(folder) / f"{name}.png") for name, draw in figures]
 
     def lines(self, dataset: Dataset, sections: Iterable[Section] | None = None) -> list[str]:
         """Return what the command line prints: tables, the answer below the first one, and more.

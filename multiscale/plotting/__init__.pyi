@@ -7,12 +7,9 @@ from .damage_figures import plot_damage_sphere as plot_damage_sphere
 from .damage_figures import plot_element_field as plot_element_field
 from .damage_figures import plot_woehler as plot_woehler
 from .damage_figures import plot_worst_section as plot_worst_section
-from .grain_figures import draw_granulate as draw_granulate
 from .grain_figures import plot_biaxial_curve as plot_biaxial_curve
 from .grain_figures import plot_contact_error as plot_contact_error
 from .grain_figures import plot_force_network as plot_force_network
-from .grain_figures import plot_grain_energies as plot_grain_energies
-from .joint_figures import draw_joint as draw_joint
 from .joint_figures import joint_pictures as joint_pictures
 from .joint_figures import plot_hysteresis as plot_hysteresis
 from .joint_figures import plot_joint_plan as plot_joint_plan
@@ -25,7 +22,6 @@ from .law_figures import plot_leakage as plot_leakage
 from .law_figures import plot_shear_law as plot_shear_law
 from .law_figures import plot_unloading as plot_unloading
 from .lines import plot_lines as plot_lines
-from .link_figures import draw_links as draw_links
 from .link_figures import plot_deformed_links as plot_deformed_links
 from .link_figures import plot_energies as plot_energies
 from .link_figures import plot_sorted_tensions as plot_sorted_tensions

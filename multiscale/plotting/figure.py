@@ -1,6 +1,6 @@
 """Common parts of figures: axes, canvas, colour bars and files."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from multiscale.io import make_folder, write_bytes
-from multiscale.schema import Dataset
+from multiscale.io import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,9 +29,7 @@ __all__ = [
     "is_drawn",
     "new_figure",
     "on_axes",
-    "plot_energy_parts",
     "save_figure",
-    "save_figures",
     "set_box",
 ]
 
@@ -109,23 +106,6 @@ def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
         place = ax.inset_axes((BAR_BESIDE, 0.0, BAR_THICKNESS, 1.0), transform=beside)
     orientation = "horizontal" if wide else "vertical"
     ax.figure.colorbar(mappable, cax=place, label=label, orientation=orientation)
-
-
-def plot_energy_parts(
-    result: Dataset, parts: Mapping[str, str], work: str, ax: Axes | None
-) -> Axes:
-    """Plot energies over time, less the work, and their sum; without parts that are always zero."""
-    ax, time = axes_or_current(ax), result["time"].values
-    energies = {label: result[name].values for label, name in parts.items()}
-    energies[work] = -result["work"].values
-    for label, energy in energies.items():
-        if np.nanmax(np.abs(energy)) > 0.0:
-            ax.plot(time, energy, label=label)
-    total = np.sum(list(energies.values()), axis=0)
-    ax.plot(time, total, color="black", linestyle="--", label="sum")
-    ax.set(xlabel="time (s)", ylabel="energy (J)")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
-    return ax
 
 
 def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:
@@ -245,11 +225,3 @@ def on_axes(
 
 in_space = partial(on_axes, projection="3d")
 """The same with axes in space."""
-
-
-def save_figures(
-    plots: Mapping[str, Callable[..., object]], folder: Path, size: tuple[float, float] = SIZE
-) -> list[Path]:
-    """Draw each figure on new axes of a size, in inches, into a PNG file of its name."""
-    make_folder(folder)
-    return [on_axes(plot, size=size)(folder / f"{name}.png") for name, plot in plots.items()]

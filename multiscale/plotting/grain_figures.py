@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -10,19 +9,16 @@ from multiscale.plotting.figure import (
     Axes,
     add_colour_bar,
     axes_or_current,
-    plot_energy_parts,
-    save_figures,
 )
 from multiscale.plotting.lines import plot_lines
+from multiscale.plotting.link_figures import plot_energies
 from multiscale.schema import Dataset
 
 __all__ = [
-    "draw_granulate",
     "grain_pictures",
     "plot_biaxial_curve",
     "plot_contact_error",
     "plot_force_network",
-    "plot_grain_energies",
 ]
 
 ANSWERS = ("side_share", "floor_share", "plate_shear", "plate_pressure")
@@ -81,17 +77,6 @@ def plot_force_network(
     return ax
 
 
-def plot_grain_energies(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the parts of the energy of the grains, and their sum, which is constant."""
-    parts = {
-        "kinetic": "kinetic_energy",
-        "taken by the contacts": "contact_dissipation",
-        "lost in impacts": "numerical_dissipation",
-        "damped": "damping_dissipation",
-    }
-    return plot_energy_parts(result, parts, "work, negative", ax)
-
-
 def plot_contact_error(result: Dataset, *, ax: Axes | None = None) -> Axes:
     """Plot the error of the contact solver in every step; missed tolerances have crosses."""
     ax = axes_or_current(ax)
@@ -141,16 +126,6 @@ def grain_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
         plots["biaxial_curve"] = partial(plot_biaxial_curve, result)
     return plots | {
         "force_network": partial(plot_force_network, result, slab=slab),
-        "energies": partial(plot_grain_energies, result),
+        "energies": partial(plot_energies, result),
         "contact_error": partial(plot_contact_error, result),
     }
-
-
-def draw_granulate(result: Dataset, folder: Path) -> list[Path]:
-    """Draw the figures of :func:`grain_pictures` into PNG files.
-
-    Parameters
-    ----------
-    folder : Path, folder of the files, made if needed
-    """
-    return save_figures(grain_pictures(result), folder, (6.0, 5.0))

@@ -5,16 +5,14 @@ A ``result`` follows ``MACRO_RESULT``, with the points of joints.
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.fe.faces import plane_axes
-from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.element_faces import list_faces
-from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, save_figures
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
 from multiscale.plotting.law_figures import plot_joint_stiffness
 from multiscale.plotting.lines import BANDS, plot_lines
 from multiscale.schema import Dataset
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.collections import Collection
 
 __all__ = [
-    "draw_joint",
     "draw_points",
     "joint_pictures",
     "plot_hysteresis",
@@ -307,21 +304,3 @@ def joint_pictures(result: Dataset) -> dict[str, Callable[..., object]]:
             if (result[name].values > 0.0).sum(axis=1).max() > 1:  # one amplitude is no line
                 draw[name] = partial(_plot_cycles, result, name)
     return draw
-
-
-def draw_joint(result: Dataset, folder: Path) -> list[Path]:
-    """Draw a joint, and its error budget if it has one, into PNG files; see `joint_pictures`.
-
-    Parameters
-    ----------
-    folder : Path, folder of the files, made if needed
-
-    Raises
-    ------
-    CaseError
-        If no step has an answer.
-    """
-    draw = joint_pictures(result)
-    if "error_total" in result:
-        draw["error_budget"] = partial(plot_error_budget, result)
-    return save_figures(draw, folder)

@@ -1,25 +1,31 @@
 """Figures of structures of links: a ``result`` follows ``MACRO_RESULT``, with links."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from multiscale.io import make_folder
 from multiscale.plotting.figure import (
     Axes,
     axes_or_current,
-    new_figure,
-    plot_energy_parts,
-    save_figure,
     set_box,
 )
-from multiscale.schema import Dataset
+from multiscale.schema import SHOWN, Dataset
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-__all__ = ["draw_links", "plot_deformed_links", "plot_energies", "plot_sorted_tensions"]
+__all__ = ["ENERGIES", "plot_deformed_links", "plot_energies", "plot_sorted_tensions"]
+
+
+ENERGIES = (
+    "kinetic_energy",
+    "elastic_energy",
+    "link_dissipation",
+    "contact_dissipation",
+    "numerical_dissipation",
+    "damping_dissipation",
+)
+"""Parts of the energy of a motion."""
 
 
 def plot_sorted_tensions(result: Dataset, *, ax: Axes | None = None) -> Axes:
@@ -83,39 +89,24 @@ def plot_deformed_links(
 
 
 def plot_energies(result: Dataset, *, ax: Axes | None = None) -> Axes:
-    """Plot the parts of the energy of a moving structure, and their sum, which is constant."""
-    parts = {
-        "kinetic": "kinetic_energy",
-        "elastic": "elastic_energy",
-        "lost to the time scheme": "numerical_dissipation",
-        "lost in the links": "link_dissipation",
-    }
-    return plot_energy_parts(result, parts, "work of the loads, negative", ax)
+    """Plot the parts of the energy of a moving structure or of grains over time.
 
-
-def draw_links(result: Dataset, folder: Path, *, scale: float = 1.0) -> list[Path]:
-    """Draw the figures of a result into PNG files.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder, made if needed, for the deformed structure, and for the sorted tensions or, of a
-        motion, the energies.
-    scale : float, factor of the displacements
+    With the work of loads, negative, their sum is constant. Parts that are always zero are left
+    out.
     """
-    make_folder(folder)
-    figure = new_figure()
-    ax = figure.add_subplot()
-    if "time" in result.coords:
-        plot_energies(result, ax=ax)
-        first = save_figure(figure, folder / "energies.png")
-    else:
-        plot_sorted_tensions(result, ax=ax)
-        first = save_figure(figure, folder / "sorted_tensions.png")
-    figure = new_figure(7.5, 5.5)
-    ax = figure.add_subplot(projection="3d")
-    plot_deformed_links(result, scale=scale, ax=ax)
-    return [first, save_figure(figure, folder / "deformed_links.png")]
+    ax, time = axes_or_current(ax), result["time"].to_numpy()
+    contacts = "contact_dissipation" in result  # which holds their elastic energy
+    names = [name for name in ENERGIES if name in result]
+    names = [name for name in names if not (contacts and name == "elastic_energy")]
+    parts = {SHOWN[name].label: result[name].to_numpy() for name in names}
+    parts["work, negative"] = -result["work"].to_numpy()
+    for label, energy in parts.items():
+        if np.nanmax(np.abs(energy)) > 0.0:
+            ax.plot(time, energy, label=label)
+    ax.plot(time, np.sum([*parts.values()], axis=0), "k--", label="sum")
+    ax.set(xlabel="time (s)", ylabel="energy (J)")
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    return ax
 
 
 def _step_coordinate(result: Dataset) -> tuple[str, str, str]:

@@ -99,6 +99,11 @@ SHOWN = {
     # grains
     "n_contacts": Show(label="contacts"),
     "kinetic_energy": Show("J"),
+    "elastic_energy": Show("J"),
+    "link_dissipation": Show("J", "lost in the links"),
+    "contact_dissipation": Show("J", "taken by the contacts"),
+    "numerical_dissipation": Show("J", "lost to the time scheme"),
+    "damping_dissipation": Show("J", "damped"),
     "penetration": Show(label="overlap over radius"),
     "axial_strain": Show(),
     "stress_ratio": Show(label="stress ratio q/p"),
@@ -118,6 +123,13 @@ SHOWN = {
     "leak_rate": Show("ml/h", digits=2, over=PRESSURE),
     "hydraulic_aperture": Show("µm", "aperture", 3, PRESSURE),
     "percolating_cells": Show("%", "cells with a path", 3, PRESSURE),
+    # measured surfaces
+    "place": Show(label="measured"),
+    "body_rms_height": Show("largest length", "rms height", 3),
+    "body_rms_slope": Show("1", "rms slope", 3),
+    "body_longest_wave": Show("largest length", "longest wave", 3),
+    "body_shortest_wave": Show("largest length", "shortest wave", 3),
+    "filled": Show(label="filled (%)"),
     # rubber
     "temperature": Show("°C"),
     "sliding_speed": Show("m/s", "speed", 3),
@@ -126,7 +138,6 @@ SHOWN = {
     # damage
     "porosity": Show("%"),
     "damage": Show(digits=3),
-    "place": Show(),
     "modulus": Show("GPa"),
     **{f"modulus_{axis}": Show("GPa", f"modulus along {axis}") for axis in "xyz"},
     "largest_damage": Show(digits=3),
@@ -146,7 +157,7 @@ SHOWN = {name: show.named(name) for name, show in SHOWN.items()}
 
 
 def unit_in(data: "Dataset", name: str) -> Unit:
-    """Return the unit of a variable; a family has that of its first variable in ``SHOWN``."""
-    family = SHOWN[name].unit
-    alike = (one for one in SHOWN if SHOWN[one].unit == family and one in data)
+    """Return the unit of a variable; all stiffnesses have that of the first one in ``SHOWN``."""
+    unit = SHOWN[name].unit
+    alike = (one for one in SHOWN if unit == SHOWN[one].unit == "stiffness" and one in data)
     return SHOWN[name].in_unit(data[next(alike, name)].to_numpy().ravel())

@@ -7,7 +7,6 @@ from multiscale.errors import CaseError, MultiscaleError
 from multiscale.io import open_dataset, open_law
 from multiscale.pipeline import load_sweep, requirements, run, run_macro
 from multiscale.pipeline.case import shipped_cases
-from multiscale.report import write_report
 from multiscale.schema import MACRO_RESULT
 from multiscale.units import readable
 from tests.support import TWO_BLOCKS, case_of, small_steel, write_scene
@@ -29,16 +28,10 @@ def chain(tmp_path_factory):
 
 
 def test_a_case_goes_from_two_surfaces_to_the_loss_of_a_cycle(chain):
-    case, out, results = chain
+    _, _, results = chain
     assert list(results) == ["micro_response", "interface_law", "macro_result"]
     assert results.macro_result["converged"].values.all()
     assert results.macro_result["cycle_energy"].values[0] > 0.0
-    page = write_report(out).read_text(encoding="utf-8")
-    for heading in ("Surface", "Interface law", "Structure"):
-        assert f">{heading}</h2>" in page
-    assert "what do they lose in a cycle?" in page
-    needs = requirements(case)
-    assert {"cells", "joint laws"} <= set(needs.built)
 
 
 def test_the_law_of_the_cells_is_the_law_of_the_interfaces(chain, tmp_path):

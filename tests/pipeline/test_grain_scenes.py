@@ -10,7 +10,6 @@ from multiscale.io import open_dataset
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.assembly_parts import doubt_density
 from multiscale.pipeline.stages.grains import GRAINS
-from multiscale.plotting import draw_granulate
 from multiscale.schema import GRANULATE
 from tests.support import SCENES, write_scene
 
@@ -41,12 +40,6 @@ def test_the_series_holds_grains_and_forces(tmp_path):
     np.testing.assert_allclose(
         force, np.linalg.norm(result["contact_force"].values[here], axis=1), rtol=1e-12
     )
-
-
-def test_figures_show_forces_energies_and_errors(tmp_path):
-    result = run_macro(load_case(SCENES / "deposit.toml").quick(), tmp_path / "result.nc")
-    for file in draw_granulate(result, tmp_path / "figures"):
-        assert file.read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_number_of_frames_is_that_of_the_file(tmp_path):
@@ -90,7 +83,7 @@ def test_a_biaxial_test_leaves_its_curve_in_dataset_table_and_figure(tmp_path):
     assert result["stress"].attrs["units"] == "Pa"
     time = result["time"].values
     np.testing.assert_allclose(-result["strain"][:, 2], 0.03 * time, rtol=1e-3)
-    names = [file.stem for file in draw_granulate(result, tmp_path / "figures")]
+    names = [file.stem for file in GRAINS.draw(result, tmp_path / "figures")]
     assert "biaxial_curve" in names
 
     free = result.assign(stress=0.0 * result["stress"])

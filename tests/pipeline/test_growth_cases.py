@@ -6,7 +6,6 @@ import pytest
 from multiscale.errors import CaseError
 from multiscale.fe.boxes import box_mesh
 from multiscale.pipeline import load_case, run
-from multiscale.report import open_finished, write_report
 from multiscale.schema import CRACKED_BODY, VOLUME_GROWTH
 from tests.support import write_body, write_scene
 
@@ -100,16 +99,6 @@ def test_a_bar_has_the_strength_and_the_energy_of_the_mean_law_on_every_mesh(cra
     np.testing.assert_allclose(
         1e6 * found["peak_load_sample"], growth["volume_strength"].to_numpy()[whole], rtol=1e-6
     )
-
-
-def test_the_report_of_growing_cracks_has_their_answers(cracked):
-    finished = open_finished(cracked[1])
-    lines = list(finished.lines())
-    assert any("bears a tension of" in line for line in lines)
-    assert any("bar bears" in line for line in lines)
-    page = write_report(cracked[1]).read_text(encoding="utf-8")
-    assert ">Growth of cracks</h2>" in page
-    assert ">Crack of the body</h2>" in page
 
 
 def test_the_shipped_beam_is_of_hexahedra_of_its_size_with_a_notch():

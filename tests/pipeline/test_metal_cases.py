@@ -9,7 +9,6 @@ from multiscale.micro import Cell, Path, Surface, solve_cell
 from multiscale.pipeline import make_cells, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.stages.cells import _increments, increment_errors
-from multiscale.report import draw_figures, write_report
 from multiscale.schema import MICRO_RESPONSE
 from multiscale.upscaling import hysteretic_from_dataset
 from tests.support import case_of
@@ -70,13 +69,6 @@ def test_a_plastic_case_ends_in_a_law_with_both_branches_and_its_figure(tmp_path
     assert np.all(joint["unloading_stiffness"] > joint["joint_stiffness"])
     low, high = np.nanpercentile(joint["unloading_stiffness_sample"], (2.5, 97.5), axis=0)
     assert np.all((low <= joint["unloading_stiffness"]) & (joint["unloading_stiffness"] <= high))
-
-    names = [file.stem for file in draw_figures(tmp_path / "out")]
-    assert "unloading" in names
-    page = write_report(tmp_path / "out").read_text(encoding="utf-8")
-    assert "over 2.8 less what hardening adds" in page
-    assert 'alt="unloading"' in page
-    assert "When the preload begins to fall" in page
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from multiscale.io import open_dataset
 from multiscale.micro.damage import youngs_modulus_along
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.stages.volumes import is_representative
-from multiscale.report import open_finished, write_report
+from multiscale.report import open_finished
 from multiscale.schema import RVE
 from tests.support import write_body, write_scene
 
@@ -92,14 +92,6 @@ def test_smaller_volumes_have_wider_bounds_and_worse_sections(pores):
     assert "is representative within 90 %" in is_representative(wide)
     few = wide.assign_attrs(limits="a volume holds 2 pores")
     assert is_representative(few) == "The volume is not representative: a volume holds 2 pores."
-
-
-def test_the_report_of_a_volume_has_its_picture(pores):
-    _, out = pores
-    finished = open_finished(out)
-    assert any("Traction and displacement sides differ" in line for line in finished.lines())
-    page = write_report(out).read_text(encoding="utf-8")
-    assert ">Representative volume</h2>" in page
 
 
 # spheres of radius r in a cube of edge L: each is 4/3 pi (r/L)^3 of it

@@ -13,7 +13,7 @@ from multiscale.micro import Path, solve_cell
 from multiscale.micro.slide import slide_cell
 from multiscale.pipeline import make_cells, requirements, run
 from multiscale.pipeline.case import shipped_cases
-from multiscale.pipeline.stages.sliding import describe_sliding, make_pair
+from multiscale.pipeline.stages.sliding import make_pair
 from multiscale.report import draw_figures, write_report
 from multiscale.schema import SLIDING_RESPONSE
 from tests.support import case_of
@@ -99,16 +99,6 @@ def test_a_second_run_keeps_the_sliding_and_another_distance_is_slid_anew(finish
     assert float(found["sliding_distance"][-1]) == pytest.approx(20e-6)
     assert (out / "micro" / "realisation-0000.nc").stat().st_mtime_ns == cells.st_mtime_ns
     run(case, out)
-
-
-@pytest.mark.slow
-def test_figure_and_report_show_the_sliding(finished):
-    _, out, response = finished
-    assert "sliding" in {file.stem for file in draw_figures(out)}
-    page = write_report(out).read_text(encoding="utf-8")
-    lines = describe_sliding(response)
-    assert lines[0].startswith("Under 20 MPa the friction of the cell over 100 µm is at most 0.")
-    assert all(line in page for line in lines)
 
 
 @pytest.mark.slow

@@ -104,11 +104,6 @@ def test_needs_of_stages_are_joined_and_the_largest_memory_counts():
     )
 
 
-def test_a_table_is_aligned_to_the_right():
-    table = format_table("title", ("a", "long"), [("1.25", "2"), ("3", "x")])
-    assert table == ["title", "   a  long", "1.25     2", "   3     x"]
-
-
 def test_a_long_name_of_a_column_stands_in_two_lines():
     table = format_table("title", ("preload (MPa)", "mean law, 95 %"), [("5", "11.48 ... 11.87")])
     assert table == ["title", "preload", "  (MPa)   mean law, 95 %", "      5  11.48 ... 11.87"]

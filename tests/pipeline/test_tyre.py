@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from multiscale.cli import app
 from multiscale.errors import CaseError
-from multiscale.io import open_law, open_run, save_law
+from multiscale.io import open_law, save_law
 from multiscale.laws import wlf_shift
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases
@@ -122,17 +122,6 @@ def test_a_second_run_keeps_the_roads_and_another_case_is_refused(finished):
     )
     with pytest.raises(CaseError, match="holds another run"):
         run(case.quick(), out)
-
-
-def test_figures_and_report_show_friction_force_and_footprint(finished):
-    _, out, _ = finished
-    names = {file.stem for file in draw_figures(out)}
-    pictures = {"friction", "braking_force", "footprint_pressure", "footprint_friction", "road"}
-    assert names == pictures
-    page = write_report(out).read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64,") == len(pictures)
-    assert "braking force <span>(N)</span>" in page
-    assert set(open_run(out)) == {"micro_response", "interface_law", "macro_result"}
 
 
 def test_a_tyre_case_is_explained(tmp_path):

@@ -61,12 +61,6 @@ def test_a_case_has_modes_backbone_page_and_series(meshes):
     damping = found["damping"].values
     assert 0.001 < damping[0] < damping[1]
     assert list(meshes.rglob("vibration.pvd"))
-    sections = list(VIBRATING_BODIES.sections(results, meshes))
-    drawn = {name: draw for section in sections for name, draw in section.figures.items()}
-    assert {"mode_shape_0", "frequency_1", "damping_0", "pressure_0", "slipping_0"} <= set(drawn)
-    for name in ("mode_shape_0", "damping_0", "slipping_0"):
-        assert drawn[name](meshes / f"{name}.png").stat().st_size > 10_000
-    assert VIBRATING_BODIES.summary(results["vibration"]).answer[0].startswith("Mode 1 has ")
     assert VIBRATING_BODIES.compared(found)["frequency"].values[-1] == fast
     still = found.assign(fall=0.0 * found["fall"] - 1e-11)
     still["slipping_load"] = 0.0 * found["slipping_load"] + 1e-17

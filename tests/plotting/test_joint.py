@@ -12,7 +12,8 @@ from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.pipeline.showing import list_cycles
-from multiscale.plotting import draw_joint, joint_pictures, plot_hysteresis, plot_joint_plan
+from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.plotting import joint_pictures, plot_hysteresis, plot_joint_plan
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +88,7 @@ def test_the_loop_encloses_the_energy_per_area_of_the_cycle(result):
 
 
 def test_all_figures_of_a_joint_are_written(result, tmp_path):
-    files = draw_joint(result, tmp_path / "figures")
+    files = ROUGH_JOINTS.draw(result, tmp_path / "figures")
     assert [file.stem for file in files] == [
         "contact_zones",
         "pressure",
@@ -101,5 +102,5 @@ def test_all_figures_of_a_joint_are_written(result, tmp_path):
 def test_a_joint_that_slid_away_at_once_is_refused_with_the_reason(result, tmp_path):
     failed = result.assign(slip_fraction=result["slip_fraction"] * np.nan)
     with pytest.raises(CaseError, match=r"no step has an answer, .* to draw: it slides away"):
-        draw_joint(failed.assign_attrs(failure="it slides away"), tmp_path / "figures")
+        ROUGH_JOINTS.draw(failed.assign_attrs(failure="it slides away"), tmp_path / "figures")
     assert not (tmp_path / "figures").exists()

@@ -102,8 +102,6 @@ def test_every_scene_runs(scene, tmp_path):
     stage, *_ = stages_of(settings.tables)
     answer = stage.summary(result).answer
     assert not any("steps have an answer" in sentence for sentence in answer)
-    assert set(answer) <= set(stage.lines(result)), "the print answers the question, too"
-    assert any(one.figures for one in stage.sections({stage.name: result}, tmp_path))
 
 
 def test_the_grid_leaves_figures_and_a_series_for_each_part(tmp_path):

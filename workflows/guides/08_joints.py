@@ -45,9 +45,9 @@ print(joint["cycle_energy"].values)  # J
 # The command prints, at each preload, the stiffness and the shares that stick, slip and are open,
 # the energy that a cycle loses, and a caution with the share of the load outside the data of the
 # law. If the law carries a budget, each answer has the two intervals of guide 02. The dataset has
-# traction, jump, state and dissipation at every point. multiscale.plotting.draw_joint draws zones,
-# pressure, loop and loss. The series for ParaView has displacement, von Mises stress, strain energy
-# and damage of the bodies, and gap, pressure, shear and state of the joint.
+# traction, jump, state and dissipation at every point. The page draws zones, pressure, loop and
+# loss (multiscale.plotting.joint_pictures). The series for ParaView has displacement, von Mises
+# stress, strain energy and damage of the bodies, and gap, pressure, shear and state of the joint.
 #
 # Under mpiexec (pip install '.[mpi]') processes share the substructures, with the same answer:
 #

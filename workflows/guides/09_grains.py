@@ -19,8 +19,8 @@ ends, force, branch = granulate.network(motion)  # of the last frame, N and m
 print(granulate.coordination(ends, 100, rattlers_below=2))
 
 # A step whose contacts miss their tolerance is marked in "converged" and "residual", and in
-# "cautions". multiscale.plotting.draw_granulate draws the force network, the energies, the errors
-# and the stress curve; scenes also leave the grains and their forces as a series for ParaView.
+# "cautions". The force network, the energies, the errors and the stress curve are figures of
+# multiscale.plotting; scenes also leave the grains and their forces as a series for ParaView.
 #
 # Without friction anywhere (friction=0) a contact has one unknown in place of three and nothing
 # turns. A step then takes a third to a half of the time, and the result has no spins.

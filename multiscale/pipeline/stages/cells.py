@@ -28,6 +28,7 @@ from multiscale.pipeline.inspection import tabulate_statistics
 from multiscale.pipeline.measured_sides import STAGES, Measured
 from multiscale.pipeline.real_contact import with_real_pressure
 from multiscale.pipeline.settings import Case
+from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import (
     Datasets,
     Job,
@@ -46,7 +47,6 @@ from multiscale.plotting.surface_figures import (
 from multiscale.schema import FIELDS, MACRO_RESULT, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Roughness, describe_surface, spectrum
 from multiscale.surfaces.surface import Surface
-from multiscale.units import readable
 
 __all__ = ["CELLS", "caution_steep", "count_cells", "run_micro", "write_fields"]
 
@@ -65,7 +65,17 @@ MAP = (4.7, 4.0)
 SLOPE_OF_PAIR = 8.0
 """Error of the second order in the slope over change by it and slope: 6 to 11 of alike bodies."""
 
-HEAD = ("measured", "rms height", "rms slope", "longest wave", "shortest wave", "filled (%)")
+MEASURED = Table(
+    (
+        "place",
+        "body_rms_height",
+        "body_rms_slope",
+        "body_longest_wave",
+        "body_shortest_wave",
+        "filled",
+    ),
+    along=("body", "stage"),
+)
 
 
 def run_micro(
@@ -314,28 +324,23 @@ def _measured(response: Dataset) -> Iterator[Section]:
     """Show each measured body as map, windows and cells, and the waves that its cells leave out."""
     if "body" not in response.dims:
         return
-    rows: list[tuple[str, ...]] = []
-    for body in response["body"].values:
-        one = response.sel(body=body)
-        windows = ", ".join(f"{100.0 * share:.2g}" for share in one["filled_share"].values)
-        filled = {"map": f"{100.0 * float(one['map_filled_share']):.2g}", "windows": windows}
-        for stage in map(str, one["stage"].values):
-            at = one.sel(stage=stage)
-            rows.append(
-                (
-                    f"{body} {stage}".replace("_", " "),
-                    readable(f"{float(at['body_rms_height']):.3g} m"),
-                    f"{float(at['body_rms_slope']):.3g}",
-                    readable(f"{float(at['body_longest_wave']):.3g} m"),
-                    readable(f"{float(at['body_shortest_wave']):.3g} m"),
-                    filled.get(stage, ""),
-                )
-            )
+    places = [
+        [f"{body} {stage}".replace("_", " ") for stage in response["stage"].values]
+        for body in response["body"].values
+    ]
+    filled = [
+        [f"{100.0 * float(of_map):.2g}", ", ".join(f"{100.0 * one:.2g}" for one in windows), ""]
+        for of_map, windows in zip(
+            response["map_filled_share"].values, response["filled_share"].values, strict=True
+        )
+    ]
+    both = ("body", "stage")
+    rows = MEASURED.rows(response.assign(place=(both, places), filled=(both, filled)))
     lines = [
         f"The cells of {body} keep the waves down to {response.attrs[f'cutoff_{body}']}."
         for body in response["body"].values
     ]
-    yield Section("Measured surfaces", (), HEAD, rows, told=lines)
+    yield Section("Measured surfaces", (), *rows, told=lines)
 
 
 def count_cells(found: Datasets) -> list[tuple[str, str]]:

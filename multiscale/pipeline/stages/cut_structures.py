@@ -23,11 +23,12 @@ from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.plotting.link_figures import (
+    ENERGIES,
     plot_deformed_links,
     plot_energies,
     plot_sorted_tensions,
 )
-from multiscale.schema import HOMOGENISED, MACRO_RESULT, Dataset
+from multiscale.schema import HOMOGENISED, MACRO_RESULT, SHOWN, Dataset
 
 __all__ = ["CONDENSED_PARTS", "LINKS", "PLATE"]
 
@@ -36,14 +37,6 @@ FURTHEST = 0.05
 
 OF_MOTION = "How do the links swing, which tensions do they carry, and where does the energy go?"
 """Question of a motion."""
-
-ENERGIES = {
-    "kinetic_energy": "kinetic",
-    "elastic_energy": "elastic",
-    "link_dissipation": "lost in the links",
-    "numerical_dissipation": "lost to the time scheme",
-}
-"""Parts of the energy of a motion."""
 
 LEAST_SHARE = 1e-3
 """Share of the energy below which a part is left out."""
@@ -179,7 +172,7 @@ def _of_motion(result: Dataset) -> Iterator[str]:
         high=high,
     )
     end = result.isel(step=-1)
-    parts = {said: float(end[name]) for name, said in ENERGIES.items() if name in end}
+    parts = {SHOWN[name].label: float(end[name]) for name in ENERGIES if name in end}
     whole = sum(parts.values())
     shares = [
         f"{100.0 * part / whole:.3g} % is {said}"

@@ -213,7 +213,7 @@ def _compared(result: Dataset) -> Dataset:
     rest = int(np.flatnonzero(known)[-1]) if known.any() else 0
     at_rest = ("load_stiffness", "interface_real_pressure")
     values = {
-        name: one.isel(step=rest if str(name).startswith(at_rest) else -1)
+        name: one.isel(step=rest if str(name).startswith(at_rest) else -1).reset_coords(drop=True)
         for name, one in result.data_vars.items()
         if "step" in one.dims
     }

@@ -1,8 +1,9 @@
 """Stages: a volume of a solid with pores and cracks, and cracks that grow until they cut it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -194,37 +195,36 @@ def _tabulate(rve: Dataset) -> Rows:
 
 
 def _sizes(rve: Dataset) -> Rows:
-    """Head and rows of the size study: means and standard deviations of the volumes."""
+    """Head and rows of the size study."""
     counts = [part.split() for part in rve.attrs.get("counts", "").split(", ") if part]
-    head = (
-        "edge",
-        "volumes",
-        *(("inclusions",) if counts else ()),
-        "porosity (%)",
-        "worst section",
-        *(f"E, {sides} (GPa)" for sides in rve["sides"].values),
-    )
-    share, rows = rve["share"].to_numpy(), []
-    worst = rve["largest_damage"].to_numpy().max(axis=1)
+
+    def inclusions(size: float) -> str:
+        return ", ".join(f"{size**3 * float(n):.2g} {name}" for n, name in counts)
+
     E = 1e-9 * rve["apparent_modulus"].to_numpy().mean(axis=-1)
+    means = {
+        "porosity (%)": 100.0 * rve["porosity"].to_numpy(),
+        "worst section": rve["largest_damage"].to_numpy().max(axis=1),
+        **{f"E, {sides} (GPa)": E[:, k] for k, sides in enumerate(rve["sides"].values)},
+    }
     edge = float(np.prod(rve["box_size"].to_numpy())) ** (1.0 / 3.0)
-    for one in np.unique(share):
-        own = share == one
-        rows.append(
-            (
-                readable(f"{one * edge:.4g} m"),
-                f"{own.sum()}",
-                *(
-                    [", ".join(f"{one**3 * float(n):.2g} {name}" for n, name in counts)]
-                    if counts
-                    else []
-                ),
-                say_mean(100.0 * rve["porosity"].to_numpy()[own]),
-                say_mean(worst[own]),
-                *(say_mean(E[own, k]) for k in range(E.shape[1])),
-            )
-        )
-    return head, rows
+    return _by_size(rve, edge, means, {"inclusions": inclusions} if counts else {})
+
+
+def _by_size(
+    volumes: Dataset,
+    edge: float,
+    means: Mapping[str, np.ndarray],
+    beside: Mapping[str, Callable[[float], str]] = MappingProxyType({}),
+) -> Rows:
+    """Head and rows of means and standard deviations over volumes of each size."""
+    share, rows = volumes["share"].to_numpy(), []
+    for size in np.unique(share):
+        same = share == size
+        known = (say_mean(values[same]) for values in means.values())
+        others = (say(size) for say in beside.values())
+        rows.append((readable(f"{size * edge:.4g} m"), f"{same.sum()}", *others, *known))
+    return ("edge", "volumes", *beside, *means), rows
 
 
 def _causes(rve: Dataset) -> str:
@@ -371,21 +371,15 @@ def _growth_answer(growth: Dataset) -> Iterator[str]:
 
 
 def _tabulate_growth(growth: Dataset) -> Rows:
-    """Head and rows of the size effect: means and standard deviations over volumes."""
-    head = ("edge", "volumes", "cut", "strength (MPa)", "energy (J/m2)", "damage at the strength")
-    share, rows = growth["share"].to_numpy(), []
-    columns = (("volume_strength", 1e-6), ("volume_energy", 1.0), ("peak_damage", 1.0))
-    for one in np.unique(share):
-        own = share == one
-        rows.append(
-            (
-                readable(f"{one * float(growth.attrs['edge']):.4g} m"),
-                f"{own.sum()}",
-                f"{int(growth['converged'].to_numpy()[own].sum())}",
-                *(say_mean(scale * growth[name].to_numpy()[own]) for name, scale in columns),
-            )
-        )
-    return head, rows
+    """Head and rows of the size effect."""
+    share, cut = (growth[name].to_numpy() for name in ("share", "converged"))
+    means = {
+        "strength (MPa)": 1e-6 * growth["volume_strength"].to_numpy(),
+        "energy (J/m2)": growth["volume_energy"].to_numpy(),
+        "damage at the strength": growth["peak_damage"].to_numpy(),
+    }
+    counted = {"cut": lambda size: f"{int(cut[share == size].sum())}"}
+    return _by_size(growth, float(growth.attrs["edge"]), means, counted)
 
 
 def _growth_sections(found: Datasets, out: Path) -> Iterator[Section]:

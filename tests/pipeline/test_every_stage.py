@@ -1,0 +1,170 @@
+"""What every stage must do, on one small case each: schema, needs, tables, page, print, answers."""
+
+import base64
+import csv
+import html
+import re
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from multiscale.fe.boxes import box_mesh
+from multiscale.pipeline import load_case, requirements, run
+from multiscale.pipeline.showing import Table, answer_columns
+from multiscale.pipeline.stage import Stage
+from multiscale.report import FinishedRun, open_finished, show_run
+from multiscale.schema import MACRO_RESULT, SHOWN, unit_in
+from tests.pipeline import test_body_cases as bodies
+from tests.pipeline.test_fatigue_cases import TEXT as CYCLED
+from tests.pipeline.test_growth_cases import BAR, VOLUME, write_bars
+from tests.pipeline.test_leaking_cases import TEXT as RING
+from tests.pipeline.test_sheared_cells import CHAIN
+from tests.pipeline.test_slide import ELASTIC, SLIDE
+from tests.pipeline.test_tyre import SMALL as TREAD
+from tests.pipeline.test_vibration_cases import ONLY_PRESS, VIBRATION
+from tests.support import SCENES, TWO_BLOCKS, slow, small_steel, write_body, write_law, write_scene
+
+CYCLES = '[cycles]\nshear = "0.5 MPa"\ncycles = 1\nsteps = 2\n'
+BLOCKS = TWO_BLOCKS.replace("friction", 'law = "law.nc"\nfriction') + CYCLES
+TEXTS = {
+    "steel": small_steel(3),
+    "ring": RING,
+    "tread": TREAD,
+    "blocks": BLOCKS,
+    "bodies": bodies.TEXT,
+    "vibration": ONLY_PRESS + VIBRATION,
+    "fatigue": CYCLED,
+    "cracks": VOLUME + BAR,
+    "slide": ELASTIC + SLIDE,
+    "sheared": CHAIN,
+}
+"""Cases of several stages each, by name; scenes are read from their files."""
+
+QUICK = ("cable_net", "sudden_unloading", "plate", "deposit", "tensegrity_substructures")
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished run, its case, and its page."""
+
+    case: object
+    run: FinishedRun
+    page: str
+
+    @property
+    def stages(self) -> list[tuple[Stage, object]]:
+        """Stages and their datasets."""
+        return [(stage, self.run.found[stage.name]) for stage in self.run.stages]
+
+
+def write_files(folder: Path) -> None:
+    """Write the meshes and the law that the cases name."""
+    write_law(folder / "law.nc")
+    write_bars(folder)
+    write_body(folder / "part.msh", box_mesh((0.01, 0.01, 0.01), (1, 1, 1)))
+    size = (bodies.LONG, bodies.WIDE, bodies.HIGH)
+    for name, place, counts in (("housing", 0.0, (3, 2, 1)), ("cover", bodies.HIGH, (2, 3, 1))):
+        write_body(folder / f"{name}.msh", box_mesh(size, counts, origin=(0.0, 0.0, place)))
+
+
+@pytest.fixture(scope="module", params=[*list(TEXTS)[:-2], *QUICK, *slow(*list(TEXTS)[-2:])])
+def finished(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    if request.param in TEXTS:
+        write_files(folder)
+        case = load_case(write_scene(folder, TEXTS[request.param]))
+    else:
+        case = load_case(SCENES / f"{request.param}.toml").quick()
+    run(case, folder / "out")
+    show_run(folder / "out")
+    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    return Finished(case, open_finished(folder / "out"), page)
+
+
+def test_datasets_follow_their_schemas_and_carry_labels(finished):
+    for stage, dataset in finished.stages:
+        stage.schema.check(dataset)
+        stage.check(dataset)
+        for name in set(dataset.variables) & SHOWN.keys():
+            assert dataset[name].attrs.get("long_name", SHOWN[name].label) == SHOWN[name].label
+
+
+def test_needs_of_all_stages_are_told(finished):
+    needs = requirements(finished.case)
+    assert needs.memory > 0
+    assert [cost.stage for cost in needs.costs] == [stage.name for stage, _ in finished.stages]
+
+
+def test_a_stage_is_out_of_date_by_its_own_tables_and_those_that_it_takes_from(finished):
+    def closure(stage):
+        read = {"structure"} if stage.reads is None else set(stage.reads)
+        taken = (one for one in stage.takes if one.asked_for(finished.case.tables))
+        return read.union(*map(closure, taken))
+
+    other = finished.case.model_copy(update={"title": f"{finished.case.title}, again"})
+    for stage, dataset in finished.stages:
+        assert dataset.attrs["identity"] == stage.identity(finished.case)
+        changed = stage.identity(other) != stage.identity(finished.case)
+        assert changed == ("title" in closure(stage)), stage.name
+
+
+def test_every_figure_and_every_table_stands_on_the_page(finished):
+    plain = html.unescape(re.sub(r"<[^>]+>", " ", finished.page))
+    for section in finished.run.sections():
+        for name in section.figures:
+            file = finished.run.out / "figures" / f"{name}.png"
+            assert base64.b64encode(file.read_bytes()).decode() in finished.page, name
+        for row in section.rows:
+            assert all(cell in plain for cell in row), section.heading
+
+
+def test_print_and_download_have_the_table_of_the_page(finished):
+    printed = [line.split() for line in finished.run.lines()]
+    downloads = re.findall(r'csv" href="data:text/plain;base64,([^"]+)"', finished.page)
+    files = [
+        [tuple(row) for row in csv.reader(StringIO(base64.b64decode(one).decode("utf-8-sig")))]
+        for one in downloads
+    ]
+    for section in finished.run.sections():
+        rows = [tuple(map(str, row)) for row in section.rows]
+        if not section.head:
+            continue
+        assert any(rows == file[1:] for file in files), section.heading
+        if section.printed:
+            assert all(" ".join(filter(None, row)).split() in printed for row in rows)
+        assert all(line.split() in printed for line in section.told)
+
+
+def test_the_question_has_an_answer_and_the_print_has_it(finished):
+    summary = finished.run.summary
+    assert summary.question.endswith("?")
+    assert summary.answer
+    assert set(summary.answer) <= set(finished.run.lines())
+
+
+def test_answers_are_shown_in_units_of_their_variables(finished):
+    for stage, dataset in finished.stages:
+        compared = stage.compared(dataset)
+        have = {name: label for name, label in stage.answers.items() if name in compared}
+        assert bool(have) == bool(stage.answers)
+        columns = answer_columns(have, {name: compared[name].values for name in have})
+        for name, unit, scale in zip(
+            have, columns["answer_unit"], columns["answer_scale"], strict=True
+        ):
+            chosen = SHOWN[name].in_unit(compared[name].values.ravel())
+            assert (chosen.name, chosen.scale) == (unit, scale)
+
+
+def test_printed_numbers_are_those_of_the_dataset_in_the_unit_of_the_head():
+    table = Table(("preload", "joint_stiffness", "contact_fraction"), answer="joint_stiffness")
+    values = {"preload": [1e6, 2e6], "joint_stiffness": [1.5e13, 2e13]}
+    values |= {"contact_fraction": [0.0125, 0.5], "converged": [1, 1]}
+    data = MACRO_RESULT.build(values | dict.fromkeys(("residual", "wall_time"), np.zeros(2)))
+    head, rows = table.rows(data)
+    assert head == ("preload (MPa)", "joint stiffness (MPa/µm)", "contact (%)")
+    for name, column in zip(values, zip(*rows, strict=True), strict=False):
+        shown = unit_in(data, name).shown(data[name].values)
+        np.testing.assert_allclose(np.array(column, dtype=float), shown, rtol=1e-3)
