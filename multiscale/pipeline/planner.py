@@ -13,7 +13,7 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline.case_budget import joint_scales
-from multiscale.pipeline.case_cells import longest_wave
+from multiscale.pipeline.case_cells import longest_wave, make_surfaces
 from multiscale.pipeline.forecast import (
     COARSE,
     CONTROLS,
@@ -25,8 +25,7 @@ from multiscale.pipeline.forecast import (
     Setting,
     cheapest,
 )
-from multiscale.pipeline.pilots import Pilots, stored_pilots, surface_at_large
-from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
 from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job, ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
@@ -42,11 +41,11 @@ from multiscale.upscaling import (
     with_budget,
     without_bias,
 )
-from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term, how_attribute
+from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, Term
 from multiscale.upscaling.cell_size import size_term
 from multiscale.upscaling.law_budget import grid_term
 
-__all__ = ["Plan", "pilot_cases", "plan", "resize"]
+__all__ = ["Plan", "pilot_cases", "plan", "resize", "surface_at_large"]
 
 logger = logging.getLogger(__name__)
 
@@ -61,6 +60,9 @@ MOST_ROUNDS = 8
 
 FEWEST_POINTS = 8
 """Of a cell, each way."""
+
+MANY_WAVES = 32  # across a surface at large
+MOST_POINTS = 2048  # across it
 
 SIZE_SEED = 1_000_003
 """Between the first realisations of different sizes."""
@@ -129,9 +131,8 @@ def plan(
     Flat cells are on a coarse grid, and dearer ones on the grid of the case. What they lack is
     told by differences of small scatter between cells on the same surfaces, and taken out: few
     cells of the smallest size lead to finer grids, and few dear cells of the first two sizes to
-    many flat ones of any size; see :class:`~.control_variates.Control`. Cells of several sizes, or
-    stored flat cells of a spectrum alike, tell the bias by the size. Gaps are those at the height
-    of the surface at large.
+    many flat ones of any size; see :class:`~.control_variates.Control`. Cells of several sizes
+    tell the bias by the size. Gaps are those at the height of the surface at large.
 
     From the errors that are left, and from the times of cells, follows the setting of least time
     whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are
@@ -141,12 +142,13 @@ def plan(
     """
     _check(case)
     campaign = _Campaign(case, out / "plan", executor, progress, surface_at_large(case))
-    known, forecast = campaign.begin(), np.nan
+    known, forecast = campaign.explore(), np.nan
     target, lines = case.accuracy.target, list[str]()
     for _ in range(MOST_ROUNDS):
-        if known.answered and known.estimate.total <= target:
+        if known.estimate.total <= target:
             return campaign.finish(known, tuple(lines), forecast)
-        setting, time, known = campaign.choose(known)
+        setting = campaign.choose(known)
+        time = known.time_of(setting)
         spent, expected = campaign.spent(), known.estimate.at(setting).total
         logger.info("%s: about %.3g s and %.3g %%", setting, time, 100.0 * expected)
         forecast = forecast if lines else spent + time
@@ -164,7 +166,7 @@ def plan(
             f"estimated error {100.0 * known.estimate.total:.3g} %"
         )
         logger.info(lines[-1])
-    if known.answered and known.estimate.total <= target:
+    if known.estimate.total <= target:
         return campaign.finish(known, tuple(lines), forecast)
     raise ConvergenceError(
         f"the estimated error is {100.0 * known.estimate.total:.3g} % after {MOST_ROUNDS} rounds, "
@@ -197,8 +199,29 @@ def resize(case: Case, setting: Setting, *, grid: int = COARSE) -> Case:
     return case.model_copy(update={"cell": cell, "micro": micro})
 
 
+def surface_at_large(case: Case) -> Surface | None:
+    """Return the composite surface of a case on a patch of many waves; none of a measured map."""
+    surfaces = [body.surface for body in case.bodies if body.surface is not None]
+    synthetic = [one for one in surfaces if isinstance(one, SyntheticSurface)]
+    if len(synthetic) < len(surfaces):
+        return None
+    wave = max(one.longest_wave for one in synthetic)
+    wanted = MANY_WAVES * wave / max(case.cell.size)
+    room = MOST_POINTS / max(case.cell.points)
+    larger = 2 ** max(0, int(np.ceil(np.log2(min(wanted, room)))))
+    cell = case.cell.model_copy(
+        update={
+            "size": tuple(larger * edge for edge in case.cell.size),
+            "points": tuple(larger * n for n in case.cell.points),
+        }
+    )
+    micro = case.micro.model_copy(update={"realisations": 1})
+    (large,) = make_surfaces(case.model_copy(update={"cell": cell, "micro": micro}))
+    return large
+
+
 def pilot_cases(case: Case) -> list[Case]:
-    """Return the cases that a planner begins with, which stored cells may save."""
+    """Return the cases that a planner begins with."""
     smallest = _smallest(case)
     settings = [Setting(smallest + k, 0, n) for k, n in enumerate(FIRST_CELLS)]
     first = [resize(case, one, grid=_grid(case)) for one in settings]
@@ -265,18 +288,12 @@ class _Known:
     """What a planner knows after a round: first cells of the smallest size are on all grids."""
 
     estimate: Estimate
-    stored: Pilots | None
     ensembles: Mapping[float, _Ensemble]
     grids: Mapping[int, Dataset]
     costs: CostModel
     grid: int  # of the answer
     flat_costs: CostModel | None = None
     sizes: range = SIZES  # that can be had
-
-    @property
-    def answered(self) -> bool:
-        """Whether the estimate is of cells of the case."""
-        return self.estimate.setting.size in self.ensembles
 
     def time_of(self, setting: Setting) -> float:
         """Time of what a setting has and is not there, s."""
@@ -359,27 +376,7 @@ class _Campaign:
         """Return a response at the height of the surface at large."""
         return response if self.large is None else at_rms_height(response, rms_height(self.large))
 
-    def begin(self) -> _Known:
-        """Start from stored cells, or from small cells where none stand for the case."""
-        stored = stored_pilots(self.case, self.large)
-        if stored is None:
-            return self.explore(SIZES)
-        edge, own = sorted(stored.sizes)[1], max(self.case.cell.size)
-        setting = Setting(
-            float(np.log2(edge / own)),
-            float(np.log2(self.case.cell.spacing / min(stored.grids))),
-            stored.sizes[edge].sizes["realisation"],
-        )
-        grid = float(np.log2(self.case.cell.spacing / max(stored.grids)))
-        times = {
-            (float(np.log2(one_edge / own)), grid): _time(one)
-            for one_edge, one in stored.sizes.items()
-        }
-        first = _Ensemble(setting, stored.sizes[edge])
-        costs = CostModel.fit(times, layered=False)
-        return self.estimated(_Known(NOTHING, stored, {}, {}, costs, COARSE), first)
-
-    def explore(self, sizes: range) -> _Known:
+    def explore(self) -> _Known:
         """Start from small cells of two sizes, some of the smaller ones on two grids."""
         dear, grid = self.case.beside_flat, _grid(self.case)
         control, first = FIRST_CONTROL if dear else 0, float(_smallest(self.case))
@@ -399,33 +396,23 @@ class _Campaign:
             (size, COARSE): one.time for size, one in found.items()
         }
         flat_costs = CostModel.fit(flat, layered=False) if dear else None
-        known = _Known(NOTHING, None, found, grids, costs, grid, flat_costs, sizes)
+        known = _Known(NOTHING, found, grids, costs, grid, flat_costs)
         return self.estimated(known, last)
 
     def on_grid(self, grid: int) -> Dataset:
         """Response of first cells of the smallest size on another grid."""
         return self.solve(Setting(_smallest(self.case), 0, PAIRS[grid]), grid)
 
-    def choose(self, known: _Known) -> tuple[Setting, float, _Known]:
-        """Choose the cheapest setting, and explore where stored cells do not reach so far."""
-        target = self.case.accuracy.target
-        try:
-            setting = cheapest(known.estimate, self.settings(known), known.time_of, target)
-        except CaseError:
-            if known.stored is None:
-                raise
-            return self.choose(self.explore(known.sizes))
-        now = known.estimate.setting
-        if known.stored is None:  # one step at a time, as each tells how the errors fall
-            size, grid = min(setting.size, now.size + 1), min(setting.grid, now.grid + 1)
-            setting = replace(setting, size=size, grid=grid)
-        return setting, known.time_of(setting), known
+    def choose(self, known: _Known) -> Setting:
+        """Choose the cheapest setting; one step at a time, as each tells how the errors fall."""
+        target, now = self.case.accuracy.target, known.estimate.setting
+        setting = cheapest(known.estimate, self.settings(known), known.time_of, target)
+        size, grid = min(setting.size, now.size + 1), min(setting.grid, now.grid + 1)
+        return replace(setting, size=size, grid=grid)
 
     def settings(self, known: _Known) -> list[Setting]:
         """Return the settings that can be had."""
         now = known.estimate.setting
-        if known.stored is not None:
-            return [Setting(*one) for one in product(known.sizes, [now.grid], REALISATIONS)]
         sizes = [float(one) for one in known.sizes if one >= now.size]
         grids = [one for one in GRIDS if one >= now.grid]
         numbers = [one for one in REALISATIONS if one >= now.realisations]
@@ -437,8 +424,7 @@ class _Campaign:
         """Solve the cells of a setting, and estimate the error that they leave."""
         found = self.ensemble(setting)
         grids, costs, flat = dict(known.grids), known.costs, known.flat_costs
-        if known.stored is None:
-            grids |= {one: self.on_grid(one) for one in PAIRS if max(grids) < one <= setting.grid}
+        grids |= {one: self.on_grid(one) for one in PAIRS if max(grids) < one <= setting.grid}
         if flat is None or found.control is None:
             costs = costs.seen(setting.size, known.grid, _time(found.response))
         else:
@@ -450,12 +436,6 @@ class _Campaign:
     def terms(self, known: _Known, found: _Ensemble) -> tuple[Term, Term]:
         """Return what cells lack by their size and by their grid, with the biases."""
         response, setting = found.response, found.setting
-        if known.stored is not None:
-            chosen = resize(self.case, setting)
-            return (
-                size_term(response, known.stored.sizes_beside(chosen), apart=True),
-                grid_term(response, known.stored.grids_beside(chosen), apart=True),
-            )
         beside = {2.0 ** (size - setting.size): one for size, one in known.ensembles.items()}
         others = {ratio: one.response for ratio, one in beside.items() if ratio != 1.0}
         controls = {ratio: one.control for ratio, one in beside.items()}
@@ -471,25 +451,20 @@ class _Campaign:
         It has no bootstrap samples: their bands would hold the scatter of few cells, and not the
         errors by size and grid, which the budget has.
         """
-        chosen, stored = resize(self.case, found.setting), known.stored
+        chosen = resize(self.case, found.setting)
         pressure = normal_observations(found.response).pressure
         size, grid = (one.smooth(pressure) for one in self.terms(known, found))
         terms = {"cell size": size, "micro discretisation": grid}
         response = without_bias(found.response, *terms.values())
         law = fit_law(response, control=found.control, n_terms=chosen.law.terms, n_samples=0)
-        source = "cells of the planner" if stored is None else stored.source
         budget = error_budget(
             response,
             law,
-            sizes=None if stored is None else stored.sizes_beside(chosen),
             scales=joint_scales(chosen),
             apart=True,
             control=found.control,
-            known={name: term.taken_out(source) for name, term in terms.items()},
+            known={name: term.taken_out("cells of the planner") for name, term in terms.items()},
         )
-        if stored is not None:
-            told = how_attribute("sampling")
-            budget = budget.assign_attrs({told: f"{budget.attrs[told]} ({source})"})
         return chosen, with_budget(law, budget)
 
     def estimated(self, known: _Known, found: _Ensemble) -> _Known:
@@ -500,8 +475,8 @@ class _Campaign:
             carrier = solve_joint(chosen, carrier)
         one = carrier.sel(quantity=quantity)
         half, bias = one["error_half_width"].to_numpy(), one["error_bias"].to_numpy()
-        finest = found.setting.grid if known.stored is not None else max(known.grids)
-        estimate = Estimate(replace(found.setting, grid=finest), half, bias, found.cheap)
+        setting = replace(found.setting, grid=max(known.grids))
+        estimate = Estimate(setting, half, bias, found.cheap)
         if not np.isfinite(estimate.total):
             missing = [
                 term

@@ -46,7 +46,6 @@ from multiscale.schema.structure_schema import (
 from multiscale.schema.study_schema import (
     END_TO_END,
     STABILITY,
-    STORED_CELLS,
     SWEEP,
     WORK_PRECISION,
 )
@@ -81,7 +80,6 @@ __all__ = [
     "SHOWN",
     "SLIDING_RESPONSE",
     "STABILITY",
-    "STORED_CELLS",
     "SURFACE_STATISTICS",
     "SWEEP",
     "UNLOADING",
@@ -126,7 +124,6 @@ SCHEMAS = {
         VIBRATION,
         GRANULATE,
         END_TO_END,
-        STORED_CELLS,
         SWEEP,
         SHEAR_RESPONSE,
         COARSER_RESPONSE,

@@ -10,7 +10,6 @@ from multiscale.micro.flat.flat_cell import flat_compliance
 from multiscale.pipeline import load_case, run
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_cells import cell_of, coating_caution, surface_modulus
-from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.stages import ensembles
 from multiscale.surfaces.surface import Surface
 from tests.support import case_of
@@ -132,14 +131,6 @@ def test_the_stiffness_ratio_of_theory_is_refused_for_coated_bodies(tmp_path):
     law = xr.Dataset(attrs={"coatings": "body_1"})
     with pytest.raises(CaseError, match="theory knows none for the coatings of body_1"):
         case.interface.complete(law, 0.3, 1e7, strict=False)
-
-
-def test_coated_cells_are_not_planned_from_stored_ones(tmp_path):
-    pressures = '"60 MPa", "120 MPa", "300 MPa", "600 MPa"'
-    case = case_of(tmp_path, TEXT, ('"5 MPa", "15 MPa", "40 MPa", "120 MPa"', pressures))
-    large = surface_at_large(case)
-    assert stored_pilots(case.without_coatings(), large) is not None
-    assert stored_pilots(case, large) is None
 
 
 METAL = ("[cell]", 'hardness = "2 GPa"\n[cell]')

@@ -8,10 +8,8 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.io import open_run
-from multiscale.micro import Path, run_ensemble
 from multiscale.micro.layer import graded_planes
 from multiscale.pipeline import load_case, run
-from multiscale.pipeline.case_cells import make_cells
 from multiscale.pipeline.forecast import (
     COARSE,
     GROWTH,
@@ -21,10 +19,7 @@ from multiscale.pipeline.forecast import (
     Setting,
     cheapest,
 )
-from multiscale.pipeline.pilots import stored_pilots, surface_at_large
 from multiscale.pipeline.planner import resize
-from multiscale.surfaces import rms_height
-from multiscale.upscaling import at_rms_height
 from multiscale.upscaling.budget import ALWAYS, ERROR_TERMS, total_error
 
 CASE = """
@@ -169,52 +164,6 @@ def test_the_cost_is_fitted_to_times_and_scaled_by_what_is_seen():
     assert slower.of_cell(2, 0) == pytest.approx(2.0 * true.of_cell(2, 0), rel=1e-6)
     one = CostModel.fit({(0, 0): 3.0}, layered=True)
     assert one.of_cell(0, 0) == pytest.approx(3.0)
-
-
-def test_stored_cells_stand_for_a_case_of_their_kind(write):
-    case = write(CASE)
-    large = surface_at_large(case)
-    pilots = stored_pilots(case, large)
-    assert "Hurst exponent 0.8 and 4 times" in pilots.source
-    sizes, grids = pilots.sizes_beside(case), pilots.grids_beside(case)
-    assert sorted(sizes) == [0.5, 1.0, 2.0]  # one, two and four waves; the case has two
-    assert sorted(grids) == [0.5, 1.0, 2.0]  # 16, 8 and 4 points; the case has eight
-    spread = [sizes[one]["mean_gap"].values.std(axis=0, ddof=1) for one in sorted(sizes)]
-    mean = [sizes[one]["mean_gap"].values.mean(axis=0) for one in sorted(sizes)]
-    np.testing.assert_allclose(mean[1], mean[2], rtol=0.05)
-    slope = np.polyfit(np.log([1.0, 2.0, 4.0]), np.log(np.array(spread) / mean), 1)[0]
-    np.testing.assert_allclose(slope, -1.0, atol=0.45)
-
-
-def test_stored_cells_are_those_that_are_solved(write):
-    """As the case would solve them, on its own surface and modulus."""
-    case = write(CASE)
-    large = surface_at_large(case)
-    stored = stored_pilots(case, large).sizes[2e-3]
-    cells = make_cells(resize(case, Setting(0, 0, 8)))
-    solved = run_ensemble(cells, Path(pressure=case.micro.pressures))
-    solved = at_rms_height(solved, rms_height(large))
-    for name, within in (("mean_gap", 0.1), ("contact_fraction", 0.15)):
-        found, expected = (one[name].values.mean(axis=0) for one in (stored, solved))
-        np.testing.assert_allclose(found, expected, rtol=within)
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ('geometry = "flat"', 'geometry = "conforming"'),
-        ("hurst_exponent = 0.8", "hurst_exponent = 0.2"),
-        ('"4 MPa"]', '"80 MPa"]'),
-        (
-            'size = ["2 mm", "2 mm"]\npoints = [64, 64]',
-            'size = ["2 mm", "4 mm"]\npoints = [64, 128]',
-        ),
-        ('short_cutoff = "0.25 mm"', 'short_cutoff = "0.25 mm"\nroll_off = "0.5 mm"'),
-    ],
-)
-def test_other_cases_have_no_stored_cells(write, old, new):
-    case = write(CASE.replace(old, new))
-    assert stored_pilots(case, surface_at_large(case)) is None
 
 
 def test_a_resized_case_keeps_its_spacing_and_surface(write):
