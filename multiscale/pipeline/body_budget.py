@@ -53,39 +53,22 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What is not as in the structure when it is solved again.
+    """What is not as in the structure when it is solved again."""
 
-    Attributes
-    ----------
-    joints : tuple of int, numbers of the joints whose law changes
-    normal : NormalLaw, optional, in place of their normal law
-    factors : mapping of str to float, factors of the parameters of their friction
-    slabs : int, optional, number of slabs of their beds of sliders
-    structure : Bodies, optional, the same structure on another mesh
-    """
-
-    joints: tuple[int, ...] = ()
-    normal: NormalLaw | None = None
-    factors: Mapping[str, float] = field(default_factory=dict)
-    slabs: int | None = None
-    structure: Bodies | None = None
+    joints: tuple[int, ...] = ()  # whose law changes
+    normal: NormalLaw | None = None  # in place of their normal law
+    factors: Mapping[str, float] = field(default_factory=dict)  # of the parameters of friction
+    slabs: int | None = None  # of their beds of sliders
+    structure: Bodies | None = None  # on another mesh, or with another parameter
 
 
 @dataclass(frozen=True, eq=False)
 class JointsOfLaw:
-    """Joints that share a law with a budget.
+    """Joints that share a law with a budget."""
 
-    Attributes
-    ----------
-    law : Dataset, follows ``INTERFACE_LAW`` and carries its budget
-    joints : tuple of int, numbers of the joints
-    measured : collection of str
-        Parameters of their sliders that come from the law, as the case gives none.
-    """
-
-    law: Dataset
+    law: Dataset  # carries its budget
     joints: tuple[int, ...]
-    measured: Collection[str]
+    measured: Collection[str]  # parameters of their sliders that come from the law
 
     @property
     def name(self) -> str:
@@ -153,19 +136,11 @@ NO_MESH = (
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """What bodies with interfaces know of their errors.
+    """What bodies with interfaces know of their errors."""
 
-    Attributes
-    ----------
-    laws : list of JointsOfLaw, whose errors are independent
-    stated : list of Uncertainty
-        Of stated values and representative volumes; independent of each other and of the laws.
-    unknown : list of str, the laws of which nothing is known, a sentence each
-    """
-
-    laws: list[JointsOfLaw]
-    stated: list[Uncertainty]
-    unknown: list[str]
+    laws: list[JointsOfLaw]  # whose errors are independent
+    stated: list[Uncertainty]  # of stated values and representative volumes
+    unknown: list[str]  # laws without an error, a sentence each
 
     @classmethod
     def of(cls, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]) -> "ErrorSources":

@@ -36,50 +36,25 @@ and of the latter those that the path ends with, by their names there."""
 
 @dataclass(frozen=True, eq=False)
 class CycleAnswers:
-    """Answers of closed cycles that have an error budget.
+    """Answers of closed cycles that have an error budget."""
 
-    Attributes
-    ----------
-    read : mapping of str to callable, from the name of an answer to its values, one for each cycle
-    slip, loss : str, names of the share of the load that slips and of the energy that is lost
-    steps : ndarray of int, shape (cycles,), steps of the result with the pressure of each cycle
-    slope : ndarray, shape (cycles,)
-        Logarithmic slope of the slipping share over the amplitude, NaN where it is not known.
-    density : ndarray, shape (cycles, points), where each cycle loses its energy, J/m²
-    finer : float
-        Load steps of a cycle of the result, over those of the paths that the budget solves.
-    """
-
-    read: Mapping[str, Reader]
-    slip: str
-    loss: str
-    steps: np.ndarray
-    slope: np.ndarray
-    density: np.ndarray
-    finer: float
+    read: Mapping[str, Reader]  # by the name of an answer, its values, one for each cycle
+    slip: str  # name of the share of the load that slips
+    loss: str  # name of the energy that is lost
+    steps: np.ndarray  # (cycles,), steps of the result with the pressure of each cycle
+    slope: np.ndarray  # (cycles,), logarithmic, of the slipping share over the amplitude
+    density: np.ndarray  # (cycles, points), where energy is lost, J/m²
+    finer: float  # load steps of a cycle over those of the paths that are solved again
 
 
 @dataclass(frozen=True, eq=False)
 class JointAnswers:
-    """Answers of joints that have an error budget, and where.
+    """Answers of joints that have an error budget, and where."""
 
-    Attributes
-    ----------
-    read : mapping of str to callable
-        From the name of an answer at rest to its values, which a result gives over its steps.
-    real : mapping of str to tuple of int
-        Numbers of the joints of which some of these answers are the real pressure.
-    rests : ndarray of int, steps at which these are wanted, the same in every path that is solved
-    cycles : CycleAnswers, optional
-    place : callable
-        From the result and a budget whose columns are the known rests, then the cycles, to the
-        result with budget and intervals.
-    """
-
-    read: Mapping[str, Reader]
-    real: Mapping[str, tuple[int, ...]]
-    rests: np.ndarray
-    place: Callable[[Dataset, "Dataset"], "Dataset"]
+    read: Mapping[str, Reader]  # by the name of an answer at rest, its values over the steps
+    real: Mapping[str, tuple[int, ...]]  # joints of which an answer is the real pressure
+    rests: np.ndarray  # steps at which these are wanted
+    place: Callable[[Dataset, Dataset], Dataset]  # adds a budget of rests, then cycles, to a result
     cycles: CycleAnswers | None = None
 
 

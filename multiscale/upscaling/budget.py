@@ -76,20 +76,11 @@ LABELS = ("quantity", "error_term", "parameter")
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """One part of the error of an answer.
+    """One part of the error of an answer."""
 
-    Attributes
-    ----------
-    how : str, how it was estimated, or what would tell it
-    half_width : ndarray, shape (quantities, steps), or None
-        Half-width of the 95 % interval, relative to the value; NaN where it is not known, None if
-        nothing was given to estimate it from.
-    bias : ndarray, shape (quantities, steps), or 0, part whose sign is known, relative to the value
-    """
-
-    how: str
-    half_width: np.ndarray | None = None
-    bias: np.ndarray | float = 0.0
+    how: str  # how it was estimated, or what would tell it
+    half_width: np.ndarray | None = None  # over the value; NaN where unknown, None if not estimated
+    bias: np.ndarray | float = 0.0  # over the value, with its sign
 
     def at(self, steps: slice) -> "Term":
         """Return the term at some of its steps."""

@@ -43,19 +43,11 @@ BEYOND = 10.0  # the table goes on with its last slope to this multiple of the l
 
 @dataclass(frozen=True, eq=False)
 class ChordTable:
-    """A normal law as a chain of chords.
+    """A normal law as a chain of chords."""
 
-    Attributes
-    ----------
-    pressure, overclosure : ndarray, shape (points,), Pa and m; zero first, rising
-    first_contact : float
-        Gap between the mean planes at zero overclosure, m: where the tangent of the law at the
-        smallest pressure reaches zero.
-    """
-
-    pressure: np.ndarray
-    overclosure: np.ndarray
-    first_contact: float
+    pressure: np.ndarray  # (points,), Pa; zero first, rising
+    overclosure: np.ndarray  # (points,), m; zero first, rising
+    first_contact: float  # gap of the mean planes at zero overclosure, m
 
 
 def pressure_overclosure(

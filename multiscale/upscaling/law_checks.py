@@ -1,7 +1,7 @@
 """Check that a law is one: sign, shape, dissipation and objectivity, each with its worst value."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
@@ -19,19 +19,10 @@ POINTS = 500  # at which a law is tested
 
 @dataclass(frozen=True)
 class Check:
-    """One property of a law.
+    """One property of a law."""
 
-    Attributes
-    ----------
-    name : str
-        ``"sign"``, ``"monotone"``, ``"convex"``, ``"dissipation"`` or ``"objective"``, for
-        instance.
-    worst : float
-        Violation relative to the largest value tested; not positive if the property holds.
-    """
-
-    name: str
-    worst: float
+    name: str  # such as "sign", "monotone", "convex" or "dissipation"
+    worst: float  # violation over the largest value tested; not positive if there is none
 
     @property
     def passed(self) -> bool:
@@ -88,24 +79,28 @@ def admissibility(law: Any, pressure_range: tuple[float, float]) -> Admissibilit
     CaseError
         If the law is of none of these kinds.
     """
-    if isinstance(law, NormalLaw):
-        checks = _check_normal(law, pressure_range)
-    elif isinstance(law, HystereticLaw):
-        checks = _check_unloading(law, pressure_range)
-    elif isinstance(law, FrictionLaw):
-        checks = _check_friction(law, pressure_range)
-    elif isinstance(law, StiffnessLaw):
-        checks = _check_rising(law.stiffness_at, pressure_range)
-    elif hasattr(law, "contact_fraction"):
-        checks = _check_area(law.contact_fraction, pressure_range)
-    else:
+    return Admissibility(pressure_range, _checks(law, pressure_range))
+
+
+@singledispatch
+def _checks(law: Any, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
+    """Check a law by its kind; a contact fraction from no pressure to 100 times the largest."""
+    if not hasattr(law, "contact_fraction"):
         raise CaseError(
             f"a law of type {type(law).__name__} cannot be judged; derive it from NormalLaw, "
             f"FrictionLaw or StiffnessLaw, or give it a contact_fraction"
         )
-    return Admissibility(pressure_range, checks)
+    low, high = pressure_range
+    p = np.append(0.0, np.geomspace(low / 100.0, 100.0 * high, POINTS))
+    a = law.contact_fraction(p)
+    return (
+        Check("zero without pressure", _worst(np.abs(a[:1]), a)),
+        Check("monotone", _worst(-np.diff(a), a)),
+        Check("at most one", _worst(a - 1.0, a)),
+    )
 
 
+@_checks.register
 def _check_normal(law: NormalLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Pressure and stiffness at many gaps; the secant of a convex law lies between the tangents."""
     far, near = law.gap_at(np.array(pressure_range))
@@ -143,6 +138,7 @@ def _cycle(law: NormalLaw, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array([work.sum()]), np.array([work[: gap.size].sum()])
 
 
+@_checks.register
 def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Check the loading law, and what its unloading branches give back, eq. (2) of the law."""
     loading = _check_normal(law.loading, pressure_range)
@@ -160,6 +156,7 @@ def _check_unloading(law: HystereticLaw, pressure_range: tuple[float, float]) ->
     )
 
 
+@_checks.register
 def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Friction at many pressures, speeds and directions, in two frames."""
     random = np.random.default_rng(seed=0)
@@ -184,28 +181,13 @@ def _check_friction(law: FrictionLaw, pressure_range: tuple[float, float]) -> tu
     )
 
 
-def _check_rising(
-    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float]
-) -> tuple[Check, ...]:
+@_checks.register
+def _check_stiffness(law: StiffnessLaw, pressure_range: tuple[float, float]) -> tuple[Check, ...]:
     """Values at many pressures: positive, never falling."""
-    values = evaluate(np.geomspace(*pressure_range, POINTS))
+    values = law.stiffness_at(np.geomspace(*pressure_range, POINTS))
     return (
         Check("sign", _worst(-values, values)),
         Check("monotone", _worst(-np.diff(values), values)),
-    )
-
-
-def _check_area(
-    evaluate: Callable[[np.ndarray], np.ndarray], pressure_range: tuple[float, float]
-) -> tuple[Check, ...]:
-    """Fractions from no pressure to a hundred times the largest."""
-    low, high = pressure_range
-    p = np.append(0.0, np.geomspace(low / 100.0, 100.0 * high, POINTS))
-    a = evaluate(p)
-    return (
-        Check("zero without pressure", _worst(np.abs(a[:1]), a)),
-        Check("monotone", _worst(-np.diff(a), a)),
-        Check("at most one", _worst(a - 1.0, a)),
     )
 
 

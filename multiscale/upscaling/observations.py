@@ -29,20 +29,12 @@ TWO_SIDED = 1.96  # standard deviations to 95 %
 
 @dataclass(frozen=True)
 class Quantity:
-    """One kind of observation.
+    """One kind of observation."""
 
-    Attributes
-    ----------
-    unit : str, UDUNITS spelling
-    conditions : mapping of str to str, names and units of what the values depend on, pressure first
-    predict : callable, the value that a law gives, from the law and the conditions
-    variable : str, name of the mean values in a dataset of the law
-    """
-
-    unit: str
-    conditions: Mapping[str, str]
-    predict: Callable[..., np.ndarray]
-    variable: str
+    unit: str  # UDUNITS spelling
+    conditions: Mapping[str, str]  # what the values depend on, pressure first, and the units
+    predict: Callable[..., np.ndarray]  # value of a law, from the law and the conditions
+    variable: str  # name of the mean values in a dataset of the law
 
 
 _P = {"pressure": "Pa"}
@@ -72,22 +64,12 @@ QUANTITIES: dict[str, Quantity] = {
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Distances of a law from what it was fitted to.
+    """Distances of a law from what it was fitted to."""
 
-    Attributes
-    ----------
-    what : str, name of the law and of what was observed, such as "the bed misses the shear"
-    pressure : ndarray, shape (points,), of the observations, Pa
-    distance : ndarray, shape (points,)
-        Law less observation, over the scale of the observation; dimensionless.
-    scatter : ndarray, shape (points,), optional
-        Standard deviation of the mean observation over its scale; none if it is not known.
-    """
-
-    what: str
-    pressure: np.ndarray
-    distance: np.ndarray
-    scatter: np.ndarray | float = 0.0
+    what: str  # the law and what was observed, such as "the bed misses the shear"
+    pressure: np.ndarray  # (points,), Pa
+    distance: np.ndarray  # (points,), law less observation, over the scale of the observation
+    scatter: np.ndarray | float = 0.0  # standard deviation of the mean observation over its scale
 
     @property
     def missed(self) -> np.ndarray:
@@ -114,35 +96,17 @@ def list_pressures(pressure: np.ndarray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Values of one quantity.
+    """Values of one quantity."""
 
-    Parameters
-    ----------
-    quantity : str, a key of ``QUANTITIES``
-    conditions : tuple of ndarray, shape (points,), in the order of the quantity, SI
-    values, counted : ndarray, shape (realisations, points), SI, and which values exist
-    scale : ndarray, shape (points,)
-        What an error of the mean value is measured by, SI: the value itself, or for a gap the
-        distance over which the pressure changes by its own size.
-    attributes : mapping, what the data say of the surface, carried into the law
-    order : ndarray of int, shape (points,)
-        Place of each point in what the observations were made from.
-    independent : bool
-        Whether the errors of the points of one realisation are independent, as errors of single
-        measurements are and errors of the steps of one cell are not.
-    control : Control, optional
-        Mean by many cheap values too, of which the first belong to the realisations.
-    """
-
-    quantity: str
-    conditions: tuple[np.ndarray, ...]
-    values: np.ndarray
-    counted: np.ndarray
-    scale: np.ndarray
-    attributes: Mapping[str, str | float | int] = field(default_factory=dict)
-    order: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))
-    independent: bool = False
-    control: Control | None = None
+    quantity: str  # a key of QUANTITIES
+    conditions: tuple[np.ndarray, ...]  # each (points,), in the order of the quantity, SI
+    values: np.ndarray  # (realisations, points), SI
+    counted: np.ndarray  # (realisations, points), which values exist
+    scale: np.ndarray  # (points,), what an error of the mean is measured by, SI
+    attributes: Mapping[str, str | float | int] = field(default_factory=dict)  # for the law
+    order: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=int))  # places in the data
+    independent: bool = False  # whether errors of the points of a realisation are
+    control: Control | None = None  # mean by many cheap values too
 
     @property
     def pressure(self) -> np.ndarray:

@@ -35,16 +35,6 @@ MAX_ITERATIONS = 100
 class Regression:
     r"""The fit of one family to one set of conditions; made by :func:`regression_of`.
 
-    Attributes
-    ----------
-    family : Family
-    observations : Observations, whose conditions count
-    scale, weights : ndarray, shape (points,)
-        Scales :math:`s_j` of the observations, and weights :math:`w_j \ge 0`, dimensionless.
-    held : mapping of str to float, values that the data decide or the user fixed, SI
-    free : tuple of str
-    start : mapping of str to float, where the fit of the mean starts, SI
-
     Notes
     -----
     Minimises, with the prediction :math:`f`, the mean values :math:`y_j` and the scales
@@ -60,11 +50,11 @@ class Regression:
 
     family: Family
     observations: Observations
-    scale: np.ndarray
-    weights: np.ndarray
-    held: Mapping[str, float]
+    scale: np.ndarray  # (points,), s_j
+    weights: np.ndarray  # (points,), w_j, not negative
+    held: Mapping[str, float]  # values that the data decide, SI
     free: tuple[str, ...]
-    start: Mapping[str, float]
+    start: Mapping[str, float]  # where the fit of the mean starts, SI
 
     def solve(
         self, mean: np.ndarray, weight: np.ndarray, start: Mapping[str, float] | None = None

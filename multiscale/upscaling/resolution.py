@@ -18,20 +18,12 @@ UNSURE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class GridEstimate:
-    """What coarser grids tell of an answer.
+    """What coarser grids tell of an answer."""
 
-    Attributes
-    ----------
-    error : ndarray, shape (..., steps), estimated error, answer minus limit, in the answer's unit
-    half_width : ndarray, shape (..., steps), about a 95 % bound on its size, same unit
-    order : float, observed order, one for all answers and steps; NaN if the grids tell none
-    how : str, the estimate in words
-    """
-
-    error: np.ndarray
-    half_width: np.ndarray
-    order: float
-    how: str
+    error: np.ndarray  # answer minus limit, in the unit of the answer
+    half_width: np.ndarray  # about a 95 % bound on its size, same unit
+    order: float  # observed, of all answers and steps; NaN if the grids tell none
+    how: str  # the estimate in words
 
 
 def estimate_grid_error(answer: np.ndarray, coarser: Mapping[float, np.ndarray]) -> GridEstimate:

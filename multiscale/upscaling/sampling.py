@@ -97,16 +97,6 @@ class Control:
     For a correlation :math:`\rho` that is known it is
     :math:`[1 - \rho^2 (1 - R/M)]\, \sigma^2 / R`, see [1]_ and [2]_.
 
-    Attributes
-    ----------
-    mean, weight, correlation : ndarray, shape (points,)
-        :math:`\hat y`, :math:`\alpha` and the correlation observed.
-    residuals : ndarray, shape (R, points)
-        :math:`r_i`, scaled so that their variance as that of R values gives the first part of (2);
-        NaN where a pair has no value.
-    cheap : ndarray, shape (M, points)
-        :math:`\alpha\, (f_j - \bar f_M)`; NaN where there is no value, or none counts.
-
     References
     ----------
     .. [1] M. B. Giles, Multilevel Monte Carlo methods, Acta Numerica 24 (2015) 259-328,
@@ -115,11 +105,11 @@ class Control:
        Review 60 (2018) 550-591, doi:10.1137/16M1082469.
     """
 
-    mean: np.ndarray
-    weight: np.ndarray
-    correlation: np.ndarray
-    residuals: np.ndarray
-    cheap: np.ndarray
+    mean: np.ndarray  # (points,)
+    weight: np.ndarray  # alpha
+    correlation: np.ndarray  # observed
+    residuals: np.ndarray  # (R, points), scaled so that their variance gives the first part of (2)
+    cheap: np.ndarray  # (M, points), alpha times the distance from the mean; NaN where none counts
 
     @classmethod
     def of(cls, dear: np.ndarray, cheap: np.ndarray, *, apart: bool = False) -> Self | None:

@@ -20,20 +20,11 @@ FARTHEST_CELL = 1.0  # cell over macro length
 
 @dataclass(frozen=True)
 class ScaleSeparation:
-    r"""Ratios of the scales, with cautions.
+    r"""Ratios of the scales, with cautions."""
 
-    Attributes
-    ----------
-    wavelength_ratio : float
-        :math:`\varepsilon = \lambda_l / \ell`, longest wavelength over macro length.
-    cell_ratio : float
-        Size of the cell over the extent of the structure, which averages over its cells.
-    cautions : tuple of str, a sentence for each scale that is not separate; empty if all are
-    """
-
-    wavelength_ratio: float
-    cell_ratio: float
-    cautions: tuple[str, ...]
+    wavelength_ratio: float  # longest wavelength over macro length
+    cell_ratio: float  # edge of the cell over the extent of the structure
+    cautions: tuple[str, ...]  # of scales that are not separate
 
     def __str__(self) -> str:
         """Return the report as text."""

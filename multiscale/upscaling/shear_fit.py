@@ -306,19 +306,11 @@ NODES = np.polynomial.legendre.leggauss(48)  # of an integral over the amplitude
 
 @dataclass(frozen=True, eq=False)
 class LossRatio:
-    """Loss of cells over the loss of the bed.
+    """Loss of cells over the loss of the bed."""
 
-    Attributes
-    ----------
-    pressure : ndarray, shape (cycles,), mean pressure, Pa
-    amplitude : ndarray, shape (cycles,), of the traction of the mean cell, over full slip
-    ratio : ndarray, shape (realisations, cycles, 2)
-        With the bed in a cycle of the same slip, and in a cycle of the same traction.
-    """
-
-    pressure: np.ndarray
-    amplitude: np.ndarray
-    ratio: np.ndarray
+    pressure: np.ndarray  # (cycles,), Pa
+    amplitude: np.ndarray  # (cycles,), of the traction of the mean cell over full slip
+    ratio: np.ndarray  # (realisations, cycles, 2), at equal slip and at equal traction
 
 
 def measure_loss(

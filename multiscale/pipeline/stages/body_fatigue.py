@@ -80,22 +80,13 @@ LACKS = (
 
 @dataclass(frozen=True, eq=False)
 class _Cycled:
-    """The structure under its cycles, and the body that is followed.
-
-    Attributes
-    ----------
-    bodies, case
-        Settings.
-    laws : sequence of Dataset or None, of every interface
-    method : Method
-    number : int, of the body that is followed
-    """
+    """The structure under its cycles, and the body that is followed."""
 
     bodies: Bodies
     case: Case
-    laws: Sequence[Dataset | None]
+    laws: Sequence[Dataset | None]  # of every interface
     method: "substructures.Method"
-    number: int
+    number: int  # of the body that is followed
 
     @property
     def sliders(self) -> list[InterfaceLaw]:
