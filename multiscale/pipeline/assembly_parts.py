@@ -311,6 +311,15 @@ class MeshedBody(Material):
         between = [mesh.edges] if mesh.t.shape[0] == 4 else [mesh.edges, mesh.facets, mesh.t]
         return sum(one.shape[1] for one in (mesh.p, *between[: 3 * (self.order_on(mesh) - 1)]))
 
+    def count_face_nodes(self, mesh: "Mesh", boundary: str) -> int:
+        """Count the nodes of the body on a boundary."""
+        facets = mesh.boundaries[boundary]
+        corners = np.unique(mesh.facets[:, facets]).size
+        if self.order_on(mesh) == 1:
+            return corners
+        middles = facets.size * (mesh.t.shape[0] == 8)  # of quadrilaterals
+        return corners + np.unique(mesh.f2e[:, facets]).size + middles
+
     def order_on(self, mesh: "Mesh") -> int:
         """Order of the elements on its mesh."""
         return self.order or (2 if mesh.t.shape[0] == 4 else 1)

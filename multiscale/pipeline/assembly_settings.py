@@ -221,7 +221,7 @@ class Bodies(StructureKind):
         points = 0
         for number, joint in enumerate(self.interfaces):
             body, face = self.place(meshes, f"interface {number}", joint.sides[1])
-            points += np.unique(meshes[body].facets[:, meshes[body].boundaries[face]]).size
+            points += self.bodies[body].count_face_nodes(meshes[body], face)
         return substructures.JointSize(
             3 * nodes, points, len(meshes), len(self.path(case, ()).factors())
         )
