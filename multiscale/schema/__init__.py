@@ -44,7 +44,6 @@ from multiscale.schema.structure_schema import (
     VIBRATION,
 )
 from multiscale.schema.study_schema import (
-    END_TO_END,
     STABILITY,
     SWEEP,
     WORK_PRECISION,
@@ -59,7 +58,6 @@ __all__ = [
     "CRACK_BAND",
     "CRACK_GROWTH",
     "DAMAGE_SECTIONS",
-    "END_TO_END",
     "ERROR_BUDGET",
     "FATIGUE",
     "FATIGUE_LIFE",
@@ -123,7 +121,6 @@ SCHEMAS = {
         SEAL,
         VIBRATION,
         GRANULATE,
-        END_TO_END,
         SWEEP,
         SHEAR_RESPONSE,
         COARSER_RESPONSE,

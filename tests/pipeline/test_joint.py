@@ -11,7 +11,7 @@ from multiscale.pipeline import load_case
 from multiscale.pipeline.showing import list_facts, round_by
 from multiscale.pipeline.stages.joint import JOINT, JOINT_TABLE, solve_joint
 from multiscale.schema import INTERFACE_LAW
-from multiscale.studies.rough_structure import Answer, checked
+from multiscale.studies.rough_structures import Answer, checked
 from multiscale.upscaling import assume_shear, hysteretic_from_dataset, with_intervals
 
 PRELOADS = (5e6, 40e6, 400e6, 600e6)  # of cells up to 240 MPa

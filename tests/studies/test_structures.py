@@ -6,7 +6,7 @@ import pytest
 from multiscale.laws import Exponential
 from multiscale.laws.bulk import Elastic
 from multiscale.studies import RoughWave, TiltedJoint
-from multiscale.studies.rough_wave import half_space_stiffness
+from multiscale.studies.rough_structures import half_space_stiffness
 from tests.closed_forms import westergaard
 
 LENGTH, MODULUS = 1e-3, 1e11

@@ -1,22 +1,24 @@
-"""Three ways to one answer, and the parts of the error from cells to structure."""
+"""Three ways to one answer: a law, cells at every point, and all roughness resolved."""
+
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from multiscale.errors import CaseError
-from multiscale.plotting import draw_work_precision
-from multiscale.schema import END_TO_END, WORK_PRECISION
+from multiscale.io import open_dataset
+from multiscale.schema import WORK_PRECISION
 from multiscale.studies import (
-    EndToEndCase,
     RoughWave,
     TiltedJoint,
-    end_to_end,
     solve_concurrent,
     solve_direct,
     solve_sequential,
-    three_ways,
 )
-from multiscale.studies.three_ways import Effort
+from multiscale.upscaling import fit_law, law_from_dataset
+
+SCRIPT = Path(__file__).parents[2] / "workflows" / "three_ways.py"
 
 
 def test_law_and_cell_of_one_surface_agree():
@@ -50,79 +52,73 @@ def test_a_seed_gives_the_cell_the_surface_of_the_structure():
 
 
 @pytest.mark.slow
-def test_three_ways_leave_errors_times_and_a_figure(tmp_path):
-    lines = []
-    found = three_ways(
-        (Effort(1 / 4, 2),),
-        scenes=("rough wave",),
-        cells=2,
-        points_per_wave=4,
-        report=lines.append,
-    )
-    WORK_PRECISION.check(found)
+def test_three_ways_leave_errors_times_and_a_figure(tmp_path, capsys):
+    assert not runpy.run_path(str(SCRIPT))["main"](["--quick", "-o", str(tmp_path)])
+    assert len(capsys.readouterr().out.splitlines()) == 8
+    found = open_dataset(tmp_path / "work_precision.nc", WORK_PRECISION)
     methods = [
         "sequential",
         "sequential, law at hand",
         "concurrent",
         "direct, 4 points per wave",
     ]
-    assert list(found["method"].values) == methods
-    assert len(lines) == 4
-    law, again, cells, direct = found["error"].values
-    assert direct < 0.01
-    assert max(law, cells) < 0.15
-    assert law == again
+    assert list(found["method"].values) == 2 * methods
+    law, again, cells, direct = found["error"].values.reshape(2, 4).T
+    assert np.all(direct < 0.02)
+    assert max(law[0], cells[0]) < 0.15
+    np.testing.assert_array_equal(law, again)
     assert np.all(found["wall_time"] > 0.0)
-    np.testing.assert_array_equal(found["cells_solved"].values > 0, [True, True, True, False])
-    assert found["cells_reused"].values[2] > found["cells_solved"].values[2]
-    file = draw_work_precision(found, tmp_path / "three_ways.png")
-    assert file.read_bytes().startswith(b"\x89PNG")
+    np.testing.assert_array_equal(found["cells_solved"].values > 0, 2 * [True, True, True, False])
+    assert np.all(found["cells_reused"].values[2::4] > found["cells_solved"].values[2::4])
+    assert (tmp_path / "work_precision.png").read_bytes().startswith(b"\x89PNG")
 
 
-def check_parts(table):
-    """The parts add up, and what they say is what the columns say."""
-    END_TO_END.check(table)
-    np.testing.assert_allclose(
-        table["error_part"].sum("error_term"), table["gap_error"], atol=1e-12
-    )
-    np.testing.assert_allclose(
-        table["gap_law"] / table["gap_direct"] - 1.0, table["gap_error"], rtol=1e-9, atol=1e-12
-    )
-    assert np.all(table["gap_error_uncertainty"] > 0.0)
+EFFORTS = {4: (40, 8), 8: (16, 8), 16: (8, 8), 32: (6, 4)}
+"""Structures resolved, and points per wave, by the number of longest waves along them."""
+
+
+def gap_of(wave, cells, left):
+    """Mean gap of the wave with the law of some of the cells."""
+    law = fit_law(cells.response.isel(realisation=left), n_samples=0)
+    return wave.solve(law_from_dataset(law)).mean_gap
+
+
+def standard_error(gap_without, n):
+    """Standard error of an answer from those that leave a tenth of the seeds out in turn."""
+    parts = np.array_split(np.arange(n), min(n, 10))
+    gaps = [gap_without(np.setdiff1d(np.arange(n), part)) for part in parts]
+    return np.sqrt((len(parts) - 1) * np.var(gaps))
 
 
 @pytest.mark.parametrize(
-    "number",
-    [
-        pytest.param(0, id="1/4", marks=pytest.mark.slow),
-        *(pytest.param(n, id=f"1/{4 * 2**n}", marks=pytest.mark.long) for n in (1, 2, 3)),
-    ],
+    "waves",
+    [pytest.param(n, marks=pytest.mark.slow if n == 4 else pytest.mark.long) for n in EFFORTS],
 )
-def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(number):
+def test_a_rough_wave_with_a_law_has_the_gap_of_the_wave_resolved(waves):
     """Errors within 3 % at a standard error of at most 0.7 %; no order in the ratio is claimed."""
-    from multiscale.studies.end_to_end import CASES
+    wave, (count, points) = RoughWave(1 / waves), EFFORTS[waves]
+    direct = solve_direct(wave, range(count), points_per_wave=points)
+    cells = solve_sequential(wave, range(40), points_per_wave=points)
+    same = solve_sequential(wave, range(count), points_per_wave=points, waves=waves)
+    exact = direct.mean_gap
+    assert abs(cells.mean_gap / exact - 1.0) <= 0.03
+    assert abs(same.mean_gap / exact - 1.0) <= 0.03  # with the surfaces of the structures
+    error = standard_error(lambda left: gap_of(wave, cells, left), 40) / exact
+    error = np.hypot(error, np.std(direct.gaps, ddof=1) / np.sqrt(count) / exact)
+    if waves == 4:  # cells and structures have the same surfaces
+        error = standard_error(
+            lambda left: gap_of(wave, cells, left) / np.mean(direct.gaps[left]), count
+        )
+    assert error <= 0.007
+    fraction = np.mean([one.contact_fraction for one in direct.answers])
+    assert cells.answers[0].contact_fraction / fraction == pytest.approx(1.0, abs=0.06)
+    solved = solve_concurrent(wave, range(8), points_per_wave=points)
+    laws = [gap_of(wave, cells, [k]) for k in range(8)]
+    assert abs(np.mean(laws - solved.gaps)) / exact <= 0.01  # of the fit
 
-    table = end_to_end([CASES[number]])
-    check_parts(table)
-    assert np.all(np.isfinite(table["error_part"]))
-    assert abs(float(table["gap_error"][0])) <= 0.03
-    assert float(table["gap_error_uncertainty"][0]) <= 0.007
-    assert abs(float(table["paired_error"][0])) <= 0.03
-    assert float(table["area_law"][0] / table["area_direct"][0]) == pytest.approx(1.0, abs=0.06)
-    assert abs(float(table["error_part"].sel(error_term="fit")[0])) <= 0.01
-    assert abs(float(table["error_part"].sel(error_term="discretisation of the law")[0])) <= 0.01
 
-
-def test_what_cannot_be_computed_is_refused():
+def test_a_ratio_that_is_not_one_over_a_whole_number_is_refused():
     with pytest.raises(CaseError, match="one over a whole number of at least 4, such as 1/8"):
         RoughWave(0.3)
     with pytest.raises(CaseError, match="one over a whole number"):
         TiltedJoint(0.5)
-    with pytest.raises(CaseError, match="cells must be at least 3, so that there is a scatter"):
-        EndToEndCase(1 / 4, cells=2, realisations=5)
-    with pytest.raises(CaseError, match="realisations must be at least 2, got 1"):
-        Effort(1 / 4, 1)
-    with pytest.raises(CaseError, match="4 points per wave times a power of two"):
-        Effort(1 / 4, 2, finest=12)
-    with pytest.raises(CaseError, match=r"scenes of .*, got \['plate'\]"):
-        three_ways(scenes=("plate",))

@@ -26,9 +26,9 @@ for solve in (solve_sequential, solve_concurrent, solve_direct):
 # substructures take it as any other law. It presses a flat, elastic, frictionless cell where a gap
 # asks for it, and no pressure twice; law.account counts the cells pressed and reused.
 #
-# end_to_end() compares the sequential way with the direct one on the same seeds and splits the
-# error: sampling, cell size, fit, both discretisations, and a remainder, which holds the scale
-# separation. For the rough wave, with cells of four longest waves (+- one standard error):
+# The sequential way beside the direct one on the same seeds splits the error: sampling, cell size,
+# fit, both discretisations, and a remainder, which holds the scale separation. For the rough wave,
+# with cells of four longest waves (+- one standard error; tests/studies/test_three_ways.py):
 #
 #   longest wave   gap over rms height   resolved   error           of it: cell size
 #   1/4            1.165                 1.163      +0.2 +- 0.3 %   0
@@ -39,10 +39,10 @@ for solve in (solve_sequential, solve_concurrent, solve_direct):
 # The remainder is within its standard error, 0.3 to 0.4 %, at every ratio, so that the error of the
 # scale separation is too small for this table.
 #
-# three_ways() measures error against run time; workflows/three_ways.py does both and draws the
-# figure. Its truth is each structure with its own surface, which a law does not know: with few
-# waves along a structure this is the largest error, a tenth and more in a joint of profiles
-# (TiltedJoint). Resolving the wave by transforms is more exact and faster than pressing eight
-# cells, down to 1/32. Resolving the joint by finite elements is so down to 1/8; at 1/32 the law is
-# faster and as exact. A law pays where little can be resolved, and where it serves again: then only
-# the structure is left to solve.
+# workflows/three_ways.py measures error against run time, and draws the figure. Its truth is each
+# structure with its own surface, which a law does not know: with few waves along a structure this
+# is the largest error, a tenth and more in a joint of profiles (TiltedJoint). Resolving the wave
+# by transforms is more exact and faster than pressing eight cells, down to 1/32. Resolving the
+# joint by finite elements is so down to 1/8; at 1/32 the law is faster and as exact. A law pays
+# where little can be resolved, and where it serves again: then only the structure is left to
+# solve.

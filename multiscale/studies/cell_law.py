@@ -1,10 +1,11 @@
-"""The concurrent way: an interface law that presses a cell wherever the structure asks for one."""
+"""The concurrent way: an interface law that presses a cell wherever a structure asks for one."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from multiscale.convergence import Status
 from multiscale.errors import CaseError, ConvergenceError
@@ -119,26 +120,28 @@ class CellLaw(NormalLaw):
         with np.errstate(divide="ignore"):
             x = np.log(target.ravel() / memory.lowest)
         k = np.clip(np.floor(x / memory.step), 0, memory.last - 1).astype(int)
-        near, far, slope, next_slope = memory.ends(k)
+        spline = memory.spline(k)
+        near, far = (np.array([memory.gaps[int(one)] for one in k + end]) for end in (0, 1))
         low, high = far, near
         for _ in range(HALVINGS):  # of intervals from p(low) >= p to p(high) <= p
             middle = 0.5 * (low + high)
-            above = memory.between(k, middle)[0] > x
+            above = spline(-middle) > x
             low, high = np.where(above, middle, low), np.where(above, high, middle)
-        gap = 0.5 * (low + high)
-        end = memory.last * memory.step
-        gap = np.where(x <= 0.0, near + x / slope, gap)
-        gap = np.where(x >= end, far + (x - end) / next_slope, gap)
-        return np.asarray(gap.reshape(target.shape))
+        end = np.where(x <= 0.0, near, far)  # beyond it the tangent
+        straight = end - (x - spline(-end)) / spline(-end, 1)
+        inside = (x > 0.0) & (x < memory.last * memory.step)
+        return np.asarray(np.where(inside, 0.5 * (low + high), straight).reshape(target.shape))
 
     def _answer(self, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pressure, Pa, and stiffness, Pa/m, at local gaps, m; NaN where the gap is."""
         memory, g = self._memory, np.array(gap, dtype=float)
         p, K = np.where(np.isnan(g), np.nan, np.zeros((2, *g.shape)))
         known = np.isfinite(g)
-        x, slope = memory.between(memory.enclose(g[known]), g[known])
-        p[known] = memory.lowest * np.exp(x)
-        K[known] = -p[known] * slope
+        spline = memory.spline(memory.enclose(g[known]))
+        inside = np.clip(-g[known], spline.x[0], spline.x[-1])  # beyond, the tangent
+        slope = spline(inside, 1)
+        p[known] = memory.lowest * np.exp(spline(inside) + slope * (-g[known] - inside))
+        K[known] = p[known] * slope
         return p, K
 
 
@@ -153,26 +156,27 @@ class _Memory:
         self.gaps: dict[int, float] = {}
         self.account = {"solved": 0, "reused": 0, "linear_iterations": 0}
 
-    def gap(self, k: int) -> float:
-        """Mean gap at one of the pressures, m, from memory or from the cell."""
-        if k not in self.gaps:
-            pressure = self.lowest * np.exp(k * self.step)
-            load = pressure * self.problem.area
-            # no other state helps to begin, so that none changes the answer by the tolerance
-            found = self.problem.solve(load=load, approach=None, start=None, tolerance=0.0)
-            if found.status is not Status.CONVERGED:
-                raise ConvergenceError(
-                    f"the cell of a law did not converge at {pressure:.4g} Pa: {found.status.value}"
-                )
-            self.gaps[k] = self.problem.surface(found).mean_gap
-            self.account["solved"] += 1
-            self.account["linear_iterations"] += found.linear_iterations
-        return self.gaps[k]
+    def press(self, k: int) -> None:
+        """Remember the mean gap at a pressure, m."""
+        if k in self.gaps:
+            return
+        pressure = self.lowest * np.exp(k * self.step)
+        load = pressure * self.problem.area
+        # no other state helps to begin, so that none changes the answer by the tolerance
+        found = self.problem.solve(load=load, approach=None, start=None, tolerance=0.0)
+        if found.status is not Status.CONVERGED:
+            raise ConvergenceError(
+                f"the cell of a law did not converge at {pressure:.4g} Pa: {found.status.value}"
+            )
+        self.gaps[k] = self.problem.surface(found).mean_gap
+        self.account["solved"] += 1
+        self.account["linear_iterations"] += found.linear_iterations
 
     def enclose(self, gap: np.ndarray) -> np.ndarray:
         """Numbers k of the pressures whose gaps, with the next ones, enclose gaps, m."""
         before = self.account["solved"]
-        self.gap(0), self.gap(self.last)
+        self.press(0)
+        self.press(self.last)
         while True:
             k = np.array(sorted(self.gaps))
             g = np.array([self.gaps[one] for one in k])
@@ -181,35 +185,29 @@ class _Memory:
             if not wide.size:
                 break
             for one in wide:
-                self.gap(int(k[one] + k[one + 1]) // 2)
+                self.press(int(k[one] + k[one + 1]) // 2)
         self.account["reused"] += max(gap.size - (self.account["solved"] - before), 0)
-        return k[at]
+        return np.asarray(k[at])
 
-    def ends(self, k: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Gaps at both ends of intervals, m, and the slopes (1) there, 1/m."""
+    def spline(self, k: np.ndarray) -> CubicHermiteSpline:
+        """Logarithm of the pressure over the lowest against minus the gap, in intervals k.
+
+        In other intervals, where cells between are not known, it means nothing.
+        """
         asked = np.unique(np.clip(k[:, None] + np.arange(-1, 3), 0, self.last))
-        g = np.full(self.last + 1, np.nan)
-        g[asked] = [self.gap(int(one)) for one in asked]
-        if np.any(g[asked[:-1]] <= CLOSED * self.gap(0)):  # it may close at the last one
+        for one in (0, self.last, *asked):
+            self.press(int(one))
+        known = np.array(sorted(self.gaps))
+        g = np.array([self.gaps[one] for one in known])
+        closed = known[g <= CLOSED * g[0]]
+        if closed.size and np.any(asked > closed[0]):  # it may close at the last one
             pressure = self.lowest * np.exp(asked[-1] * self.step)
             raise CaseError(
                 f"the cell of a law is closed at {pressure:.4g} Pa, where any pressure has its "
                 f"gap; lower the highest of its pressures"
             )
-
-        def slope(k: np.ndarray) -> np.ndarray:
-            low, high = np.clip([k - 1, k + 1], 0, self.last)
-            return np.asarray((high - low) * self.step / (g[high] - g[low]))  # (1)
-
-        return g[k], g[k + 1], slope(k), slope(k + 1)
-
-    def between(self, k: np.ndarray, gap: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Logarithm of the pressure over the lowest at gaps in intervals k, and its slope, 1/m."""
-        near, far, slope, next_slope = self.ends(k)
-        width = far - near
-        s = np.clip((gap - near) / width, 0.0, 1.0)  # 0 at g_k, 1 at g_(k+1)
-        d1, d2 = width * slope - self.step, width * next_slope - self.step
-        x = s * self.step + s * (1.0 - s) * (d1 * (1.0 - s) - d2 * s)
-        rise = self.step + (1.0 - s) * (1.0 - 3.0 * s) * d1 - s * (2.0 - 3.0 * s) * d2
-        inside = near + s * width  # beyond the last pressures the tangent
-        return k * self.step + x + rise / width * (gap - inside), rise / width
+        known = known[: known.size - max(closed.size - 1, 0)]
+        g = g[: known.size]
+        low, high = np.clip(np.arange(known.size) + np.array([[-1], [1]]), 0, known.size - 1)
+        slope = (known[high] - known[low]) * self.step / (g[low] - g[high])  # (1)
+        return CubicHermiteSpline(-g, known * self.step, slope)
