@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from multiscale.laws.bulk import BulkLaw
 from multiscale.laws.bulk.bulk_law import cofactor_derivative, volume_ratio
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
     from skfem import CellBasis, Element, Mesh
 
 __all__ = [
@@ -97,11 +97,13 @@ def element_response(
     state: np.ndarray,
     *,
     shape_only: bool = False,
-) -> tuple[np.ndarray, csr_array, np.ndarray, float]:
+) -> "tuple[np.ndarray, csr_array, np.ndarray, float]":
     """Compute internal force, tangent, new state and smallest volume ratio of a body.
 
     Maybe without the resistance of the law to a change of volume.
     """
+    from scipy.sparse import csr_array
+
     from multiscale.fe.integration import integrate
 
     G, w = elements.gradient, elements.weight
@@ -147,8 +149,10 @@ def element_response(
 
 def sum_blocks(
     blocks: np.ndarray, rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]
-) -> csr_array:
+) -> "csr_array":
     """Sum blocks (n, r, c) into a matrix, at their rows (n, r) and columns (n, c)."""
+    from scipy.sparse import csr_array
+
     i = np.broadcast_to(rows[:, :, None], blocks.shape)
     j = np.broadcast_to(columns[:, None, :], blocks.shape)
     return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)

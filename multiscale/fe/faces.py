@@ -26,12 +26,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
 from multiscale.errors import CaseError, listed
 from multiscale.fe.elements import sum_blocks
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
     from skfem import CellBasis, Mesh
 
 __all__ = [
@@ -185,8 +185,9 @@ def plane_axes(place: np.ndarray) -> np.ndarray:
 
 def face_operator(
     basis: "CellBasis", boundary: str, *, order: int = 3
-) -> tuple[csr_array, np.ndarray, np.ndarray]:
+) -> "tuple[csr_array, np.ndarray, np.ndarray]":
     """Values of a component at the Gauss points of a face, their areas, m², and positions, m."""
+    from scipy.sparse import csr_array
     from skfem import FacetBasis
 
     check_boundary(basis.mesh, boundary)
@@ -205,7 +206,7 @@ def face_operator(
 
 def face_points(
     basis: "CellBasis", boundary: str, order: int | None = None
-) -> tuple[csr_array, csr_array]:
+) -> "tuple[csr_array, csr_array]":
     """Values of a component at the points of a face, and areas of the points in its facets, m².
 
     Points are the Gauss points of an order, or the nodes: tractions of stiff interfaces oscillate
@@ -213,6 +214,7 @@ def face_points(
     Eng. 36 (1993) 43-66, doi:10.1002/nme.1620360104). Shapes (points, nodes of the body) and
     (points, facets).
     """
+    from scipy.sparse import csr_array
     from skfem import FacetBasis
 
     check_boundary(basis.mesh, boundary)
@@ -296,7 +298,7 @@ def mortar_rows(
     *,
     columns: tuple[np.ndarray, np.ndarray] | None = None,
     sizes: tuple[int, int] | None = None,
-) -> tuple[csr_array, csr_array]:
+) -> "tuple[csr_array, csr_array]":
     """Matrices D and M of (1) over the common area of two faces, m².
 
     Facets count the rows of ``positions``, which are the rows of the matrices too. The nodes of
@@ -319,8 +321,10 @@ def mortar_rows(
     return D, M
 
 
-def mean_rows(D: csr_array, M: csr_array) -> tuple[csr_array, csr_array, np.ndarray]:
+def mean_rows(D: "csr_array", M: "csr_array") -> "tuple[csr_array, csr_array, np.ndarray]":
     """Mean values of both sides about the corners of side 1 with an area, and these areas, m²."""
+    from scipy.sparse import csr_array, diags_array
+
     area = D.sum(axis=1)
     corners = np.flatnonzero(area > SLIVER * area.max(initial=0.0))
     inverse = diags_array(1.0 / area[corners])

@@ -10,7 +10,6 @@ from multiscale import macro
 from multiscale.errors import ConvergenceError
 from multiscale.io import write_body_fields, write_link_fields
 from multiscale.macro import substructures
-from multiscale.macro.links.link_system import link_needs
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
@@ -217,6 +216,8 @@ def _with_links(result: Dataset, system: "macro.LinkSystem") -> Dataset:
 
 
 def _needs(links: LinkStructure, case: Case) -> Needs:
+    from multiscale.macro.links.link_system import link_needs
+
     system, statics, motion = links.build(), case.statics, case.dynamics
     if case.substructures is not None:
         return cut_needs(
