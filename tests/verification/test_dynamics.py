@@ -12,16 +12,19 @@ from tests.support import observed_rate
 GRAVITY = 9.81
 
 
+def line(places, laws, free, weight=0.0, *, axis=2):
+    """Nodes along an axis, links between neighbours, of one law or one each, and what is free."""
+    n = len(places)
+    position, load, fixed = np.zeros((n, 3)), np.zeros((n, 3)), np.ones((n, 3), dtype=bool)
+    position[:, axis], load[-1, axis], fixed[free, axis] = places, -weight, False
+    kind = np.arange(n - 1) if len(laws) == n - 1 else np.repeat([0, 1], [1, n - 2])
+    ends = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    return LinkSystem(position, ends, tuple(laws), kind, fixed, load)
+
+
 def hanging(law, weight=GRAVITY):
     """A point of 1 kg under a cable of 1 m: node 1 hangs at the origin from node 0."""
-    return LinkSystem(
-        position=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]),
-        ends=np.array([[0, 1]]),
-        laws=(law,),
-        kind=np.array([0]),
-        fixed=np.array([[True, True, True], [True, True, False]]),
-        load=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -weight]]),
-    )
+    return line([1.0, 0.0], [law], [1], weight)
 
 
 def lifted(height, nodes=2):
@@ -95,14 +98,7 @@ def test_stiffer_cables_tend_to_the_inextensible_one():
 
 @pytest.mark.parametrize(("h", "error"), [(1e-2, 2e-2), (1e-3, 2e-3)])
 def test_a_bouncing_point_is_where_it_should_be(h, error):
-    ground = LinkSystem(
-        position=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-        ends=np.array([[0, 1]]),
-        laws=(Strut(np.inf),),
-        kind=np.array([0]),
-        fixed=np.array([[True, True, True], [True, True, False]]),
-        load=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -GRAVITY]]),
-    )
+    ground = line([0.0, 1.0], [Strut(np.inf)], [1], GRAVITY)
     times = np.linspace(0.0, 3.0, round(3.0 / h) + 1)
     response = simulate(ground, times, 1.0, start=lifted(1.0), theta=0.5, restitution=0.9)
     assert response["converged"].values.all()
@@ -115,32 +111,21 @@ def test_a_bouncing_point_is_where_it_should_be(h, error):
 
 def bar_before_wall(elements):
     """Bar of 10 m, E A = 900 N, 1 kg/m; node 1 touches the wall when it has not moved."""
-    position = np.zeros((elements + 2, 3))
-    position[0, 0] = -1.0
-    position[1:, 0] = np.linspace(0.0, 10.0, elements + 1)
-    fixed = np.ones((elements + 2, 3), dtype=bool)
-    fixed[1:, 0] = False
-    system = LinkSystem(
-        position=position,
-        ends=np.stack([np.arange(elements + 1), np.arange(1, elements + 2)], axis=1),
-        laws=(Strut(np.inf), Bar(900.0)),
-        kind=np.repeat([0, 1], [1, elements]),
-        fixed=fixed,
-        load=np.zeros((elements + 2, 3)),
-    )
+    places = [-1.0, *np.linspace(0.0, 10.0, elements + 1)]
+    system = line(places, [Strut(np.inf), Bar(900.0)], range(1, elements + 2), axis=0)
     mass = np.full(elements + 2, 10.0 / elements)
     mass[[1, -1]] *= 0.5
-    return system, mass
+    displacement, velocity = np.zeros((2, elements + 2, 3))
+    displacement[1:, 0], velocity[1:, 0] = 5.0, -10.0
+    return system, mass, (displacement, velocity)
 
 
 @pytest.mark.slow
 def test_a_bar_hits_a_wall_and_comes_back():
-    system, mass = bar_before_wall(100)
-    displacement, velocity = np.zeros((2, 102, 3))
-    displacement[1:, 0], velocity[1:, 0] = 5.0, -10.0
+    system, mass, start = bar_before_wall(100)
     h = 1e-3
     times = np.arange(2001) * h
-    response = simulate(system, times, mass, start=(displacement, velocity))
+    response = simulate(system, times, mass, start=start)
     pressing = times[response["impulse"].values[:, 0] < -1e-9]
     assert pressing[0] == pytest.approx(0.5, abs=5e-3)
     assert pressing[-1] == pytest.approx(7.0 / 6.0, abs=7e-3)
@@ -151,12 +136,8 @@ def test_a_bar_hits_a_wall_and_comes_back():
 
 @pytest.mark.slow
 def test_the_bar_rebounds_with_the_speed_it_came_with():
-    system, mass = bar_before_wall(100)
-    displacement, velocity = np.zeros((2, 102, 3))
-    displacement[1:, 0], velocity[1:, 0] = 5.0, -10.0
-    response = simulate(
-        system, np.arange(4001) * 4e-4, mass, start=(displacement, velocity), theta=0.5
-    )
+    system, mass, start = bar_before_wall(100)
+    response = simulate(system, np.arange(4001) * 4e-4, mass, start=start, theta=0.5)
     momentum = np.sum(mass[1:] * response["velocity"].values[-1, 1:, 0])
     assert momentum / 10.0 == pytest.approx(10.0, rel=2e-2)
     energy = response["kinetic_energy"].values[-1] + response["elastic_energy"].values[-1]
@@ -239,18 +220,8 @@ def two_masses(stiffness, ratio):
 
     A cable of another stiffness joins them; all run along z and are as long as they are.
     """
-    position = np.zeros((4, 3))
-    position[:, 2] = np.arange(4.0)
-    fixed = np.ones((4, 3), dtype=bool)
-    fixed[1:3, 2] = False
-    return LinkSystem(
-        position=position,
-        ends=np.array([[0, 1], [1, 2], [2, 3]]),
-        laws=(Cable(stiffness), Cable(ratio * stiffness), Cable(np.inf)),
-        kind=np.arange(3),
-        fixed=fixed,
-        load=np.zeros((4, 3)),
-    )
+    laws = Cable(stiffness), Cable(ratio * stiffness), Cable(np.inf)
+    return line(np.arange(4.0), laws, [1, 2])
 
 
 @pytest.mark.parametrize("theta", [0.5, 0.75, 1.0])
