@@ -5,10 +5,23 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csc_array, diags_array, vstack
 
-from multiscale.laws.link import Bar
+from multiscale.laws.link import Bar, Beam
 from multiscale.macro import LinkSystem, tensegrity_grid
 from multiscale.macro.links.link_equations import equations
 from multiscale.nonsmooth.refusals import solve_conic
+
+
+def structure(position, ends, *laws, held, kind=None, load=None, **options):
+    """Links between points; ``held`` has fixed components by node, ``load`` forces by node."""
+    position, ends = np.array(position, dtype=float), np.array(ends)
+    shape = (len(position), 6 if any(isinstance(law, Beam) for law in laws) else 3)
+    fixed, force = np.zeros(shape, dtype=bool), np.zeros(shape)
+    for node, components in held.items():
+        fixed[node, components] = True
+    for node, values in (load or {}).items():
+        force[node, : len(values)] = values
+    kind = np.zeros(len(ends), dtype=int) if kind is None else np.array(kind)
+    return LinkSystem(position, ends, laws, kind, fixed, force, **options)
 
 
 def free_module(**options):

@@ -8,18 +8,20 @@ from scipy.optimize import brentq
 
 from multiscale.errors import CaseError
 from multiscale.laws.link import Bar, Beam, Cable, Strut
-from multiscale.macro import (
-    LinkSystem,
-    cable_net,
-    solve_static,
-    tensegrity_grid,
-)
+from multiscale.macro import cable_net, solve_static, tensegrity_grid
 from multiscale.macro.links import link_newton
 from multiscale.macro.links.link_equations import Tangent, compatibility, equations
 from multiscale.macro.links.link_newton import unbalanced_zones
 from multiscale.macro.links.mechanisms import name_motion
 from multiscale.numerics.newton import Limits
-from tests.link_structures import solve_dual_program
+from tests.link_structures import solve_dual_program, structure
+
+ALL = slice(None)
+
+
+def chain(links):
+    """Ends of links one after the other."""
+    return np.stack([np.arange(links), np.arange(1, links + 1)], axis=1)
 
 
 def equilibrium_error(system, result, load_factor):
@@ -178,27 +180,22 @@ def test_inextensible_cables_are_the_limit_of_stiff_ones():
     np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10.0, rtol=0.1)
 
 
-def test_methods_that_need_extensible_links_are_refused_without():
-    grid = tensegrity_grid(2, cable=Cable(np.inf))
-    for method in ("newton", "lcp"):
-        with pytest.raises(CaseError, match=f"method '{method}' needs extensible links"):
-            solve_static(grid, method=method)
-    with pytest.raises(CaseError, match="exact needs extensible links"):
-        solve_static(grid, exact=True)
-
-
-def test_faulty_options_are_refused():
-    grid = tensegrity_grid(2)
-    with pytest.raises(CaseError, match="method 'magic' does not exist"):
-        solve_static(grid, method="magic")
-    with pytest.raises(CaseError, match="load_factor must be a finite number"):
-        solve_static(grid, [0.0, np.nan])
-    with pytest.raises(CaseError, match="leave out exact"):
-        solve_static(grid, exact=True, stability=True)
-    with pytest.raises(CaseError, match="exact has one method"):
-        solve_static(grid, exact=True, method="lcp")
-    with pytest.raises(CaseError, match="at most 5000; use method='auto'"):
-        solve_static(tensegrity_grid(21), method="lcp")
+@pytest.mark.parametrize(
+    ("modules", "cable", "options", "message"),
+    [
+        (2, Cable(np.inf), {"method": "newton"}, "method 'newton' needs extensible links"),
+        (2, Cable(np.inf), {"method": "lcp"}, "method 'lcp' needs extensible links"),
+        (2, Cable(np.inf), {"exact": True}, "exact needs extensible links"),
+        (2, None, {"method": "magic"}, "method 'magic' does not exist"),
+        (2, None, {"load_factor": [0.0, np.nan]}, "load_factor must be a finite number"),
+        (2, None, {"exact": True, "stability": True}, "leave out exact"),
+        (2, None, {"exact": True, "method": "lcp"}, "exact has one method"),
+        (21, None, {"method": "lcp"}, "at most 5000; use method='auto'"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(modules, cable, options, message):
+    with pytest.raises(CaseError, match=message):
+        solve_static(tensegrity_grid(modules, cable=cable), **options)
 
 
 # --- stiff and extreme -----------------------------------------------------------------------
@@ -246,21 +243,17 @@ def test_a_cut_cable_is_carried_or_the_free_nodes_are_named():
 
 def test_a_mechanism_is_refused_with_the_node_that_moves():
     # two bars in line do not hold their joint across; prestress would, in its moved position
-    line = LinkSystem(
-        np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]),
-        np.array([[0, 1], [1, 2]]),
-        (Bar(1e6),),
-        np.zeros(2, dtype=int),
-        np.array([[True] * 3, [False] * 3, [True] * 3]),
-        np.array([[0.0] * 3, [0.0, 0.0, -10.0], [0.0] * 3]),
+    line = structure(
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0]],
+        [[0, 1], [1, 2]],
+        Bar(1e6),
+        held={0: ALL, 2: ALL},
+        load={1: (0.0, 0.0, -10.0)},
         prestress=np.array([1e3, 1e3]),
     )
     result = solve_static(line, [0.0, 1.0])
     assert np.all(result.converged == 0)
-    assert (
-        "node 1 can move without resistance; an exact analysis (exact = true) incl"
-        in result.failure
-    )
+    assert "node 1 can move without resistance; an exact analysis (exact" in result.failure
 
     moved = solve_static(line, exact=True)
     w = -float(moved.displacement.sel(node=1, component="z"))
@@ -286,13 +279,15 @@ def portal(bending_column=2e6, bending_beam=5e6, height=4.0, span=6.0):
     """Portal frame with fixed feet, 1 kN sideways at the top; nearly inextensible."""
     columns = Beam(1e13, 1e6, bending_column, bending_column)
     beam = Beam(1e13, 1e6, bending_beam, bending_beam)
-    position = np.array([[0.0, 0, 0], [0.0, 0, height], [span, 0, height], [span, 0, 0]])
-    fixed = np.zeros((4, 6), dtype=bool)
-    fixed[[0, 3]] = True
-    load = np.zeros((4, 6))
-    load[[1, 2], 0] = 500.0
-    ends = np.array([[0, 1], [1, 2], [3, 2]])
-    return LinkSystem(position, ends, (columns, beam), np.array([0, 1, 0]), fixed, load)
+    return structure(
+        [[0, 0, 0], [0, 0, height], [span, 0, height], [span, 0, 0]],
+        [[0, 1], [1, 2], [3, 2]],
+        columns,
+        beam,
+        kind=[0, 1, 0],
+        held={0: ALL, 3: ALL},
+        load={1: (500.0,), 2: (500.0,)},
+    )
 
 
 def test_a_portal_frame_sways_as_the_slope_deflection_method_says():
@@ -337,18 +332,8 @@ def test_a_cantilever_in_any_direction_bends_shears_and_twists(seed):
     y = np.cross(z, x)
     length, shear_y, shear_z = 1.7, 3e5, 4e5
     beam = Beam(1e7, 2e4, 5e4, 3e4, shear_y, shear_z, up=tuple(z + 0.3 * x))
-    load = np.zeros((2, 6))
-    load[1, :3] = 11.0 * x + 20.0 * y + 30.0 * z
-    load[1, 3:] = 7.0 * x
-    fixed = np.array([[True] * 6, [False] * 6])
-    system = LinkSystem(
-        np.array([[0.0] * 3, length * x]),
-        np.array([[0, 1]]),
-        (beam,),
-        np.zeros(1, dtype=int),
-        fixed,
-        load,
-    )
+    load = np.append(11.0 * x + 20.0 * y + 30.0 * z, 7.0 * x)
+    system = structure([0.0 * x, length * x], [[0, 1]], beam, held={0: ALL}, load={1: load})
     result = solve_static(system)
     u = result.displacement.sel(node=1).values
     turn = result.rotation.sel(node=1).values
@@ -370,15 +355,10 @@ def test_a_cantilever_in_any_direction_bends_shears_and_twists(seed):
 
 def column(pieces):
     """Cantilever under a unit axial load."""
-    position = np.zeros((pieces + 1, 3))
-    position[:, 2] = np.linspace(0.0, 2.0, pieces + 1)
-    ends = np.stack([np.arange(pieces), np.arange(1, pieces + 1)], axis=1)
-    fixed = np.zeros((pieces + 1, 6), dtype=bool)
-    fixed[0] = True
-    load = np.zeros((pieces + 1, 6))
-    load[-1, 2] = -1.0
-    law = Beam(1e8, 1e4, 1e4, 1e4)
-    return LinkSystem(position, ends, (law,), np.zeros(pieces, dtype=int), fixed, load)
+    height = np.linspace(0.0, 2.0, pieces + 1)
+    position = np.stack([0.0 * height, 0.0 * height, height], axis=1)
+    law, tip = Beam(1e8, 1e4, 1e4, 1e4), (0.0, 0.0, -1.0)
+    return structure(position, chain(pieces), law, held={0: ALL}, load={pieces: tip})
 
 
 def test_the_critical_factor_of_a_column_tends_to_eulers_load():
@@ -399,15 +379,14 @@ def test_the_critical_factor_of_a_column_tends_to_eulers_load():
 
 
 def test_two_bars_and_a_spring_buckle_at_half_spring_times_length():
-    position = np.array([[0.0, 0, 0], [1.5, 0, 0], [3.0, 0, 0], [1.5, 1.0, 0]])
-    spring = Bar(400.0)
-    system = LinkSystem(
-        position,
-        np.array([[0, 1], [1, 2], [3, 1]]),
-        (Bar(1e9), spring),
-        np.array([0, 0, 1]),
-        np.array([[True] * 3, [False, False, True], [False, True, True], [True] * 3]),
-        np.array([[0.0] * 3, [0.0] * 3, [-1.0, 0.0, 0.0], [0.0] * 3]),
+    system = structure(
+        [[0, 0, 0], [1.5, 0, 0], [3, 0, 0], [1.5, 1, 0]],
+        [[0, 1], [1, 2], [3, 1]],
+        Bar(1e9),
+        Bar(400.0),
+        kind=[0, 0, 1],
+        held={0: ALL, 1: [2], 2: [1, 2], 3: ALL},
+        load={2: (-1.0,)},
     )
     result = solve_static(system, [0.0, 100.0, 400.0], stability=True)
     np.testing.assert_allclose(result.tangent_eigenvalue, 400.0, rtol=1e-6)
@@ -441,13 +420,12 @@ def test_an_elastic_string_follows_its_closed_form():
 
 def test_a_shallow_truss_follows_its_closed_form_to_the_limit_and_beyond():
     rise = 0.1
-    arch = LinkSystem(
-        np.array([[-1.0, 0, 0], [0.0, 0, rise], [1.0, 0, 0]]),
-        np.array([[0, 1], [2, 1]]),
-        (Bar(1e6),),
-        np.zeros(2, dtype=int),
-        np.array([[True] * 3, [False, True, False], [True] * 3]),
-        np.array([[0.0] * 3, [0.0, 0.0, -1.0], [0.0] * 3]),
+    arch = structure(
+        [[-1, 0, 0], [0, 0, rise], [1, 0, 0]],
+        [[0, 1], [2, 1]],
+        Bar(1e6),
+        held={0: ALL, 1: [1], 2: ALL},
+        load={1: (0.0, 0.0, -1.0)},
     )
     length, k = np.hypot(1.0, rise), 1e6 / np.hypot(1.0, rise)
 
@@ -472,16 +450,14 @@ def test_a_nearly_straight_cable_sags_as_its_links_say(links, strain):
     span, rigidity = 10.0, 1e6
     x = np.linspace(0.0, span, links + 1)
     position = np.stack([x, 0.0 * x, -4e-3 * x * (span - x) / span**2], axis=1)
-    held = np.zeros((links + 1, 3), dtype=bool)
-    held[:, 1], held[[0, -1]] = True, True
-    load = np.zeros((links + 1, 3))
-    load[1:-1, 2] = -strain * rigidity / links
-    ends = np.stack([np.arange(links), np.arange(1, links + 1)], axis=1)
-    cable = LinkSystem(position, ends, (Cable(rigidity),), np.zeros(links, dtype=int), held, load)
+    weight = strain * rigidity / links
+    held = {0: ALL, links: ALL} | {node: [1] for node in range(1, links)}
+    load = dict.fromkeys(range(1, links), (0.0, 0.0, -weight))
+    cable = structure(position, chain(links), Cable(rigidity), held=held, load=load)
     result = solve_static(cable, [0.5, 1.0], exact=True)
     assert np.all(result.converged == 1)
     length = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    vertical = -load[1, 2] * (np.arange(links) - 0.5 * (links - 1))
+    vertical = weight * (np.arange(links) - 0.5 * (links - 1))
 
     def reach(horizontal):
         tension = np.hypot(horizontal, vertical)
@@ -494,13 +470,14 @@ def test_a_nearly_straight_cable_sags_as_its_links_say(links, strain):
 
 
 def test_a_prop_that_lifts_off_leaves_the_load_to_the_others():
-    post = LinkSystem(
-        np.array([[0.0, 0, 1], [0.0, 0, 0], [0.0, 0, 2]]),
-        np.array([[1, 0], [0, 2]]),
-        (Strut(1e6), Bar(1e6)),
-        np.array([0, 1]),
-        np.array([[True, True, False], [True] * 3, [True] * 3]),
-        np.array([[0.0, 0.0, 100.0], [0.0] * 3, [0.0] * 3]),
+    post = structure(
+        [[0, 0, 1], [0, 0, 0], [0, 0, 2]],
+        [[1, 0], [0, 2]],
+        Strut(1e6),
+        Bar(1e6),
+        kind=[0, 1],
+        held={0: [0, 1], 1: ALL, 2: ALL},
+        load={0: (0.0, 0.0, 100.0)},
     )
     lifted = solve_static(post)
     np.testing.assert_allclose(lifted.tension, [0.0, -100.0])

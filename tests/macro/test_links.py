@@ -22,7 +22,7 @@ from multiscale.macro.links.link_equations import compatibility, equations
 from multiscale.macro.links.mechanisms import smallest_eigenvalue
 from multiscale.numerics import factorisation
 from multiscale.schema import MACRO_RESULT
-from tests.link_structures import free_module, truss
+from tests.link_structures import free_module, structure, truss
 
 
 def pendulum(**changes):
@@ -58,14 +58,8 @@ def test_no_beam_deforms_in_a_rigid_motion():
     rng = np.random.default_rng(seed=2)
     position = rng.standard_normal((4, 3))
     laws = (Beam(1.0, 1.0, 1.0, 1.0, up=(0.3, -1.0, 0.2)), Bar(1.0))
-    frame = LinkSystem(
-        position,
-        np.array([[0, 1], [1, 2], [2, 3], [3, 0]]),
-        laws,
-        np.array([0, 0, 0, 1]),
-        np.zeros((4, 6), dtype=bool),
-        np.zeros((4, 6)),
-    )
+    ends = [[0, 1], [1, 2], [2, 3], [3, 0]]
+    frame = structure(position, ends, *laws, kind=[0, 0, 0, 1], held={})
     turn, shift = rng.standard_normal(3), rng.standard_normal(3)
     motion = np.hstack([shift + np.cross(turn, position), np.tile(turn, (4, 1))])
     unit = np.repeat([1.0, frame.length.mean()], 3)
@@ -77,45 +71,28 @@ def test_no_beam_deforms_in_a_rigid_motion():
 # --- bad input -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        pytest.param(
-            {"ends": np.array([[0, 2], [0, 2]])}, "node 1 has no link; connect", id="loose node"
-        ),
-        pytest.param(
-            {"position": np.array([[-1.0, 0, 1], [0.0, 0, 0], [0.0, 0, 0]])},
-            "link 1 between nodes 1 and 2 has length 0 m; merge",
-            id="zero length",
-        ),
-        pytest.param(
-            {"ends": np.array([[0, 2], [1, 2], [2, 0]]), "kind": np.zeros(3, dtype=int)},
-            "links 0 and 2 both join nodes 0 and 2; remove one",
-            id="duplicate",
-        ),
-        pytest.param(
-            {"prestress": np.array([100.0, 50.0])},
-            "out of balance at 1 node, worst at node 2 by 111.8 N",
-            id="imbalance",
-        ),
-        pytest.param(
-            {"prestress": np.array([100.0, -5.0])},
-            "prestress of link 1, a cable, must lie between 0 and inf N, got -5",
-            id="compressed cable",
-        ),
-        pytest.param({"load": np.zeros((2, 3))}, r"load must have shape \(3, 3\)", id="shape"),
-        pytest.param({"kind": np.array([0, 1])}, "kind of link 1 must lie between", id="kind"),
-        pytest.param(
-            {"load": np.full((3, 3), np.nan)}, "load of node 0 is not finite", id="not finite"
-        ),
-        pytest.param(
-            {"laws": (Beam(1.0, 1.0, 1.0, 1.0),)}, "six unknowns per node with beams", id="beams"
-        ),
-    ],
-)
-def test_a_faulty_structure_is_refused_in_one_sentence(changes, message):
+FAULTS = {
+    "node 1 has no link; connect": {"ends": np.array([[0, 2], [0, 2]])},
+    "link 1 between nodes 1 and 2 has length 0 m; merge": {"position": np.eye(3)[[1, 0, 0]]},
+    "links 0 and 2 both join nodes 0 and 2; remove one": {
+        "ends": np.array([[0, 2], [1, 2], [2, 0]]),
+        "kind": np.zeros(3, dtype=int),
+    },
+    "out of balance at 1 node, worst at node 2 by 111.8 N": {"prestress": np.array([100.0, 50.0])},
+    "prestress of link 1, a cable, must lie between 0 and inf N, got -5": {
+        "prestress": np.array([100.0, -5.0])
+    },
+    r"load must have shape \(3, 3\)": {"load": np.zeros((2, 3))},
+    "kind of link 1 must lie between": {"kind": np.array([0, 1])},
+    "load of node 0 is not finite": {"load": np.full((3, 3), np.nan)},
+    "six unknowns per node with beams": {"laws": (Beam(1.0, 1.0, 1.0, 1.0),)},
+}
+
+
+@pytest.mark.parametrize("message", FAULTS)
+def test_a_faulty_structure_is_refused_in_one_sentence(message):
     with pytest.raises(CaseError, match=message) as refusal:
-        pendulum(**changes)
+        pendulum(**FAULTS[message])
     assert "\n" not in str(refusal.value)
 
 
@@ -227,26 +204,26 @@ def test_physical_groups_of_gmsh_name_laws_and_supports():
         system_from_mesh(mesh, {"rope": Cable(1e5)}, supports=("wall",))
 
 
-def test_faulty_tables_are_refused():
-    nodes = {"x": [0.0, 1.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
-    links = {"first": [0], "second": [1], "law": ["rope"]}
-    with pytest.raises(CaseError, match=r"links lacks the column law; known: first, second, law"):
-        system_from_table(nodes, {"first": [0], "second": [1]}, {})
-    with pytest.raises(CaseError, match=r"nodes has the unknown column fix_rx; did you mean"):
-        system_from_table(nodes | {"fix_rx": [0, 0]}, links, {"rope": Cable(1.0)})
-    shifted = {"X": nodes["x"], "y": nodes["y"], "z": nodes["z"], "load": [0.0, 1.0]}
-    message = "lacks the column x and has the unknown columns X, load; "
+NODES = {"x": [0.0, 1.0], "y": [0.0, 0.0], "z": [0.0, 0.0]}
+LINKS = {"first": [0], "second": [1], "law": ["rope"]}
+SHIFTED = {"X": [0.0, 1.0], "y": [0.0, 0.0], "z": [0.0, 0.0], "load": [0.0, 1.0]}
+
+
+@pytest.mark.parametrize(
+    ("nodes", "links", "law", "message"),
+    [
+        (NODES, {"first": [0], "second": [1]}, "rope", "links lacks the column law; known: first"),
+        (NODES | {"fix_rx": [0, 0]}, LINKS, "rope", "the unknown column fix_rx; did you mean"),
+        (SHIFTED, LINKS, "rope", "lacks the column x and has the unknown columns X, load; "),
+        (dict.fromkeys(NODES, ()), LINKS, "rope", "has no rows below its names; give at least"),
+        (NODES, dict.fromkeys(LINKS, ()), "rope", "has no rows below its names; give at least"),
+        (NODES, LINKS, "bar", "law 'rope' of link 0 is not among the laws"),
+        (NODES | {"z": [0.0]}, LINKS, "rope", "must have one length"),
+    ],
+)
+def test_faulty_tables_are_refused(nodes, links, law, message):
     with pytest.raises(CaseError, match=message):
-        system_from_table(shifted, links, {"rope": Cable(1.0)})
-    for table in (nodes, links):
-        empty = dict.fromkeys(table, ())
-        pair = (empty, links) if table is nodes else (nodes, empty)
-        with pytest.raises(CaseError, match="has no rows below its names; give at least one"):
-            system_from_table(*pair, {"rope": Cable(1.0)})
-    with pytest.raises(CaseError, match="law 'rope' of link 0 is not among the laws"):
-        system_from_table(nodes, links, {"bar": Bar(1.0)})
-    with pytest.raises(CaseError, match="must have one length"):
-        system_from_table(nodes | {"z": [0.0]}, links, {"rope": Cable(1.0)})
+        system_from_table(nodes, links, {law: Cable(1.0)})
 
 
 # --- modes ----------------------------------------------------------------------------------
