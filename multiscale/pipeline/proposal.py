@@ -25,16 +25,10 @@ LOADS = np.geomspace(0.004, 0.12, 8)  # of contact modulus times slope: contact 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A case for a measured surface.
+    """A case for a measured surface."""
 
-    Attributes
-    ----------
-    text : str, the case, a TOML file
-    measured : Measured, what its cells hold of the surface
-    """
-
-    text: str
-    measured: Measured
+    text: str  # the case, a TOML file
+    measured: Measured  # what its cells hold of the surface
 
     @property
     def held(self) -> dict[str, float]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from multiscale.plotting.budget_figures import estimated_steps, step_labels
 from multiscale.schema import SHOWN, Dataset, unit_in
-from multiscale.units import Unit, stiffness_unit
+from multiscale.units import Unit
 from multiscale.upscaling import Prediction
 from multiscale.upscaling.budget import (
     has_budget,
@@ -80,16 +80,10 @@ LOWER_BOUND = " + ?"
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """How the variables of a dataset are shown, each family of units in one of them.
-
-    Attributes
-    ----------
-    data : Dataset
-    labels : mapping of str to str, labels in place of those of the variables
-    """
+    """How the variables of a dataset are shown, all stiffnesses in one unit."""
 
     data: Dataset
-    labels: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict)  # in place of those of ``SHOWN``
 
     def unit(self, name: str) -> Unit:
         """Return the unit of a variable."""
@@ -198,27 +192,18 @@ class _Words(Formatter):
 class Table:
     """A table of a dataset, a row for each of its steps.
 
-    Attributes
-    ----------
-    columns : tuple of str
-        Variables, each with the form of :meth:`View.text` behind a colon. Those that the dataset
-        lacks, or that are known nowhere, are left out, but not the ``answer``.
-    heads : mapping of str to str, labels of columns in place of those of their variables
-    answer : str
-        Variable without which a row ends behind the column ``at``: unknown or not converged.
-    at : int, columns that say which step a row is of
-    along : tuple of str, dimensions of the rows
-    most : int, rows, evenly spread; all for 0
-    missing : str, what a row has of a step that has not converged
+    Columns are variables, each with the form of :meth:`View.text` behind a colon. Those that the
+    dataset lacks, or that are known nowhere, are left out, but not the ``answer``, without which a
+    row ends behind the columns that say which step it is of.
     """
 
     columns: tuple[str, ...]
-    heads: Mapping[str, str] = field(default_factory=dict)
+    heads: Mapping[str, str] = field(default_factory=dict)  # labels in place of those of variables
     answer: str = ""
-    at: int = 1
-    along: tuple[str, ...] = ("step",)
-    most: int = 0
-    missing: str = "not converged"
+    at: int = 1  # columns that say which step a row is of
+    along: tuple[str, ...] = ("step",)  # dimensions of the rows
+    most: int = 0  # rows, evenly spread; all for 0
+    missing: str = "not converged"  # what a row has of a step without a solution
 
     def rows(self, data: Dataset) -> Rows:
         """Return head and rows of text."""
@@ -395,18 +380,18 @@ def _error(step: Dataset, name: str) -> str:
 
 def tabulate_prediction(quantity: str, pressure: np.ndarray, found: Prediction) -> Rows:
     """Head and rows of predictions of a law at pressures, Pa, with their intervals."""
-    unit = Unit("µm", 1e6) if quantity == "gap" else stiffness_unit(found.value)
-    rows = []
-    for p, value, *ends in zip(
-        pressure, found.value, found.mean_law.T, found.next_specimen.T, strict=True
-    ):
-        half = 0.5 * unit.scale * np.ptp(ends, axis=1)
-        least = float(np.nanmin(half)) if np.isfinite(half).any() else 0.0
-        said = (say_ends(unit.scale * value, unit.scale * np.array(pair)) for pair in ends)
-        rows.append((f"{1e-6 * p:.4g}", round_by(unit.scale * value, least), *said))
-    name = quantity.removeprefix("normal_").replace("_", " ")
-    intervals = "mean law, 95 %", "next specimen, 95 %"
-    return ("pressure (MPa)", f"{name} ({unit.name})", *intervals), rows
+    import xarray as xr
+
+    name, ends = "mean_gap" if quantity == "gap" else "stiffness", ("limit", "step")
+    values = {
+        "nominal_pressure": ("step", pressure),
+        name: ("step", found.value),
+        f"{name}_mean_law": (ends, found.mean_law),
+        f"{name}_next": (ends, found.next_specimen),
+    }
+    heads = {f"{name}:next": "next specimen, 95 %"}
+    columns = ("nominal_pressure", *(f"{name}{form}" for form in ("", ":mean_law", ":next")))
+    return Table(columns, heads).rows(xr.Dataset(values))
 
 
 def list_facts(result: Dataset) -> list[str]:

@@ -16,16 +16,10 @@ _CORNERS = {
 
 @dataclass(frozen=True, eq=False)
 class OuterFaces:
-    """Faces that belong to one element alone.
+    """Faces that belong to one element only."""
 
-    Attributes
-    ----------
-    corners : ndarray of int, shape (faces, corners of a face), nodes
-    element : ndarray of int, shape (faces,), rising
-    """
-
-    corners: np.ndarray
-    element: np.ndarray
+    corners: np.ndarray  # (faces, corners of a face), nodes
+    element: np.ndarray  # (faces,), in increasing order
 
 
 def list_faces(corners: np.ndarray) -> np.ndarray:

@@ -54,25 +54,14 @@ Figures: TypeAlias = Sequence[tuple[Path, Callable[[Path], Path]]]
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """What the folder of a finished run or sweep holds.
-
-    Attributes
-    ----------
-    out : Path, run folder
-    stages : tuple of Shown
-        Stages of a run in the order in which they were run, or the points of a sweep.
-    found : dict of str to Dataset, datasets of the stages, by name
-    cautions : list of str, what a user should know before trusting the results, one sentence each
-    failure : str, why steps have no answer, where that makes a command end with 1
-    case : dict, content of the case file
-    """
+    """What the folder of a finished run or sweep holds."""
 
     out: Path
-    stages: tuple[Shown, ...]
-    found: dict[str, Dataset]
-    cautions: list[str]
-    failure: str
-    case: dict[str, Any]
+    stages: tuple[Shown, ...]  # in the order in which they were run, or the points of a sweep
+    found: dict[str, Dataset]  # datasets of the stages, by name
+    cautions: list[str]  # one sentence each
+    failure: str  # why steps have no answer, where that makes a command end with 1
+    case: dict[str, Any]  # content of the case file
 
     def sections(self) -> list[Section]:
         """Return what the stages show on the page, the last stage first."""

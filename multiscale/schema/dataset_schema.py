@@ -46,15 +46,9 @@ class Variable:
 
 @dataclass(frozen=True)
 class PlainDataset:
-    """What a dataset is built from: cheaper to make, to send and to join than the dataset.
+    """What a dataset is built from: cheaper to make, to send and to join than the dataset."""
 
-    Attributes
-    ----------
-    values : mapping of str to array_like, one array per variable
-    attributes : mapping of str to str, float or int
-    """
-
-    values: Mapping[str, Any]
+    values: Mapping[str, Any]  # one array per variable
     attributes: Mapping[str, str | float | int] = field(default_factory=dict)
 
 

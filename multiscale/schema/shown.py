@@ -14,22 +14,13 @@ __all__ = ["SHOWN", "Show", "unit_in"]
 
 @dataclass(frozen=True)
 class Show:
-    """How a variable is shown.
+    """How a variable is shown."""
 
-    Attributes
-    ----------
-    unit : str, name of a unit or of a family of units, see :func:`multiscale.units.shown_unit`
-    label : str, its name in words
-    digits : int, significant ones, where its interval does not leave fewer
-    over : tuple of str, variables over the first of which, as far as there are any, it is drawn
-    words : tuple of str, meanings of the values 0, 1, ...
-    """
-
-    unit: str = "1"
-    label: str = ""
-    digits: int = 4
-    over: tuple[str, ...] = ()
-    words: tuple[str, ...] = ()
+    unit: str = "1"  # or the name of a family of units, see multiscale.units.shown_unit
+    label: str = ""  # its name in words
+    digits: int = 4  # significant ones, where its interval does not leave fewer
+    over: tuple[str, ...] = ()  # over the first of these that there is it is drawn
+    words: tuple[str, ...] = ()  # meanings of the values 0, 1, ...
 
     def named(self, name: str) -> "Show":
         """Return it with the name of its variable in words as label, if it has none."""
