@@ -225,3 +225,29 @@ def test_needs_of_a_mesh_say_what_it_builds_and_leaves_out(tmp_path):
     assert "scikit-fem" in needs.libraries
     assert needs.built["stiffness"] == "of the elements, as a matrix"
     assert "layer factors" in needs.omitted
+
+
+def test_the_shipped_cell_on_quadratic_elements_is_close_to_the_conforming_kernel(tmp_path):
+    case = load_case("mesh_cell").quick()
+    micro = case.micro.model_copy(update={"realisations": 1})
+    cells = {
+        "mesh": case.cell,
+        "conforming": case.cell.model_copy(update={"geometry": "conforming", "element": None}),
+    }
+    found = {}
+    for name, cell in cells.items():
+        one = case.model_copy(update={"micro": micro, "cell": cell})
+        path = Path(pressure=micro.pressures[::2])
+        found[name] = run_ensemble(make_cells(one), path, folder=tmp_path / name)
+    for name, rtol in (("mean_gap", 0.03), ("contact_fraction", 0.15)):
+        np.testing.assert_allclose(found["mesh"][name], found["conforming"][name], rtol=rtol)
+
+
+def test_the_shipped_cell_with_an_overhang_and_a_pore_touches_as_hertz_says(tmp_path):
+    """Its summit is a sphere, on a stem that the contact does not reach."""
+    response = run(load_case("overhang_cell").quick(), tmp_path)[MICRO_RESPONSE.name]
+    pressure, area = response["nominal_pressure"].values, (20e-6) ** 2
+    radius, modulus = 30e-6, 210e9 / (2.0 * (1.0 - 0.3**2))
+    contact = (0.75 * pressure * area * radius / modulus) ** (1.0 / 3.0)
+    share = np.pi * contact**2 / area
+    np.testing.assert_allclose(response["contact_fraction"].values[0, 2:], share[2:], rtol=0.15)

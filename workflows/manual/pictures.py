@@ -42,6 +42,8 @@ SHOWN = {
         run["micro_response"], run["interface_law"], ax=ax
     ),
     "bolted_lap": lambda run, ax: plotting.plot_hysteresis(run["macro_result"], ax=ax),
+    "mesh_cell": lambda run, ax: plotting.plot_joint_stiffness(run["macro_result"], ax=ax),
+    "overhang_cell": lambda run, ax: plotting.plot_contact_map(run["fields"], step=-1, ax=ax),
     "road_texture": lambda run, ax: plotting.plot_area_law(
         run["micro_response"], run["interface_law"], ax=ax
     ),
