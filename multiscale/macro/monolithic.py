@@ -20,8 +20,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.linalg import norm
-from scipy.sparse import csr_array, diags_array, issparse
+from numpy.linalg import norm, qr, svd
+from scipy.sparse import block_diag, csr_array, hstack, issparse
 
 from multiscale.convergence import Solution, Status, check_limits
 from multiscale.errors import ConvergenceError, MultiscaleError
@@ -62,6 +62,19 @@ GROWTH, ROUNDS = 1e4, 8
 """Factor of the residual beyond which a whole step has left all that is known of the law, and steps
 without a smaller residual after which the iteration may go round in circles: the length of the step
 is then that of the least energy."""
+
+RIGID = 1e4
+"""Largest stiffness of the bodies at a point, relative to the mean: supports may hold a point."""
+
+FREE, EXACT = 1e-9, 1e-12
+"""Largest force of a free rigid motion, relative to the stiffness, before and after rounding in it
+is taken away."""
+
+HALVINGS = 6
+"""Tries to shorten a step of the law and the bodies together."""
+
+SHARE = 0.1
+"""Share of the fall of the residual along a step that is enough."""
 
 UNSURE = 1e-8
 """Largest residual that rounding excuses: without a limit, a body that runs away would count as
@@ -160,14 +173,19 @@ def solve_interface(
     u = np.zeros(n) if start is None else np.array(start, dtype=float)
     state = np.zeros((law.n_state, points)) if state is None else state
     jump = (jump_operator @ u).reshape(-1, points) if jump is None else jump
-    whole = _Whole(stiffness, load, jump_operator, weight, law, state, flexible)
+    if flexible is None:
+        whole: Equilibrium = _Whole(stiffness, load, jump_operator, weight, law, state)
+    else:
+        whole, motion = _Condensed(flexible, load, law, state), flexible.motions.T @ u
+        u = np.append(u - flexible.motions @ motion, motion)
     here = whole.place(u, jump)
-    whole.scale = float(norm(load)) or float(norm(here.gradient)) or 1.0
+    whole.scale = float(norm(load)) or whole.size(here.gradient) or 1.0
     run = NewtonRun(Limits(max_iterations, tolerance, callback), PATIENCE)
     here, _ = find_equilibrium(whole, here, run)
-    return InterfaceSolution(
-        here.value, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at
-    )
+    u = here.value
+    if flexible is not None:
+        u = u[:n] + flexible.motions @ u[n:]
+    return InterfaceSolution(u, run.status, tuple(run.residuals), tuple(run.seconds), jump=here.at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +227,7 @@ class Equilibrium:
     ----------
     stiffness, load, jump_operator, weight, law, state
         As of :func:`solve_interface`.
-    resistance : float, stiffness of the bodies per area, Pa/m
+    resistance : float or ndarray, (d, points), stiffness of the bodies per area, Pa/m
     resists : bool, whether more than the law resists, so that the law may go on by itself
     descends : bool, whether every step lowers the energy, so that none needs a search
     scale : float, force to which residuals are relative, N
@@ -223,14 +241,15 @@ class Equilibrium:
         weight: np.ndarray,
         law: InterfaceLaw,
         state: np.ndarray,
+        resistance: float | np.ndarray | None = None,
     ) -> None:
         self.stiffness, self.load, self.jump_operator = stiffness, load, jump_operator
         self.weight, self.law, self.state, self.scale = weight, law, state, 1.0
-        self.resistance = 0.0
-        if weight.size:
+        if resistance is None:
             normal_jump = jump_operator[: weight.size]
-            self.resistance = face_stiffness(stiffness.diagonal(), normal_jump, weight)
-        self.resists, self.descends = self.resistance > 0.0, False
+            resistance = face_stiffness(stiffness.diagonal(), normal_jump, weight)
+        self.resistance = resistance
+        self.resists, self.descends = bool(np.all(resistance > 0.0)), False
 
     def inner(self, value: np.ndarray, elastic: np.ndarray) -> np.ndarray:
         """Return the forces of bodies and links less the load, N."""
@@ -260,6 +279,13 @@ class Equilibrium:
     def magnitude(self) -> csr_array | np.ndarray:
         """Magnitudes of the entries of the stiffness, N/m."""
         return abs(self.stiffness)
+
+    def held(self, here: Place, floor: float) -> np.ndarray:
+        """Tangent with a share of the stiffness of the bodies, shape (d, d, points), N/m."""
+        tangent = here.tangent.copy()
+        lent = np.broadcast_to(floor * self.resistance * self.weight, here.jump.shape)
+        tangent[range(len(lent)), range(len(lent))] += lent
+        return tangent
 
     def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular, even with a floor of the law's."""
@@ -317,8 +343,24 @@ class Equilibrium:
         first, last = (self.dot(direction, place.gradient) for place in (here, there))
         if (enough(first, last) and not here.softened) or not self.resists:
             return there
-        at = go_on_along_law(self.law, here.at, there.jump, self.resistance, self.state)
-        return self.place(there.value, there.jump, at, there.elastic)
+        # (1) of this module from the sum t + k y on the law towards that on its tangent
+        k, law = self.resistance, self.law
+        response = soften_tangent(law.respond(here.at, self.state), k)
+        begin = response.traction + k * here.at
+        change = tangent_traction(response, here.at, there.jump) + k * there.jump - begin
+        best, share = None, 1.0
+        for _ in range(HALVINGS):
+            following = self.move(here, share, direction) if best else there
+            try:
+                at = np.asarray(law.resolvent(begin + share * change, k, self.state))
+            except ConvergenceError:  # a whole step may end where the law has no numbers
+                at = following.jump
+            following = self.place(following.value, following.jump, at, following.elastic)
+            if self.residual(following) < (1.0 - SHARE * share) * self.residual(here):
+                return following
+            best, share = best or following, 0.5 * share
+        assert best is not None  # the whole step
+        return best
 
     def search(self, here: Place, direction: np.ndarray) -> Place:
         """Take the step to the least energy."""
@@ -353,8 +395,9 @@ def find_equilibrium(
             direction = problem.direction(here, FLOOR)
         there = None if direction is None else problem.step(here, direction)
         if there is not None and not problem.descends:
-            explodes = not problem.residual(there) <= GROWTH * run.residuals[-1]
-            there = None if explodes or run.since_best > ROUNDS else there
+            residual, last = problem.residual(there), run.residuals[-1]
+            strays = not residual < last and run.since_best > ROUNDS
+            there = None if strays or not residual <= GROWTH * last else there
         if there is None:
             # from a jump that is not the bodies', the law would mislead the search
             direction = problem.direction(closest)
@@ -370,31 +413,11 @@ def find_equilibrium(
 
 
 class _Whole(Equilibrium):
-    """Equation (1), by factors of the tangent or by bodies that have been prepared."""
-
-    def __init__(
-        self,
-        stiffness: csr_array | np.ndarray,
-        load: np.ndarray,
-        jump_operator: csr_array,
-        weight: np.ndarray,
-        law: InterfaceLaw,
-        state: np.ndarray,
-        prepared: "FlexibleBodies | None",
-    ) -> None:
-        super().__init__(stiffness, load, jump_operator, weight, law, state)
-        self.prepared = prepared
+    """The balance of assembled bodies, by factors of the tangent in every step."""
 
     def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
         """Newton direction, m; None if the tangent is singular."""
-        B, points, tangent = self.jump_operator, self.weight.size, here.tangent
-        if floor:
-            tangent = tangent.copy()
-            for row in range(len(tangent)):
-                tangent[row, row] += floor * self.resistance * self.weight
-        if self.prepared is not None and not here.softened:
-            with suppress(MultiscaleError):
-                return self.prepared.direction(B, tangent, -here.gradient)
+        B, points, tangent = self.jump_operator, self.weight.size, self.held(here, floor)
         i, j, at = np.nonzero(tangent)
         place = (points * i + at, points * j + at)
         weighted = csr_array((tangent[i, j, at], place), shape=(B.shape[0],) * 2)
@@ -407,64 +430,116 @@ class _Whole(Equilibrium):
 
 @dataclass(frozen=True, eq=False)
 class FlexibleBodies:
-    r"""Bodies held by springs on their interface, whose jumps are the unknowns of a Newton step.
+    r"""Bodies of a full stiffness, whose jumps and rigid motions are the unknowns of a Newton step.
 
-    With the stiffness :math:`\bar K = K + B^T R B` of the bodies and springs :math:`R`, and the
-    compliance :math:`C = B \bar K^{-1} B^T`, a direction of the unknowns u and the jumps j is
+    With the free rigid motions N of the bodies, :math:`K N = 0`, displacements are
+    :math:`u = v + N a`, :math:`N^T v = 0`. With :math:`\hat K = K + k N N^T` and the compliance
+    :math:`C = B \hat K^{-1} B^T`, a step of the jumps j and the motions a balances the forces
+    :math:`r` out of balance by
 
     .. math::
-        (I + C (w D - R))\, j = B \bar K^{-1} r, \qquad u = \bar K^{-1} (r - B^T (w D - R) j),
-        \tag{1}
+        j + C w D j - B N a = B \hat K^{-1} r, \qquad (B N)^T w D j = N^T r, \qquad
+        v = \hat K^{-1} (r - B^T w D j). \tag{1}
 
-    with the forces out of balance :math:`r`. However stiff the law is, no stiffness of the bodies
-    is lost beside it, and the matrix has half the size of :math:`K`.
+    However stiff the law is, no stiffness of the bodies is lost beside it; however soft it is, the
+    forces :math:`K v` in the bodies do not round as their motion would make them.
     """
 
+    stiffness: np.ndarray
+    motions: np.ndarray
+    jump_operator: csr_array
+    weight: np.ndarray
     solve: Solve
-    springs: np.ndarray
     compliance: np.ndarray
 
-    def direction(self, B: csr_array, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Newton direction (1), m, from the tangent, shape (d, d, points), N/m."""
-        change, springs = tangent.copy(), self.springs.reshape(len(tangent), -1)
-        for row, spring in enumerate(springs):
-            change[row, row] -= spring
-        size = 1.0 + np.abs(change).max(axis=0) / springs  # where laws are stiff
-        change /= size
-        C = self.compliance.reshape(self.springs.size, *springs.shape)
-        product = np.zeros(C.shape)
-        for row in range(len(tangent)):
-            for column in range(len(tangent)):
-                product[:, column] += C[:, row] * change[row, column]
-        matrix = product.reshape(self.compliance.shape)
-        matrix[np.diag_indices(self.springs.size)] += 1.0 / size.ravel()
-        solve = factorise(matrix, name="the tangent compliance")
-        opened = solve(B @ self.solve(force)).reshape(springs.shape)
-        moved = np.einsum("ijp,jp->ip", change, opened).ravel()
-        return self.solve(force - B.T @ moved)
+    @cached_property
+    def resistance(self) -> np.ndarray:
+        """Stiffness of the bodies against a traction at each point by itself, (d, points), Pa/m."""
+        own = (self.compliance.diagonal().reshape(-1, self.weight.size)) * self.weight
+        return np.asarray(SOFT / np.maximum(own, own.mean() / RIGID))
+
+    def direction(self, tangent: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """Newton direction (1), m, of v and a, from the tangent, (d, d, points), N/m."""
+        n, (points, m) = len(self.stiffness), (self.compliance.shape[0], self.motions.shape[1])
+        size = 1.0 + np.abs(tangent).max(axis=0) / (self.resistance * self.weight)  # stiff laws
+        change = tangent / size
+        # C w D and (B N)^T w D
+        rows = np.concatenate([self.compliance, (self.jump_operator @ self.motions).T])
+        parts = rows.reshape(points + m, *size.shape)
+        product = np.einsum("rip,ijp->rjp", parts, change).reshape(points + m, points)
+        matrix = np.zeros((points + m, points + m))
+        matrix[:, :points] = product
+        matrix[np.arange(points), np.arange(points)] += 1.0 / size.ravel()
+        matrix[:points, points:] = -rows[points:].T
+        right = np.append(self.jump_operator @ self.solve(force[:n]), force[n:])
+        scale = np.abs(matrix[points:]).max(axis=1)
+        if not np.all(scale > 0.0):
+            raise MultiscaleError("a rigid motion meets no stiffness of the law")
+        matrix[points:] /= scale[:, None]
+        right[points:] /= scale
+        opened, motion = np.split(factorise(matrix, name="the tangent compliance")(right), [points])
+        moved = np.einsum("ijp,jp->ip", change, opened.reshape(size.shape)).ravel()
+        return np.append(self.solve(force[:n] - self.jump_operator.T @ moved), motion)
+
+
+class _Condensed(Equilibrium):
+    """The balance of v and a of :class:`FlexibleBodies`."""
+
+    def __init__(
+        self, bodies: FlexibleBodies, load: np.ndarray, law: InterfaceLaw, state: np.ndarray
+    ) -> None:
+        B, N = bodies.jump_operator, bodies.motions
+        nothing = np.zeros((N.shape[1],) * 2)
+        super().__init__(
+            block_diag([bodies.stiffness, nothing]).toarray(),
+            np.append(load, N.T @ load),
+            csr_array(hstack([B, csr_array(B @ N)])),
+            bodies.weight,
+            law,
+            state,
+            bodies.resistance,
+        )
+        self.bodies = bodies
+
+    def size(self, force: np.ndarray) -> float:
+        """Norm of forces, N; those on the motions are sums of them."""
+        return float(norm(force[: self.bodies.motions.shape[0]]))
+
+    def direction(self, here: Place, floor: float = 0.0) -> np.ndarray | None:
+        """Newton direction, m; None if the tangent is singular."""
+        with suppress(MultiscaleError):
+            return self.bodies.direction(self.held(here, floor), -here.gradient)
+        return None
 
 
 def prepare_flexible(
-    stiffness: np.ndarray, jump_operator: csr_array, weight: np.ndarray
+    stiffness: np.ndarray, jump_operator: csr_array, weight: np.ndarray, motions: np.ndarray
 ) -> FlexibleBodies | None:
-    """Condense bodies of full matrices onto their interface; None if springs do not hold them.
+    """Condense bodies of full matrices onto their interface; None if more than motions are free.
 
-    Parameters are those of :func:`solve_interface`.
+    Parameters are those of :func:`solve_interface`, and rigid motions of the bodies, (n, k), m.
     """
-    resistance = face_stiffness(stiffness.diagonal(), jump_operator[: weight.size], weight)
-    if not resistance:
-        return None
-    springs = np.tile(resistance * weight, jump_operator.shape[0] // weight.size)
-    held = np.asarray(stiffness + jump_operator.T @ (diags_array(springs) @ jump_operator))
+    mean = np.abs(stiffness.diagonal()).mean()
+    # rigid motions that leave no force but rounding: orthonormal, then to all digits
+    basis, length, _ = svd(motions, full_matrices=False)
+    basis = basis[:, length > FLOOR * length.max(initial=0.0)]
+    force = abs(stiffness) @ abs(basis)
+    _, resisted, turn = svd(stiffness @ basis, full_matrices=False)
+    N = basis @ turn[resisted <= FREE * norm(force)].T
     with suppress(MultiscaleError):
+        if N.shape[1]:
+            N = qr(N - factorise(stiffness + mean * (N @ N.T))(stiffness @ N))[0]
+            N = N[:, np.abs(stiffness @ N).max(axis=0) <= EXACT * mean]
+        held = stiffness + mean * (N @ N.T)
         solve = factorise(held, name="the held bodies")
-        return FlexibleBodies(solve, springs, compliances(solve, jump_operator)[0])
+        compliance = compliances(solve, jump_operator)[0]
+        return FlexibleBodies(held, N, jump_operator, weight, solve, compliance)
     return None
 
 
-def soften_tangent(response: Response, stiffness: float) -> Response:
+def soften_tangent(response: Response, stiffness: float | np.ndarray) -> Response:
     """Put a spring in series with the tangent where it is far stiffer than the bodies, Pa/m."""
-    most = STIFFEST * stiffness
+    most = STIFFEST * float(np.max(stiffness))
     largest = np.abs(response.tangent).max(axis=(0, 1))
     stiff = (most > 0.0) & (largest > most) & np.isfinite(largest)
     if not np.any(stiff):
@@ -483,18 +558,9 @@ def tangent_traction(response: Response, at: np.ndarray, jump: np.ndarray) -> np
     return np.asarray(response.traction + change)
 
 
-def go_on_along_law(
-    law: InterfaceLaw, at: np.ndarray, jump: np.ndarray, stiffness: float, state: np.ndarray
-) -> np.ndarray:
-    """Find the next jump (1) on the law, m."""
-    traction = tangent_traction(soften_tangent(law.respond(at, state), stiffness), at, jump)
-    try:
-        return np.asarray(law.resolvent(traction + stiffness * jump, stiffness, state))
-    except ConvergenceError:  # a whole step may end where the law has no numbers
-        return jump
-
-
 def face_stiffness(diagonal: np.ndarray, normal_jump: csr_array, weight: np.ndarray) -> float:
     """Stiffness of bodies per area of an interface, Pa/m, from those of its unknowns, N/m."""
+    if not weight.size:
+        return 0.0
     touched = abs(normal_jump).T @ weight
     return SOFT * float(np.sum(np.abs(diagonal)[touched > 0.0]) / np.sum(touched))

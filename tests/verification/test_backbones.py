@@ -1,5 +1,7 @@
 """Frequency and damping of small models against references that know nothing of modes at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -10,7 +12,7 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.laws import Exponential, Sliders
 from multiscale.laws.bulk import Elastic
 from multiscale.macro import Assembly, Body, Interface
-from multiscale.macro.substructures.whole import Assembled, assemble
+from multiscale.macro.substructures.whole import assemble
 from multiscale.macro.vibration import Amplitudes, follow_backbone, structure_mass
 from multiscale.macro.vibration.backbone import TOLERANCE, TractionChange
 from tests.macro.test_vibration import DENSITY, UNIT, E, block_between_friction, first_mode
@@ -89,7 +91,7 @@ def free_decay(rest, mass, velocity, step, count):
     the tractions of joints follow the law from middle to middle.
     """
     whole, inertia = assemble(rest.free.with_locked_bolts()), csr_array(4.0 / step**2 * mass)
-    moving = Assembled(csr_array(whole.stiffness + inertia), inertia, whole.jump, whole.weight)
+    moving = replace(whole, stiffness=csr_array(whole.stiffness + inertia), load=inertia)
     state, middle = rest.state, np.zeros(velocity.size)
     law = TractionChange(rest.law, rest.law.respond(state.jump, state.history).traction)
     change = np.zeros((count + 1, velocity.size))

@@ -6,7 +6,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
 
 from multiscale.errors import CaseError
 from multiscale.fe.rigid_motion import rigid_motions
@@ -277,6 +278,30 @@ class CutProblem:
         for part in self.substructures:
             position[part.unknown], component[part.unknown] = part.position, part.component
         return position, component
+
+    @cached_property
+    def bodies(self) -> np.ndarray:
+        """Body of every substructure but shanks, by number; parts of a body share unknowns."""
+        shanks = len(self.bolts) if self.locked else 0
+        parts = self.substructures[: len(self.substructures) - shanks]
+        numbers = np.concatenate([part.unknown for part in parts])
+        owner = np.repeat(np.arange(len(parts)), [part.n for part in parts])
+        shared = coo_array((np.ones(owner.size), (owner, numbers)), shape=(len(parts), self.n))
+        return np.asarray(connected_components(shared @ shared.T, directed=False)[1])
+
+    @property
+    def motions(self) -> np.ndarray:
+        """Rigid motions of all bodies, each about its middle, shape (n, 6 bodies), m."""
+        position, component = self.places()
+        bodies = self.bodies
+        motions = np.zeros((self.n, 6 * (1 + bodies.max())))
+        for body in np.unique(bodies):
+            parts = [self.substructures[part] for part in np.flatnonzero(bodies == body)]
+            mine = np.unique(np.concatenate([part.unknown for part in parts]))
+            moved = rigid_motions(position[mine], component[mine])
+            size = np.abs(moved).max(axis=0, initial=0.0)
+            motions[mine, 6 * body : 6 * body + 6] = moved / np.where(size > 0.0, size, 1.0)
+        return motions
 
     def link_fields(self, tension: np.ndarray, slack: np.ndarray) -> dict[str, np.ndarray]:
         """Tension, N, and slack, m, in the order of the structure, given part after part."""

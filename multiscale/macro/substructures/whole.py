@@ -45,12 +45,14 @@ class Assembled:
     jump : csr_array, shape (3 points, n)
         Normal jump at all points of all joints, then each tangential one.
     weight : ndarray, shape (points,), area of these points, m²
+    motions : ndarray, shape (n, motions), rigid motions of the bodies, m
     """
 
     stiffness: csr_array
     load: np.ndarray | csr_array
     jump: csr_array
     weight: np.ndarray
+    motions: np.ndarray
 
     def solve(self, law: InterfaceLaw, factor: np.ndarray, **options: Any) -> InterfaceSolution:
         """Find the unknowns, m, for factors of the load cases, shape (cases,).
@@ -79,10 +81,10 @@ class Assembled:
 
     @cached_property
     def _flexible(self) -> FlexibleBodies | None:
-        """Bodies whose jumps are the unknowns; none if sparse, or if springs do not hold them."""
+        """Bodies whose jumps are the unknowns; none if sparse, or if parts of them move freely."""
         if self._full is None:
             return None
-        return prepare_flexible(self._full, self.jump, self.weight)
+        return prepare_flexible(self._full, self.jump, self.weight, self.motions)
 
 
 def assemble(problem: CutProblem) -> Assembled:
@@ -113,7 +115,7 @@ def assemble(problem: CutProblem) -> Assembled:
             for side, trace in zip(joint.sides, joint.trace, strict=True)
         )
         jumps.append(csr_array(second - first))
-    return Assembled(csr_array(K), load, stack_jumps(jumps, n), problem.weight)
+    return Assembled(csr_array(K), load, stack_jumps(jumps, n), problem.weight, problem.motions)
 
 
 def stack_jumps(jumps: Sequence[csr_array], n: int) -> csr_array:

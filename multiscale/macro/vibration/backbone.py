@@ -338,12 +338,8 @@ def _drive(rest: Preloaded, load: np.ndarray, square: float) -> _Mode:
     """Return a mode of the condensed structure, driven by a spring on its amplitude."""
     structure = assemble(rest.condensed.with_loads(load[:, None]).small.with_locked_bolts())
     spring, pull = SPRING * square, structure.load[:, [rest.free.n_cases]]
-    driven = Assembled(
-        csr_array(structure.stiffness + spring * csr_array(pull @ pull.T)),
-        spring * pull,
-        structure.jump,
-        structure.weight,
-    )
+    stiffness = csr_array(structure.stiffness + spring * csr_array(pull @ pull.T))
+    driven = replace(structure, stiffness=stiffness, load=spring * pull)
     traction = rest.law.respond(rest.state.jump, rest.state.history).traction
     return _Mode(rest, driven, TractionChange(rest.law, traction), square)
 
