@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.macro import granulate
 from multiscale.macro.granulate import ContactLaw, Grains, Model, Solver, simulate_grains
 from tests.support import slow
@@ -137,25 +136,3 @@ def test_the_bulk_of_spheres_bears_more_shear_than_smooth_plates_pass_on():
     )
     plates = -float(shear["traction"][0, 0, 1] / shear["traction"][0, 0, 0])
     assert 0.05 < plates < bulk
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: granulate.biaxial_cell(np.full(30, 0.01), 1e3, -1.0, ContactLaw()),
-            "strain_rate must not be negative",
-        ),
-        (
-            lambda: granulate.biaxial_cell(np.full(30, 0.01), 0.0, 1.0, ContactLaw()),
-            "pressure must be positive",
-        ),
-        (
-            lambda: Model(Grains([[0, 0, 0]], 1.0), strain_rate=(None, None, -1.0)),
-            "a strain rate needs a pressure",
-        ),
-    ],
-)
-def test_what_cannot_be_compressed_is_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()

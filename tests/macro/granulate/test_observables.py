@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.macro import granulate
 from multiscale.macro.granulate import ContactLaw, Grains, Model, PlaneWall, Solver, simulate_grains
 from multiscale.schema import MICRO_RESPONSE
@@ -54,30 +53,3 @@ def test_a_sheared_layer_is_a_response_of_a_joint():
     pressure, shear = -response["traction"].values[0, 0, 0], response["traction"].values[0, 0, 1]
     assert pressure == pytest.approx(1e3, rel=0.05)
     assert -1e-9 * pressure <= shear <= 0.3 * pressure * (1.0 + 1e-6)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: granulate.draw_radii(5, 0.0, 1.0), "radii must be positive and rise"),
-        (
-            lambda: granulate.deposit(np.full(3, 0.1), (0.05, 0.05), ContactLaw()),
-            "a grain of radius 0.1 m needs 0.22 m, the box is 0.05 m wide",
-        ),
-        (
-            lambda: granulate.silo(np.full(3, 0.1), 0.1, ContactLaw()),
-            "does not fit into a pipe of 0.1 m",
-        ),
-        (
-            lambda: granulate.compact(np.full(8, 0.1), -1.0, ContactLaw()),
-            "pressure must be positive",
-        ),
-        (
-            lambda: Model(Grains([[0, 0, 0]], 1.0), pressure=1.0),
-            "a pressure acts on a cell that is periodic",
-        ),
-    ],
-)
-def test_arrangements_that_cannot_be_are_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()
