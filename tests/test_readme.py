@@ -16,7 +16,7 @@ from multiscale.io import open_dataset, save_law
 from multiscale.micro import self_affine
 from multiscale.pipeline import load_case, load_sweep, run
 from multiscale.pipeline.case import validate_case
-from multiscale.pipeline.settings import Case
+from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import MACRO_RESULT
 from tests.support import case_of, small_steel
 

@@ -8,8 +8,8 @@ from .planner import plan as plan
 from .runner import Results as Results
 from .runner import run as run
 from .runner import run_macro as run_macro
-from .settings import Case as Case
 from .stages.cells import run_micro as run_micro
 from .sweep import Sweep as Sweep
 from .sweep import load_sweep as load_sweep
 from .sweep import run_sweep as run_sweep
+from .tables.settings import Case as Case

@@ -9,12 +9,12 @@ import numpy as np
 from multiscale.fe.faces import plane_axes
 from multiscale.laws import InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
-from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.joint_answers import JointAnswers
-from multiscale.pipeline.joint_settings import SLABS
 from multiscale.pipeline.real_contact import contact_source
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job
+from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.tables.joint_settings import SLABS
+from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import Dataset, with_cautions
 from multiscale.upscaling import (
     Bound,

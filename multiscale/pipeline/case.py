@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from multiscale.errors import CaseError, suggest
-from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
-from multiscale.pipeline.settings import KINDS, Case
 from multiscale.pipeline.stages import stages_of
-from multiscale.pipeline.toml_model import Settings, read_toml, validate
+from multiscale.pipeline.tables.rough_bodies import InstrumentSurface, SyntheticSurface
+from multiscale.pipeline.tables.settings import KINDS, Case
+from multiscale.pipeline.tables.toml_model import Settings, read_toml, validate
 from multiscale.schema import INTERFACE_LAW, RVE, Schema
 
 __all__ = [

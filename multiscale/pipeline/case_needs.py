@@ -9,13 +9,13 @@ from multiscale.errors import CaseError
 from multiscale.executors import cores, usable_memory
 from multiscale.needs import Cost, Needs, join_needs, readable_time
 from multiscale.pipeline.case import taken_cases, taken_law
-from multiscale.pipeline.joint_settings import LawSource
 from multiscale.pipeline.planner import pilot_cases
 from multiscale.pipeline.run_folder import is_up_to_date
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS
-from multiscale.pipeline.structure_kind import OF_CELLS, Pressed, Range, tell_far
+from multiscale.pipeline.tables.joint_settings import LawSource
+from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.structure_kind import OF_CELLS, Pressed, Range, tell_far
 from multiscale.upscaling import law_from_dataset, read_law
 
 __all__ = ["prepare", "refuse_excess", "requirements"]

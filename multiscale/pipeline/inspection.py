@@ -10,8 +10,8 @@ from multiscale.errors import CaseError
 from multiscale.io import Topography, open_topography, write_bytes
 from multiscale.pipeline.measured_sides import HELD
 from multiscale.pipeline.proposal import propose_case
-from multiscale.pipeline.rough_bodies import InstrumentSurface
 from multiscale.pipeline.stage import Datasets, Section, Shown
+from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.surface_figures import (
     plot_bearing_curve,

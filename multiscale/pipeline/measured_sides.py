@@ -9,8 +9,8 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io import open_topography
-from multiscale.pipeline.case_tables import POINTS_PER_WAVE, CellSettings
-from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
+from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.surfaces import (
     Roughness,
     Spectrum,

@@ -12,8 +12,7 @@ import numpy as np
 from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import make_folder, open_dataset, write_dataset
 from multiscale.micro.layer import graded_planes
-from multiscale.pipeline.case_budget import joint_scales
-from multiscale.pipeline.case_cells import longest_wave, make_surfaces
+from multiscale.pipeline.case_cells import joint_scales, longest_wave, make_surfaces
 from multiscale.pipeline.forecast import (
     COARSE,
     CONTROLS,
@@ -25,12 +24,12 @@ from multiscale.pipeline.forecast import (
     Setting,
     cheapest,
 )
-from multiscale.pipeline.rough_bodies import InstrumentSurface, SyntheticSurface
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Job, ShowProgress, unseen
 from multiscale.pipeline.stages.cells import run_micro
 from multiscale.pipeline.stages.ensembles import press_control
 from multiscale.pipeline.stages.joint import solve_joint
+from multiscale.pipeline.tables.rough_bodies import InstrumentSurface, SyntheticSurface
+from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import CONTROL_RESPONSE, MICRO_RESPONSE, Dataset
 from multiscale.surfaces import Surface, rms_height
 from multiscale.upscaling import (

@@ -7,9 +7,9 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.laws.bulk.moduli import contact_modulus
-from multiscale.pipeline.case_tables import POINTS_PER_WAVE, CellSettings
 from multiscale.pipeline.measured_sides import Measured, measured_side
-from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE, CellSettings
+from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.surfaces import Spectrum, Surface
 from multiscale.units import readable, to_si
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from multiscale.pipeline.case_cells import surface_modulus
-from multiscale.pipeline.rough_bodies import TABOR
-from multiscale.pipeline.settings import Case
+from multiscale.pipeline.tables.rough_bodies import TABOR
+from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import MACRO_RESULT, MICRO_RESPONSE, Dataset, with_cautions
 from multiscale.units import readable
 from multiscale.upscaling import Uncertainty, area_from_dataset, cell_share

@@ -8,11 +8,11 @@ from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
 from multiscale.pipeline.case import load_case
 from multiscale.pipeline.point_store import STORE
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS
-from multiscale.pipeline.toml_model import read_toml
+from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.toml_model import read_toml
 from multiscale.schema import Dataset
 
 __all__ = ["claim_folder", "gather_cautions", "is_up_to_date", "is_whole", "open_stages"]

@@ -15,12 +15,12 @@ from multiscale.pipeline.case import taken_law, taken_volume
 from multiscale.pipeline.case_needs import prepare
 from multiscale.pipeline.planner import plan
 from multiscale.pipeline.run_folder import claim_folder
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, ShowProgress, Stage, unseen
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.stages.cells import CELLS, write_fields
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import JOINT
+from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import INTERFACE_LAW, MACRO_RESULT, MICRO_RESPONSE, RVE, Dataset
 from multiscale.upscaling import read_law
 

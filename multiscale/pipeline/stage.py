@@ -15,7 +15,7 @@ from multiscale.upscaling import read_law
 
 if TYPE_CHECKING:
     from multiscale.macro.substructures import ProcessGroup
-    from multiscale.pipeline.toml_model import Settings
+    from multiscale.pipeline.tables.toml_model import Settings
 
 __all__ = [
     "Datasets",

@@ -26,12 +26,12 @@ from multiscale.pipeline.case import find_case, read_case, validate_case
 from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.runner import run
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import answer_columns
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS, name_point
-from multiscale.pipeline.toml_model import read_toml
+from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.toml_model import read_toml
 from multiscale.schema import SWEEP, Dataset
 from multiscale.upscaling.budget import has_budget, unknown_terms
 

@@ -98,7 +98,7 @@ class FinishedRun:
 def open_finished(out: Path) -> FinishedRun:
     """Open what a finished run or sweep has left."""
     from multiscale.pipeline.run_folder import gather_cautions, open_stages
-    from multiscale.pipeline.toml_model import read_toml
+    from multiscale.pipeline.tables.toml_model import read_toml
 
     opened = open_stages(out)
     found = {stage.name: dataset for stage, dataset in opened.items()}

@@ -4,7 +4,7 @@ import pytest
 
 from multiscale.io import open_law, open_response
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.case_cells import case_budget
 from multiscale.upscaling import fit_law
 from tests.support import TWO_BLOCKS, write_scene
 

@@ -10,7 +10,7 @@ from multiscale.fe.boxes import box_mesh
 from multiscale.pipeline import case_needs
 from multiscale.pipeline.case import shipped_cases
 from multiscale.pipeline.case_needs import prepare
-from multiscale.pipeline.structure_kind import Face, highest_pressure
+from multiscale.pipeline.tables.structure_kind import Face, highest_pressure
 from tests.pipeline.test_body_cases import BOLT, TEXT, WASHERS, meshes  # noqa: F401
 from tests.pipeline.test_jointed_bodies import LAP
 from tests.support import TWO_BLOCKS, case_of, small_steel, write_body, write_law, write_scene

@@ -10,8 +10,8 @@ from multiscale.errors import CaseError, ConvergenceError
 from multiscale.io import open_dataset
 from multiscale.macro import cable_net, simulate, solve_static, tensegrity_grid
 from multiscale.pipeline import load_case, run_macro
-from multiscale.pipeline.settings import KINDS
 from multiscale.pipeline.stages import stages_of
+from multiscale.pipeline.tables.settings import KINDS
 from multiscale.schema import MACRO_RESULT
 from tests.link_structures import free_module
 from tests.support import SCENES, write_scene

@@ -5,9 +5,9 @@ import pytest
 
 from multiscale.errors import CaseError
 from multiscale.pipeline import measured_sides
-from multiscale.pipeline.case_tables import CellSettings
 from multiscale.pipeline.measured_sides import cut_windows
-from multiscale.pipeline.rough_bodies import InstrumentSurface
+from multiscale.pipeline.tables.case_tables import CellSettings
+from multiscale.pipeline.tables.rough_bodies import InstrumentSurface
 from multiscale.surfaces import Surface, rms_height, rms_slope
 from tests.support import rough_square
 

@@ -20,8 +20,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BeforeValidator, WrapValidator
 from pydantic.fields import FieldInfo
 
-from multiscale.pipeline.settings import KINDS, Case
-from multiscale.pipeline.toml_model import OneOf, Settings
+from multiscale.pipeline.tables.settings import KINDS, Case
+from multiscale.pipeline.tables.toml_model import OneOf, Settings
 from multiscale.units import readable
 
 CASES = Path(__file__).parents[2] / "microcases"

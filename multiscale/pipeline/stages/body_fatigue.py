@@ -21,16 +21,16 @@ from multiscale.micro.damage.element_fatigue import (
 )
 from multiscale.micro.damage.fatigue import STATE_SIZE, FatigueMaterial
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders
-from multiscale.pipeline.fatigue_settings import FatigueSettings
-from multiscale.pipeline.made_bodies import RoughBodies
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import choose_solver
+from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.tables.fatigue_settings import FatigueSettings
+from multiscale.pipeline.tables.made_bodies import RoughBodies
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import FATIGUE_LIFE, MACRO_RESULT, Dataset, with_cautions

@@ -12,10 +12,10 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import Exponential, SteadySliding
 from multiscale.macro.data_range import data_ends, load_shares, with_load_shares
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View, list_facts, list_missing, tabulate_budget
 from multiscale.pipeline.stage import Datasets, Section, Stage, with_sample_band
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.law_figures import plot_footprint
 from multiscale.plotting.lines import plot_lines

@@ -27,7 +27,6 @@ from multiscale.pipeline.forecast import GRIDS, REALISATIONS, SIZES
 from multiscale.pipeline.inspection import tabulate_statistics
 from multiscale.pipeline.measured_sides import STAGES, Measured
 from multiscale.pipeline.real_contact import with_real_pressure
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import (
     Datasets,
@@ -37,6 +36,7 @@ from multiscale.pipeline.stage import (
     Stage,
     unseen,
 )
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.surface_figures import (
     plot_bearing_curve,

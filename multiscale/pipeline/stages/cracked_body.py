@@ -11,12 +11,12 @@ from multiscale.errors import CaseError
 from multiscale.macro import substructures
 from multiscale.micro.damage.cracks import half_widths, softening_samples
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.assembly_settings import Bodies
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
 from multiscale.pipeline.stages.volumes import GROWING_CRACKS
+from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.damage_figures import plot_element_field
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.rve_figures import plot_cracked_load

@@ -12,13 +12,13 @@ from multiscale.io import write_body_fields, write_link_fields
 from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
-from multiscale.pipeline.link_settings import Dynamics, LinkStructure, Statics
-from multiscale.pipeline.made_bodies import Plate
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
+from multiscale.pipeline.tables.link_settings import Dynamics, LinkStructure, Statics
+from multiscale.pipeline.tables.made_bodies import Plate
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes
 from multiscale.plotting.link_figures import (

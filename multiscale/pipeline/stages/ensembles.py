@@ -12,9 +12,9 @@ from multiscale.micro.averages import Keep
 from multiscale.micro.ensemble import record_realisation, run_realisations
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import make_cells, smooth_pair, two_bodies, two_surfaces
-from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.stage import Datasets, Job, Stage
 from multiscale.pipeline.stages.cells import CELLS
+from multiscale.pipeline.tables.settings import CONDUCTIVITIES, Case
 from multiscale.schema import (
     COARSER_RESPONSE,
     COARSER_SHEAR_RESPONSE,

@@ -9,9 +9,8 @@ import numpy as np
 
 from multiscale.io import open_dataset
 from multiscale.needs import Needs
-from multiscale.pipeline.case_budget import case_budget
+from multiscale.pipeline.case_cells import case_budget
 from multiscale.pipeline.real_contact import behaviour, negative_gap
-from multiscale.pipeline.settings import CONDUCTIVITIES, Case
 from multiscale.pipeline.showing import ROUNDING, View, list_missing
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import CELLS
@@ -23,6 +22,7 @@ from multiscale.pipeline.stages.ensembles import (
     SHEARED_CELLS,
 )
 from multiscale.pipeline.stages.sliding import SLIDING
+from multiscale.pipeline.tables.settings import CONDUCTIVITIES, Case
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.law_figures import (
     plot_area_law,

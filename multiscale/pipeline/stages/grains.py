@@ -10,12 +10,12 @@ from multiscale.io import write_grain_fields
 from multiscale.macro import granulate
 from multiscale.macro.granulate.model import grain_needs
 from multiscale.needs import Needs
-from multiscale.pipeline.assembly_parts import doubt_density
-from multiscale.pipeline.grain_settings import Granulate
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Rows, Table
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.structure_stage import structure_stage
+from multiscale.pipeline.tables.assembly_parts import doubt_density
+from multiscale.pipeline.tables.grain_settings import Granulate
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.grain_figures import grain_pictures
 from multiscale.schema import GRANULATE, Dataset, with_cautions

@@ -13,9 +13,8 @@ from multiscale.errors import ConvergenceError
 from multiscale.laws import NormalLaw
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import UNKNOWN_LAW
-from multiscale.pipeline.case_budget import joint_scales
+from multiscale.pipeline.case_cells import joint_scales
 from multiscale.pipeline.joint_answers import STIFFNESSES
-from multiscale.pipeline.made_bodies import Blocks
 from multiscale.pipeline.real_contact import (
     behaviour,
     contact_source,
@@ -23,7 +22,6 @@ from multiscale.pipeline.real_contact import (
     real_pressure,
     unknown_cells,
 )
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import (
     Table,
     View,
@@ -34,6 +32,8 @@ from multiscale.pipeline.showing import (
 )
 from multiscale.pipeline.stage import Datasets, Section, Stage, list_cautions, with_sample_band
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.tables.made_bodies import Blocks
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.budget_figures import plot_error_budget
 from multiscale.plotting.figure import WIDE, on_axes
 from multiscale.plotting.law_figures import plot_joint_stiffness

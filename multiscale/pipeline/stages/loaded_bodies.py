@@ -9,25 +9,26 @@ import numpy as np
 from multiscale.io import write_body_fields
 from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import ErrorSources, few_steps, with_joint_budget
 from multiscale.pipeline.joint_answers import load_answers
-from multiscale.pipeline.joint_settings import SLABS
-from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_interface_contact
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Rows, View, list_bolts, padded
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
+    ReadyBodies,
     choose_solver,
     counting,
     require_known,
     solver_needs,
     structure_stage,
+    with_cautions_of,
 )
+from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.tables.joint_settings import SLABS
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import load_pictures
 from multiscale.plotting.body_figures import plot_body_stress
 from multiscale.plotting.figure import in_space, on_axes

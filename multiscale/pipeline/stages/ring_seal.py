@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
+from multiscale.pipeline.tables.settings import Case
 from multiscale.schema import INTERFACE_LAW, SEAL, Dataset
 from multiscale.units import readable
 from multiscale.upscaling import area_from_dataset, say_sealing

@@ -12,22 +12,23 @@ from multiscale.macro import substructures
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import ErrorSources, with_joint_budget
 from multiscale.pipeline.joint_answers import joint_answers
-from multiscale.pipeline.made_bodies import RoughBodies
-from multiscale.pipeline.ready_bodies import ReadyBodies, with_cautions_of
 from multiscale.pipeline.real_contact import with_contact
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import SLIP, Table, View, list_bolts, list_facts, list_missing
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import HEADS, STIFFNESS, budget_sections
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
 from multiscale.pipeline.structure_stage import (
+    ReadyBodies,
     choose_solver,
     counting,
     require_known,
     solver_needs,
     structure_stage,
+    with_cautions_of,
 )
+from multiscale.pipeline.tables.made_bodies import RoughBodies
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting import joint_pictures
 from multiscale.plotting.figure import on_axes
 from multiscale.schema import Dataset, with_cautions

@@ -13,10 +13,10 @@ from multiscale.errors import ConvergenceError
 from multiscale.micro.ensemble import run_realisations
 from multiscale.micro.flat.viscoelastic import solve_sliding
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
 from multiscale.pipeline.stages.cells import caution_steep, count_cells
-from multiscale.pipeline.toml_model import read_toml, validate
+from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.toml_model import read_toml, validate
 from multiscale.plotting.figure import Axes, on_axes
 from multiscale.plotting.law_figures import plot_friction_bell
 from multiscale.plotting.surface_figures import plot_road

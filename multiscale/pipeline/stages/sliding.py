@@ -9,9 +9,9 @@ from multiscale.laws.bulk import J2, NeoHookean
 from multiscale.micro import FiniteCell, slide_cell
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.case_cells import smooth_pair, two_bodies, two_surfaces
-from multiscale.pipeline.rough_bodies import RoughBody
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.tables.rough_bodies import RoughBody
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import on_axes
 from multiscale.plotting.lines import plot_lines
 from multiscale.schema import SLIDING_RESPONSE, Dataset

@@ -14,20 +14,19 @@ from multiscale.laws import HystereticLaw, InterfaceLaw, NormalLaw, Sliders
 from multiscale.macro import substructures
 from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.assembly_settings import Bodies
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
-from multiscale.pipeline.made_bodies import RoughBodies
-from multiscale.pipeline.ready_bodies import with_cautions_of
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
 from multiscale.pipeline.stages.loaded_bodies import KEPT, NO_COARSER
 from multiscale.pipeline.stages.volumes import REPRESENTATIVE_VOLUME
-from multiscale.pipeline.structure_stage import structure_stage
-from multiscale.pipeline.vibration_settings import COARSE
+from multiscale.pipeline.structure_stage import structure_stage, with_cautions_of
+from multiscale.pipeline.tables.assembly_settings import Bodies
+from multiscale.pipeline.tables.made_bodies import RoughBodies
+from multiscale.pipeline.tables.settings import Case
+from multiscale.pipeline.tables.vibration_settings import COARSE
 from multiscale.plotting import MOST_DRAWN, vibration_pictures
 from multiscale.plotting.figure import SIZE, WIDE, on_axes
 from multiscale.schema import VIBRATION, Dataset, with_cautions

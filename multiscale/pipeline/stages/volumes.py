@@ -13,10 +13,10 @@ from multiscale.micro.damage.rve import measure_volume, represent
 from multiscale.micro.damage.sections import Volume, section_normals
 from multiscale.micro.ensemble import run_realisations
 from multiscale.needs import Choice, Needs
-from multiscale.pipeline.rve_settings import RveSettings
-from multiscale.pipeline.settings import Case
 from multiscale.pipeline.showing import Rows, Table, View, say_mean
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
+from multiscale.pipeline.tables.rve_settings import RveSettings
+from multiscale.pipeline.tables.settings import Case
 from multiscale.plotting.figure import in_space, new_figure, on_axes, save_figure
 from multiscale.plotting.rve_figures import (
     plot_crack_damage,

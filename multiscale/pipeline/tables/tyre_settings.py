@@ -7,9 +7,9 @@ from pydantic import Field, field_validator, model_validator
 
 from multiscale.laws import wlf_shift
 from multiscale.micro.flat.viscoelastic import RelaxingSolid
-from multiscale.pipeline.case_tables import POINTS_PER_WAVE
-from multiscale.pipeline.structure_kind import Pressed, tell_far
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.case_tables import POINTS_PER_WAVE
+from multiscale.pipeline.tables.structure_kind import Pressed, tell_far
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Duration,
     Length,
@@ -27,7 +27,7 @@ from multiscale.pipeline.toml_model import (
 from multiscale.upscaling.sampling import FEWEST_REALISATIONS
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.tables.settings import Case
 
 __all__ = ["QUICK_SAMPLES", "Rubber", "Slides", "Tread", "caution_road", "check_rubber"]
 

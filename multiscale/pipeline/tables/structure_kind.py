@@ -11,14 +11,14 @@ from multiscale.errors import CaseError
 from multiscale.fe.faces import face_of
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
-from multiscale.pipeline.toml_model import Settings
+from multiscale.pipeline.tables.toml_model import Settings
 from multiscale.units import readable
 
 if TYPE_CHECKING:
     from skfem import Mesh
 
-    from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
+    from multiscale.pipeline.tables.settings import Case
 
 __all__ = [
     "SPREAD",

@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.macro import granulate
-from multiscale.pipeline.structure_kind import StructureKind
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.structure_kind import StructureKind
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Density,
     Duration,
@@ -28,7 +28,7 @@ from multiscale.pipeline.toml_model import (
 from multiscale.schema import Dataset
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.settings import Case
+    from multiscale.pipeline.tables.settings import Case
 
 __all__ = [
     "Biaxial",

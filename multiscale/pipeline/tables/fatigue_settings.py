@@ -7,8 +7,8 @@ from pydantic import Field, model_validator
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Microcracks
 from multiscale.micro.damage.fatigue import FatigueMaterial
-from multiscale.pipeline.rve_settings import RveSettings
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.rve_settings import RveSettings
+from multiscale.pipeline.tables.toml_model import (
     Factor,
     Length,
     Number,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Length,
     Number,

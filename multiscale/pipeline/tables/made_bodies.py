@@ -16,9 +16,9 @@ from multiscale.laws import InterfaceLaw
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
 from multiscale.macro import substructures
 from multiscale.macro.data_range import FAR_FACTOR
-from multiscale.pipeline.assembly_parts import COARSER, BodyInterface, Material, MeshedBody
-from multiscale.pipeline.assembly_settings import Bodies, StructureParts, check_bodies
-from multiscale.pipeline.joint_settings import (
+from multiscale.pipeline.tables.assembly_parts import COARSER, BodyInterface, Material, MeshedBody
+from multiscale.pipeline.tables.assembly_settings import Bodies, StructureParts, check_bodies
+from multiscale.pipeline.tables.joint_settings import (
     FEW_SLABS,
     SLABS,
     Cycles,
@@ -29,10 +29,15 @@ from multiscale.pipeline.joint_settings import (
     RisingPreloads,
     RoughInterface,
 )
-from multiscale.pipeline.link_settings import Statics
-from multiscale.pipeline.porous_body import PorousBody
-from multiscale.pipeline.structure_kind import SPREAD, Pressed, StructureKind, refuse_far_cells
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.link_settings import Statics
+from multiscale.pipeline.tables.porous_body import PorousBody
+from multiscale.pipeline.tables.structure_kind import (
+    SPREAD,
+    Pressed,
+    StructureKind,
+    refuse_far_cells,
+)
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Length,
     Positive,
@@ -46,8 +51,8 @@ from multiscale.upscaling import with_damage
 if TYPE_CHECKING:
     from skfem import Mesh
 
-    from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
+    from multiscale.pipeline.tables.settings import Case
 
 __all__ = ["Blocks", "JointedBodies", "LapJoint", "Plate", "RoughBodies", "StackedBlocks"]
 

@@ -9,8 +9,8 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from multiscale.errors import CaseError
 from multiscale.micro.layer import depth_caution
 from multiscale.micro.slide import LONGEST
-from multiscale.pipeline.assembly_settings import Bodies, LoadCycles, LoadSteps
-from multiscale.pipeline.case_tables import (
+from multiscale.pipeline.tables.assembly_settings import Bodies, LoadCycles, LoadSteps
+from multiscale.pipeline.tables.case_tables import (
     ABSENT,
     POINTS_PER_WAVE,
     AccuracySettings,
@@ -20,8 +20,8 @@ from multiscale.pipeline.case_tables import (
     SealSettings,
     SlideSettings,
 )
-from multiscale.pipeline.fatigue_settings import FatigueSettings, GrowthSettings
-from multiscale.pipeline.grain_settings import (
+from multiscale.pipeline.tables.fatigue_settings import FatigueSettings, GrowthSettings
+from multiscale.pipeline.tables.grain_settings import (
     Biaxial,
     ColumnCollapse,
     Deposit,
@@ -30,7 +30,7 @@ from multiscale.pipeline.grain_settings import (
     ShearCell,
     Silo,
 )
-from multiscale.pipeline.joint_settings import (
+from multiscale.pipeline.tables.joint_settings import (
     Cycles,
     JointLaw,
     JointPreloads,
@@ -40,7 +40,7 @@ from multiscale.pipeline.joint_settings import (
     RoughInterface,
     Substructures,
 )
-from multiscale.pipeline.link_settings import (
+from multiscale.pipeline.tables.link_settings import (
     CableNet,
     Dynamics,
     LinkMesh,
@@ -48,16 +48,16 @@ from multiscale.pipeline.link_settings import (
     Statics,
     TensegrityGrid,
 )
-from multiscale.pipeline.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
-from multiscale.pipeline.rough_bodies import (
+from multiscale.pipeline.tables.made_bodies import Blocks, LapJoint, Plate, StackedBlocks
+from multiscale.pipeline.tables.rough_bodies import (
     CoatingSettings,
     InstrumentSurface,
     RoughBody,
     SyntheticSurface,
 )
-from multiscale.pipeline.rve_settings import RveSettings
-from multiscale.pipeline.toml_model import OneOf, Settings, list_tables
-from multiscale.pipeline.tyre_settings import (
+from multiscale.pipeline.tables.rve_settings import RveSettings
+from multiscale.pipeline.tables.toml_model import OneOf, Settings, list_tables
+from multiscale.pipeline.tables.tyre_settings import (
     QUICK_SAMPLES,
     Rubber,
     Slides,
@@ -65,7 +65,7 @@ from multiscale.pipeline.tyre_settings import (
     caution_road,
     check_rubber,
 )
-from multiscale.pipeline.vibration_settings import VibrationSettings
+from multiscale.pipeline.tables.vibration_settings import VibrationSettings
 from multiscale.schema import INTERFACE_LAW, Dataset
 from multiscale.units import readable
 from multiscale.upscaling.sampling import FEWEST_PAIRS, FEWEST_REALISATIONS

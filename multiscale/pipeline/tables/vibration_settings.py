@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from multiscale import macro
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Length,
     Number,

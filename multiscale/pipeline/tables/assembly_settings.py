@@ -14,7 +14,7 @@ from multiscale.errors import CaseError, suggest
 from multiscale.laws import Exponential, InterfaceLaw, ModifiedLaw, Sliders
 from multiscale.laws.bulk.moduli import mindlin_ratio
 from multiscale.macro import substructures
-from multiscale.pipeline.assembly_parts import (
+from multiscale.pipeline.tables.assembly_parts import (
     COARSER,
     GROUNDED,
     BodyBolt,
@@ -23,10 +23,10 @@ from multiscale.pipeline.assembly_parts import (
     NamedLoad,
     n_tetrahedra,
 )
-from multiscale.pipeline.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
-from multiscale.pipeline.porous_body import PorousBody
-from multiscale.pipeline.structure_kind import Face, Pressed, StructureKind, highest_pressure
-from multiscale.pipeline.toml_model import Number, Positive, Settings
+from multiscale.pipeline.tables.joint_settings import SLABS, JointLaw, OpenLaw, SolverChoice
+from multiscale.pipeline.tables.porous_body import PorousBody
+from multiscale.pipeline.tables.structure_kind import Face, Pressed, StructureKind, highest_pressure
+from multiscale.pipeline.tables.toml_model import Number, Positive, Settings
 from multiscale.schema import RVE, Dataset
 from multiscale.upscaling import law_from_dataset, sliders_from_dataset
 from multiscale.upscaling.budget import FEW_CELLS, STATED
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from skfem import Mesh
 
     from multiscale.laws import NormalLaw
-    from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets
+    from multiscale.pipeline.tables.settings import Case
 
 __all__ = ["Bodies", "LoadCycles", "LoadSteps", "StructureParts", "check_bodies"]
 

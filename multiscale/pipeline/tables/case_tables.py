@@ -10,7 +10,7 @@ from pydantic import Field, Strict, field_validator, model_validator
 
 from multiscale.errors import CaseError
 from multiscale.micro.damage import Cavities, Recipe
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Factor,
     Length,

@@ -16,10 +16,9 @@ from multiscale.fe.mesh_file import load_geometry
 from multiscale.io import read_table
 from multiscale.laws import Exponential, Tabulated
 from multiscale.laws.bulk import AnisotropicElastic, Elastic
-from multiscale.pipeline.asperity_settings import StatedAsperities
-from multiscale.pipeline.joint_settings import Damage, JointLaw, LawError
-from multiscale.pipeline.rve_settings import Direction
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.joint_settings import Damage, JointLaw, LawError, StatedAsperities
+from multiscale.pipeline.tables.rve_settings import Direction
+from multiscale.pipeline.tables.toml_model import (
     Density,
     Length,
     Pressure,
@@ -318,7 +317,7 @@ class MeshedBody(Material):
         if self.order_on(mesh) == 1:
             return corners
         middles = facets.size * (mesh.t.shape[0] == 8)  # of quadrilaterals
-        return corners + np.unique(mesh.f2e[:, facets]).size + middles
+        return int(corners + np.unique(mesh.f2e[:, facets]).size + middles)
 
     def order_on(self, mesh: "Mesh") -> int:
         """Order of the elements on its mesh."""

@@ -15,8 +15,8 @@ from multiscale.errors import CaseError
 from multiscale.io import finite, open_mesh, read_table
 from multiscale.laws.link import Bar, Cable, LinkLaw, Strut
 from multiscale.macro import substructures
-from multiscale.pipeline.structure_kind import StructureKind
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.structure_kind import StructureKind
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Length,
     Number,
@@ -29,8 +29,8 @@ from multiscale.pipeline.toml_model import (
 from multiscale.units import to_si
 
 if TYPE_CHECKING:
-    from multiscale.pipeline.settings import Case
     from multiscale.pipeline.stage import Datasets, Job
+    from multiscale.pipeline.tables.settings import Case
 
 __all__ = [
     "CableNet",

@@ -13,7 +13,7 @@ from multiscale.io.images import VoxelImage, read_images
 from multiscale.micro.damage import Cavities, Recipe, penny_cracks, spheres
 from multiscale.micro.damage.cavities import Bodies
 from multiscale.micro.damage.sections import Volume
-from multiscale.pipeline.toml_model import (
+from multiscale.pipeline.tables.toml_model import (
     Count,
     Factor,
     Length,

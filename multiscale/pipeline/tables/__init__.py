@@ -1,0 +1,1 @@
+"""Tables of case files: models that read, check and describe their keys."""
