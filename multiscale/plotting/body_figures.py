@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import Axes, axes_or_current, set_box
+from multiscale.plotting.figure import Axes, axes_or_current, colour_faces, set_box
 from multiscale.plotting.joint_figures import plot_joint_plan
 from multiscale.plotting.lines import plot_lines
 from multiscale.schema import Dataset
@@ -41,11 +41,6 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
     ax : Axes3D
         Axes to draw on. The title says how many times the displacements are enlarged.
     """
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
     corners = result["corners"].to_numpy().astype(int)
     stress = 1e-6 * result["equivalent_stress"].to_numpy()[step]
     place, moved = result["position"].to_numpy(), result["displacement"].to_numpy()[step]
@@ -54,21 +49,19 @@ def plot_body_stress(result: Dataset, *, step: int = -1, ax: "Axes3D") -> "Axes3
     times = SHOWN * float(extent.max()) / largest
     times = float(f"{times:.1g}")
     outer = outer_faces(corners)
-    scale = Normalize(0.0, float(np.quantile(stress, BRIGHTEST)) or 1.0)
     points = 1e3 * (place + times * moved)
-    ax.add_collection3d(
-        Poly3DCollection(
-            points[outer.corners],
-            facecolors=colormaps["viridis"](scale(stress[outer.element])),
-            edgecolors=(0.0, 0.0, 0.0, 0.25),
-            linewidths=0.2,
-        )
+    colour_faces(
+        ax,
+        points[outer.corners],
+        stress[outer.element],
+        "von Mises stress (MPa)",
+        (0.0, float(np.quantile(stress, BRIGHTEST)) or 1.0),
+        edgecolors=(0.0, 0.0, 0.0, 0.25),
+        linewidths=0.2,
     )
     set_box(ax, points.min(axis=0), points.max(axis=0))
     ax.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)")
     ax.view_init(elev=24.0, azim=-50.0)
-    mappable = ScalarMappable(scale, colormaps["viridis"])
-    ax.figure.colorbar(mappable, ax=ax, label="von Mises stress (MPa)", shrink=0.6, pad=0.12)
     ax.set_title(f"displacements {times:g} times")
     return ax
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from multiscale.plotting.element_faces import outer_faces
-from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current
+from multiscale.plotting.figure import Axes, add_colour_bar, axes_or_current, colour_faces
 from multiscale.schema import Dataset
 from multiscale.units import length_unit
 
@@ -51,19 +51,13 @@ def colour_sphere(
     normals: np.ndarray, damage: np.ndarray, worst: np.ndarray, *, ax: "Axes3D"
 ) -> "Axes3D":
     """Colour the sphere of normals (n, 3) by damage (n,), with an arrow at the worst normal."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from scipy.spatial import ConvexHull
 
     points, values = np.concatenate([normals, -normals]), np.concatenate([damage, damage])
     corners = ConvexHull(points).simplices
-    scale = Normalize(0.0, float(damage.max()) or 1.0)
-    colours = colormaps["viridis"](scale(values[corners].mean(axis=1)))
-    ax.add_collection3d(
-        Poly3DCollection(points[corners], facecolors=colours, edgecolors="white", linewidths=0.2)
-    )
+    label, limits = "damage of the worst section", (0.0, float(damage.max()) or 1.0)
+    style = {"edgecolors": "white", "linewidths": 0.2}
+    colour_faces(ax, points[corners], values[corners].mean(axis=1), label, limits, **style)
     n = worst if worst[2] >= 0.0 else -worst
     ax.quiver(*n, *(0.6 * n), color="black", arrow_length_ratio=0.25)
     ax.view_init(
@@ -73,8 +67,6 @@ def colour_sphere(
     ax.set(xlabel="x", ylabel="y", zlabel="z")
     ax.set(xticks=[-1, 0, 1], yticks=[-1, 0, 1], zticks=[-1, 0, 1])
     ax.set_box_aspect((1.0, 1.0, 1.0))
-    mappable = ScalarMappable(scale, colormaps["viridis"])
-    ax.figure.colorbar(mappable, ax=ax, label="damage of the worst section", shrink=0.6, pad=0.1)
     return ax
 
 

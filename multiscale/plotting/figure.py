@@ -25,6 +25,7 @@ __all__ = [
     "Axes",
     "add_colour_bar",
     "axes_or_current",
+    "colour_faces",
     "in_space",
     "is_drawn",
     "new_figure",
@@ -106,6 +107,25 @@ def add_colour_bar(mappable: "ScalarMappable", ax: Axes, label: str) -> None:
         place = ax.inset_axes((BAR_BESIDE, 0.0, BAR_THICKNESS, 1.0), transform=beside)
     orientation = "horizontal" if wide else "vertical"
     ax.figure.colorbar(mappable, cax=place, label=label, orientation=orientation)
+
+
+def colour_faces(
+    ax: "Axes3D",
+    faces: np.ndarray,
+    values: np.ndarray,
+    label: str,
+    limits: tuple[float, float],
+    **style: Any,
+) -> None:
+    """Draw faces in space, (faces, corners, 3), coloured by values, and a colour bar."""
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    scale, colours = Normalize(*limits), colormaps["viridis"]
+    ax.add_collection3d(Poly3DCollection(faces, facecolors=colours(scale(values)), **style))
+    ax.figure.colorbar(ScalarMappable(scale, colours), ax=ax, label=label, shrink=0.6, pad=0.1)
 
 
 def set_box(ax: "Axes3D", low: np.ndarray, high: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from multiscale.io.images import VoxelImage
 from multiscale.laws.bulk.moduli import youngs_modulus_along
 from multiscale.micro.damage.sections import sphere_directions
 from multiscale.plotting.damage_figures import colour_sphere
-from multiscale.plotting.figure import Axes, axes_or_current
+from multiscale.plotting.figure import Axes, axes_or_current, colour_faces
 from multiscale.schema import Dataset
 from multiscale.units import length_unit
 
@@ -104,35 +104,25 @@ def plot_rve_damage(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
 
 def plot_modulus_surface(rve: Dataset, *, ax: "Axes3D") -> "Axes3D":
     """Draw the surface whose distance from the centre is Young's modulus along the direction."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
     from matplotlib.ticker import MaxNLocator
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from scipy.spatial import ConvexHull
 
     half = sphere_directions(3)
     points = np.concatenate([half, -half])
     faces = ConvexHull(points).simplices
     ratio = 1e-9 * youngs_modulus_along(rve["stiffness"].to_numpy(), points)
-    scale = Normalize(float(ratio.min()), float(ratio.max()))
-    if np.ptp(ratio) < 1e-6 * ratio.max():
-        scale = Normalize(0.0, float(ratio.max()) or 1.0)
-    colours = colormaps["viridis"](scale(ratio[faces].mean(axis=1)))
-    surface = (ratio[:, None] * points)[faces]
-    ax.add_collection3d(
-        Poly3DCollection(surface, facecolors=colours, edgecolors="white", linewidths=0.1)
-    )
+    low, high = float(ratio.min()), float(ratio.max())
+    if high - low < 1e-6 * high:
+        low, high = 0.0, high or 1.0
+    surface, label = (ratio[:, None] * points)[faces], "Young's modulus along the direction (GPa)"
+    style = {"edgecolors": "white", "linewidths": 0.1}
+    colour_faces(ax, surface, ratio[faces].mean(axis=1), label, (low, high), **style)
     reach = 1.1 * (float(ratio.max()) or 1.0)
     ax.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(-reach, reach))
     ax.set(xlabel="x (GPa)", ylabel="y (GPa)", zlabel="z (GPa)")
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_major_locator(MaxNLocator(3))
     ax.set_box_aspect((1.0, 1.0, 1.0))
-    mappable = ScalarMappable(scale, colormaps["viridis"])
-    ax.figure.colorbar(
-        mappable, ax=ax, label="Young's modulus along the direction (GPa)", shrink=0.6, pad=0.1
-    )
     return ax
 
 
