@@ -48,6 +48,7 @@ def test_the_page_tells_what_was_found_how_and_what_to_beware_of(page):
     assert found == [
         "Joint",
         "Error budget",
+        "Sensitivity",
         "Interface law",
         "Contact",
         "Surface",
