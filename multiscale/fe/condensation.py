@@ -16,8 +16,7 @@ from multiscale.numerics.factorisation import Solve, factorise
 
 __all__ = ["CondensedStiffness", "Split", "compliances", "condense", "condense_body", "split"]
 
-COLUMNS = 64
-"""Right-hand sides that are solved together."""
+COLUMNS = 64  # right-hand sides that are solved together
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,14 +56,9 @@ __all__ = [
 COINCIDENT = 1e-6
 """Distance of nodes that are one point of an interface, relative to the size of a face."""
 
-STRAIGHT = 1e-6
-"""Cosine below one up to which a plane is normal to an axis of the coordinates."""
-
-ROUNDING = 1e-12
-"""Integrals below this share of the largest are rounding."""
-
-SLIVER = 1e-9
-"""Corners with a smaller share of the area of the largest are left out."""
+STRAIGHT = 1e-6  # cosine below one up to which a plane is normal to an axis of the coordinates
+ROUNDING = 1e-12  # integrals below this share of the largest are rounding
+SLIVER = 1e-9  # corners with a smaller share of the area of the largest are left out
 
 
 @dataclass(frozen=True, eq=False)

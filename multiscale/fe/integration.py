@@ -10,8 +10,7 @@ from multiscale.numerics.compiled import compiled
 
 __all__ = ["integrate", "integrate_pairs"]
 
-SLIVER = 1e-12
-"""Pieces smaller than this share of their facet are left out."""
+SLIVER = 1e-12  # pieces smaller than this share of their facet are left out
 
 # seven points of degree 5 on the triangle: barycentric coordinates and weights
 _A, _B = (6.0 - np.sqrt(15.0)) / 21.0, (6.0 + np.sqrt(15.0)) / 21.0

@@ -6,8 +6,7 @@ from scipy.sparse import csr_array
 
 __all__ = ["count_free_motions", "free_motions", "rigid_motions"]
 
-FREE = 1e-9
-"""Largest energy of a free motion, relative to its energy on the diagonal stiffness."""
+FREE = 1e-9  # largest energy of a free motion, relative to its energy on the diagonal stiffness
 
 
 def rigid_motions(position: np.ndarray, component: np.ndarray) -> np.ndarray:

@@ -12,17 +12,13 @@ from multiscale.laws.sliders import SliderBed
 
 __all__ = ["Asperities", "AsperityLaw", "class_densities", "gaussian_asperities"]
 
-NODES = 400
-"""Approaches at which the ratio of plastic to elastic force is tabulated."""
-
-REACH = 4.0
-"""Heights of Gaussian asperities end at this multiple of their root mean square."""
+NODES = 400  # approaches at which the ratio of plastic to elastic force is tabulated
+REACH = 4.0  # heights of Gaussian asperities end at this multiple of their root mean square
 
 MAX_ITERATIONS, TOLERANCE = 200, 1e-13
 """Iteration limit of the normal resolvent, and its residual relative to the largest term."""
 
-AT_LIMIT = 1.0 - 1e-9
-"""Share of the friction limit from which a class slips."""
+AT_LIMIT = 1.0 - 1e-9  # share of the friction limit from which a class slips
 
 
 @dataclass(frozen=True, eq=False)

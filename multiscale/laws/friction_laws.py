@@ -22,8 +22,7 @@ __all__ = [
 LEAST_RATIO = 1e-150
 """Least pressure and speed of a bell, relative to the pressure and speed of its peak."""
 
-DIFFERENCE_STEP = 1e-6
-"""Step of central differences by the pressure, relative to it."""
+DIFFERENCE_STEP = 1e-6  # step of central differences by the pressure, relative to it
 
 MAX_ITERATIONS, RELATIVE_CHANGE = 60, 1e-15
 """Iteration limit of Newton's method, and the relative change at which it stops."""

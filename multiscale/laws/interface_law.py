@@ -28,8 +28,7 @@ __all__ = [
 ]
 
 MAX_ITERATIONS = 300
-TOLERANCE = 1e-13
-"""Bound on the residual of a resolvent relative to the largest of its three terms."""
+TOLERANCE = 1e-13  # bound on the residual of a resolvent relative to the largest of its three terms
 
 
 @dataclass(frozen=True)

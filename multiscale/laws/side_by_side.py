@@ -11,8 +11,7 @@ from multiscale.laws.interface_law import InterfaceLaw, Response, Sliding
 
 __all__ = ["SideBySide", "advance_state", "lay_side_by_side"]
 
-GAIN = 1e-12
-"""Energy gained by rounding in a step, relative to the largest that a point has stored."""
+GAIN = 1e-12  # energy gained by rounding in a step, relative to the largest that a point has stored
 
 
 @dataclass(frozen=True, eq=False)

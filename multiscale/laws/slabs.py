@@ -17,14 +17,12 @@ from multiscale.numerics.compiled import compiled
 __all__ = ["asperity_loads", "resolve", "respond_slabs"]
 
 LEAST_DIVISOR = 1e-300
-"""Least divisor."""
 
 ROUNDING_CHANGE = 1e-5
 """Change of the gap, relative to pressure over stiffness, below which the change of the load of a
 slab is rounding."""
 
-LEAST = 20_000
-"""Entries of states for a thread."""
+LEAST = 20_000  # entries of states for a thread
 
 MAX_ITERATIONS, MAX_HALVINGS, TOLERANCE = 100, 40, 1e-13
 """Iteration and halving limits of Newton's method, and its residual relative to all forces."""

@@ -22,17 +22,10 @@ STICKING_SLIP = 1e-3
 """Slip in a step up to which a slab counts as sticking, relative to its elastic displacement at
 the friction limit."""
 
-LEAST = 1e-9
-"""Least pressure of sticking contacts, relative to the whole, where all would slip."""
-
-CURVE_SAMPLES = 2000
-"""Number of pressures at which the elastic curve is sampled to find the edges."""
-
-DIFFERENCE_STEP = 1e-5
-"""Step of central differences by the gap, relative to the decay length."""
-
-LAST_EDGE = 1e300
-"""Gap of the last edge, m: the last slab is unbounded."""
+LEAST = 1e-9  # least pressure of sticking contacts, relative to the whole, where all would slip
+CURVE_SAMPLES = 2000  # number of pressures at which the elastic curve is sampled to find the edges
+DIFFERENCE_STEP = 1e-5  # step of central differences by the gap, relative to the decay length
+LAST_EDGE = 1e300  # gap of the last edge, m: the last slab is unbounded
 
 
 class SliderBed(InterfaceLaw):

@@ -8,11 +8,8 @@ from multiscale.errors import CaseError
 
 __all__ = ["LAST_STRESS", "Softening"]
 
-LAST_SHARE = 1e-6
-"""Stiffness of an element that has cracked through, over its first."""
-
-LAST_STRESS = 1e-3
-"""Stress of the last tooth over the strength."""
+LAST_SHARE = 1e-6  # stiffness of an element that has cracked through, over its first
+LAST_STRESS = 1e-3  # stress of the last tooth over the strength
 
 FINE = 4001  # points at which the energy of a law is summed
 

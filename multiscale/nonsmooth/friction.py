@@ -28,8 +28,7 @@ from multiscale.nonsmooth.refusals import (
 
 __all__ = ["FRICTION_METHODS", "solve_friction"]
 
-SAFETY = 0.5
-"""Share of the tolerance that the methods aim at, so that the verifier agrees."""
+SAFETY = 0.5  # share of the tolerance that the methods aim at, so that the verifier agrees
 
 FIRST_LANCZOS_STEPS = 20
 """Lanczos steps of the first look at a problem, which find only plain cases."""
@@ -54,8 +53,7 @@ def _interior_point(
     return semismooth_newton(problem, progress.best, progress, 15, regularisation=1e-10)
 
 
-GAIN = 20.0
-"""Factor by which a burst of sweeps has to reduce the error to be followed by another."""
+GAIN = 20.0  # factor by which a burst of sweeps has to reduce the error to be followed by another
 
 FULL, LARGE = 15.0, 200
 """Blocks per contact and contacts beyond which a factorisation costs as much as many solves."""

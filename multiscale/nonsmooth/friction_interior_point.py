@@ -14,19 +14,15 @@ from multiscale.nonsmooth.lcp_methods import LONGEST, longest_positive
 
 __all__ = ["friction_interior_point"]
 
-REGULARISATION = 1e-12
-"""Added to the diagonal of W, relative to it, in the tangent matrix only."""
-
-PATIENCE = 25
-"""Steps in which the mean product has to fall by a tenth."""
+REGULARISATION = 1e-12  # added to the diagonal of W, relative to it, in the tangent matrix only
+PATIENCE = 25  # steps in which the mean product has to fall by a tenth
 
 SMALLEST_MEAN, SHORTEST_STEP = 1e-16, 1e-6
 """Mean product that is round-off, and length of a step at which the path ends."""
 
 REFLECTION = np.diag([1.0, -1.0, -1.0])
 
-Point = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Unknowns z, y and g, or their changes."""
+Point = tuple[np.ndarray, np.ndarray, np.ndarray]  # unknowns z, y and g, or their changes
 
 Linearised = tuple[Point, np.ndarray, Callable[[np.ndarray, np.ndarray], Point]]
 

@@ -11,14 +11,9 @@ from multiscale.numerics.compiled import compiled
 
 __all__ = ["gauss_seidel", "linearise", "semismooth_newton", "solve_one_contact"]
 
-BURST = 20
-"""Sweeps between two measurements of the error."""
-
-SMALLEST, LARGEST = 1e-14, 1.0
-"""Range of the regularisation, relative to the diagonal of W."""
-
-PATIENCE = 10
-"""Steps without progress after which the iteration gives up."""
+BURST = 20  # sweeps between two measurements of the error
+SMALLEST, LARGEST = 1e-14, 1.0  # range of the regularisation, relative to the diagonal of W
+PATIENCE = 10  # steps without progress after which the iteration gives up
 
 
 def gauss_seidel(

@@ -40,8 +40,7 @@ INDEFINITE = (
 NEGATIVE = 1e-6
 """Smallest eigenvalue of the scaled matrix, with its sign changed, that counts as negative."""
 
-LARGEST_PIVOTING = 1000
-"""Number of constraints up to which ``auto`` tries pivoting."""
+LARGEST_PIVOTING = 1000  # number of constraints up to which ``auto`` tries pivoting
 
 PATIENCE = 100
 """Iterates without a residual cut to a half after which a method asked for by name gives up."""

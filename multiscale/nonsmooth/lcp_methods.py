@@ -14,44 +14,28 @@ from multiscale.numerics.factorisation import Solve
 
 __all__ = ["iterate_interior_point", "iterate_newton_min", "iterate_pivoting", "longest_positive"]
 
-SHIFT = 1e-13
-"""Added to the unit diagonal of an active block, so that redundant constraints share."""
-
-REFINEMENTS = 1
-"""Corrections of the active unknowns after the first."""
-
-ROUNDING = 1e-14
-"""Negative part of an unknown or slack that does not count as a violation."""
-
-FULL_STEPS = 8
-"""Full steps without fewer violations before constraints are exchanged one at a time."""
+SHIFT = 1e-13  # added to the unit diagonal of an active block, so that redundant constraints share
+REFINEMENTS = 1  # corrections of the active unknowns after the first
+ROUNDING = 1e-14  # negative part of an unknown or slack that does not count as a violation
+FULL_STEPS = 8  # full steps without fewer violations before constraints are exchanged one at a time
 
 SETTLED = 1e-3
 """Part of the constraints that may change sides in a step if the active set is to be tried."""
 
-NEXT_TRIAL = 1e-2
-"""Factor by which the gap must fall from one trial of the active set to the next."""
-
-POLISH_STEPS = 3
-"""Active sets in one trial."""
+NEXT_TRIAL = 1e-2  # factor by which the gap must fall from one trial of the active set to the next
+POLISH_STEPS = 3  # active sets in one trial
 
 SMALLEST_GAP, SHORTEST_STEP = 1e-24, 1e-10
 """Complementarity gap and step length below which the interior point ends."""
 
-CORRECTIONS = 2
-"""Corrections of the centrality per factorisation, each for one more solve."""
-
-LONGEST = 1e10
-"""Length of a step without a limit."""
+CORRECTIONS = 2  # corrections of the centrality per factorisation, each for one more solve
+LONGEST = 1e10  # length of a step without a limit
 
 SMALLEST_PIVOT = 1e-10
 """Entry of an entering column, relative to its largest one, that counts as zero."""
 
-TIE = 1e-12
-"""Relative difference up to which two entries of the ratio test count as equal."""
-
-FAR = 1e12
-"""Distance along a ray at which its last point lies."""
+TIE = 1e-12  # relative difference up to which two entries of the ratio test count as equal
+FAR = 1e12  # distance along a ray at which its last point lies
 
 
 def iterate_newton_min(

@@ -15,14 +15,12 @@ from multiscale.numerics.factorisation import Solve, symmetric_lu
 
 __all__ = ["ScaledLCP", "lcp_verifier", "scale_lcp", "verify_lcp"]
 
-DENSE = 0.2
-"""Fraction of nonzero entries above which a matrix is factorised as a dense matrix."""
+DENSE = 0.2  # fraction of nonzero entries above which a matrix is factorised as a dense matrix
 
 SYMMETRY = 1e-6
 """Difference of mirrored entries of the scaled matrix up to which it counts as symmetric."""
 
-SMALLEST_ROW = 1e-6
-"""Smallest reference for the error of a row, relative to the data."""
+SMALLEST_ROW = 1e-6  # smallest reference for the error of a row, relative to the data
 
 ROUNDING = 32.0 * np.finfo(float).eps
 """Error of a row, relative to its terms, that is attributed to rounding."""

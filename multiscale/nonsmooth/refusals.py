@@ -30,8 +30,7 @@ LARGEST_EXPONENT = 300
 FIRST_LOOK, THOROUGH = 40, 200
 """Lanczos steps before a problem is solved, and after no method has solved it."""
 
-SMALL = 100
-"""Size up to which Lanczos takes as many steps as there are eigenvalues."""
+SMALL = 100  # size up to which Lanczos takes as many steps as there are eigenvalues
 
 BREAKDOWN = 1e-12
 """New direction, relative to the largest product, below which the space is invariant."""

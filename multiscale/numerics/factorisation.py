@@ -42,8 +42,7 @@ Solve = Callable[[np.ndarray], np.ndarray]
 
 Factorise = Callable[[np.ndarray, bool], Solve]
 
-POSITIVE_DEFINITE = 2
-"""Kind of matrix, as PARDISO counts them."""
+POSITIVE_DEFINITE = 2  # kind of matrix, as PARDISO counts them
 
 SETTINGS = {1: 1, 2: 3, 24: 1, 37: -80}
 """Of PARDISO (iparm, from 1): these and not its defaults; nested dissection on all threads, \

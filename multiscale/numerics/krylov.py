@@ -10,8 +10,7 @@ __all__ = ["Anderson", "conjugate_gradients", "minimal_residual"]
 WORSE, DAMPED = 10.0, 0.5
 """Residual, relative to the best, above which the iterates are dropped; relaxation after that."""
 
-REGULAR = 1e-10
-"""Added to the diagonal of the scaled inner products of the changes."""
+REGULAR = 1e-10  # added to the diagonal of the scaled inner products of the changes
 
 Operator = Callable[[np.ndarray], np.ndarray]
 

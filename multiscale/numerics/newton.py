@@ -27,11 +27,8 @@ __all__ = [
 
 State = TypeVar("State")
 
-SUFFICIENT = 0.1
-"""Share of the first slope that may be left after a full step."""
-
-BRACKET = 0.05
-"""Width, relative to its end, at which a bracket of the minimum is narrow enough."""
+SUFFICIENT = 0.1  # share of the first slope that may be left after a full step
+BRACKET = 0.05  # width, relative to its end, at which a bracket of the minimum is narrow enough
 
 MAX_EVALUATIONS = 2200
 """Enough to double or halve from one end of the floating-point numbers to the other."""

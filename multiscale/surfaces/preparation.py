@@ -19,8 +19,7 @@ __all__ = [
     "window",
 ]
 
-AROUND = 5
-"""Points across the surroundings of a point that may be a spike."""
+AROUND = 5  # points across the surroundings of a point that may be a spike
 
 SPIKE, GAUSSIAN = 10.0, 1.4826
 """Distance of a spike over a standard deviation, and this over the median of a Gaussian."""
