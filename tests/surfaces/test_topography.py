@@ -34,6 +34,13 @@ GRIDS = [
 ]
 
 
+def rough(points, size, seed=5, *, hurst=0.8, **band):
+    """A self-affine surface of the band, or of another one."""
+    names = {"long": "long_cutoff", "short": "short_cutoff"}
+    changed = {names.get(name, name): value for name, value in band.items()}
+    return self_affine(points, size, seed, **BAND | {"hurst_exponent": hurst} | changed)
+
+
 def waves(points, size, *terms):
     """Sum of a cos(2 pi (i x / Lx + j y / Ly) + phase) at the nodes."""
     x, y = np.meshgrid(*(np.arange(n) / n for n in points), indexing="ij")
@@ -45,45 +52,37 @@ def waves(points, size, *terms):
 
 @pytest.mark.parametrize(("points", "size"), GRIDS)
 def test_rms_slope_is_the_one_asked_for(points, size):
-    surface = self_affine(points, size, 5, rms_slope=0.13, **BAND)
+    surface = rough(points, size, rms_slope=0.13)
     assert rms_slope(surface) == pytest.approx(0.13, rel=1e-12)
     assert surface.heights.mean() == pytest.approx(0.0, abs=1e-12 * rms_height(surface))
 
 
 @pytest.mark.parametrize(("points", "size"), GRIDS)
 def test_rms_height_is_the_one_asked_for(points, size):
-    surface = self_affine(points, size, 5, rms_height=0.7e-6, **BAND)
+    surface = rough(points, size, rms_height=0.7e-6)
     assert rms_height(surface) == pytest.approx(0.7e-6, rel=1e-12)
 
 
 @pytest.mark.parametrize(("points", "size"), GRIDS)
 def test_a_finer_grid_samples_the_same_surface(points, size):
-    coarse = self_affine(points, size, 5, rms_slope=0.1, **BAND)
-    fine = self_affine((3 * points[0], 2 * points[1]), size, 5, rms_slope=0.1, **BAND)
+    coarse = rough(points, size, rms_slope=0.1)
+    fine = rough((3 * points[0], 2 * points[1]), size, rms_slope=0.1)
     scale = rms_height(coarse)
     np.testing.assert_allclose(fine.heights[::3, ::2], coarse.heights, atol=1e-12 * scale)
 
 
 def test_the_unit_of_length_does_not_change_the_surface():
-    metre = self_affine(
-        (40, 48), (1.0, 1.3), 2, hurst_exponent=0.5, long_cutoff=1.0, short_cutoff=0.1, rms_slope=1
-    )
-    micron = self_affine(
-        (40, 48),
-        (1e-6, 1.3e-6),
-        2,
-        hurst_exponent=0.5,
-        long_cutoff=1e-6,
-        short_cutoff=1e-7,
-        rms_slope=1,
+    metre, micron = (
+        rough((40, 48), (m, 1.3 * m), 2, hurst=0.5, long=m, short=0.1 * m, rms_slope=1)
+        for m in (1.0, 1e-6)
     )
     np.testing.assert_allclose(1e6 * micron.heights, metre.heights, atol=1e-11)
 
 
 def test_a_shorter_cutoff_adds_waves_and_keeps_the_longer_ones():
     size = (1.0e-4, 1.0e-4)
-    coarse = self_affine((64, 64), size, 5, rms_height=1e-6, **BAND)
-    fine = self_affine((64, 64), size, 5, rms_height=1e-6, **{**BAND, "short_cutoff": 0.5e-5})
+    coarse = rough((64, 64), size, rms_height=1e-6)
+    fine = rough((64, 64), size, rms_height=1e-6, short=0.5e-5)
     kept = low_pass(fine, BAND["short_cutoff"]).heights
     ratio = kept.std() / coarse.heights.std()
     np.testing.assert_allclose(kept, ratio * coarse.heights, atol=1e-12 * kept.std())
@@ -91,24 +90,14 @@ def test_a_shorter_cutoff_adds_waves_and_keeps_the_longer_ones():
 
 def test_another_seed_gives_another_surface():
     size = (1.0e-4, 1.0e-4)
-    one, other = (
-        self_affine((64, 64), size, seed, rms_height=1.0, **BAND).heights for seed in (1, 2)
-    )
+    one, other = (rough((64, 64), size, seed, rms_height=1.0).heights for seed in (1, 2))
     assert abs(np.mean(one * other)) < 0.5
 
 
 @pytest.mark.parametrize("hurst_exponent", [0.3, 0.8])
 def test_spectrum_falls_with_the_hurst_exponent_below_the_roll_off(hurst_exponent):
-    surface = self_affine(
-        (256, 300),
-        (1.0, 1.0),
-        3,
-        hurst_exponent=hurst_exponent,
-        long_cutoff=0.5,
-        roll_off=0.125,
-        short_cutoff=0.01,
-        rms_height=1.0,
-    )
+    band = {"long": 0.5, "roll_off": 0.125, "short": 0.01, "rms_height": 1.0}
+    surface = rough((256, 300), (1.0, 1.0), 3, hurst=hurst_exponent, **band)
     q, density, _ = ring_density(surface, *wave_power(surface))
     q = q / (2 * pi)
     assert density[(q < 1.5) | (q > 101.0)].max() < 1e-25 * density.max()
@@ -120,15 +109,7 @@ def test_spectrum_falls_with_the_hurst_exponent_below_the_roll_off(hurst_exponen
 
 
 def test_surface_is_isotropic_on_an_oblong_cell():
-    surface = self_affine(
-        (512, 256),
-        (2.0, 1.0),
-        3,
-        hurst_exponent=0.8,
-        long_cutoff=0.2,
-        short_cutoff=0.02,
-        rms_slope=0.1,
-    )
+    surface = rough((512, 256), (2.0, 1.0), 3, long=0.2, short=0.02, rms_slope=0.1)
     along_x, along_y = (
         np.mean((np.diff(surface.heights, axis=k) / surface.spacing[k]) ** 2) for k in range(2)
     )
@@ -158,21 +139,14 @@ def test_surface_is_isotropic_on_an_oblong_cell():
     ],
 )
 def test_parameters_outside_their_range_are_refused(changed, sentence):
-    parameters = {
-        "points": (64, 64),
-        "size": (1.0, 1.0),
-        "seed": 1,
-        "hurst_exponent": 0.8,
-        "long_cutoff": 0.5,
-        "short_cutoff": 0.1,
-        "rms_slope": 0.1,
-    }
+    parameters = {"points": (64, 64), "size": (1.0, 1.0), "seed": 1, "rms_slope": 0.1}
+    parameters |= {"hurst_exponent": 0.8, "long_cutoff": 0.5, "short_cutoff": 0.1}
     with pytest.raises(CaseError, match=sentence):
         self_affine(**{**parameters, **changed})
 
 
 def test_the_least_grid_named_in_the_message_is_enough():
-    surface = self_affine((21, 21), (1.0e-4, 1.0e-4), 1, rms_slope=0.1, **BAND)
+    surface = rough((21, 21), (1.0e-4, 1.0e-4), rms_slope=0.1)
     assert rms_slope(surface) == pytest.approx(0.1, rel=1e-12)
 
 
@@ -200,7 +174,7 @@ def slope_of_differences(surface):
 def test_differences_converge_to_the_slope_of_the_series():
     errors = []
     for n in (32, 64):
-        surface = self_affine((n, n), (1.0e-4, 1.0e-4), 1, rms_slope=0.1, **BAND)
+        surface = rough((n, n), (1.0e-4, 1.0e-4), 1, rms_slope=0.1)
         errors.append(0.1 - slope_of_differences(surface))
     assert errors[0] > 2.0 * errors[1] > 0.0
     assert errors[1] < 0.01
@@ -240,16 +214,8 @@ def test_moments_tend_to_their_integrals_as_the_cell_grows():
     assert slope == pytest.approx(0.27660, rel=1e-4)
     assert nayak == pytest.approx(139.8, rel=1e-3)
 
-    edge = 6 * 2 * pi / low
-    surface = self_affine(
-        (1201, 1201),
-        (edge, edge),
-        1,
-        hurst_exponent=hurst,
-        long_cutoff=2 * pi / low,
-        short_cutoff=2 * pi / high,
-        rms_height=height,
-    )
+    size, band = (6 * 2 * pi / low,) * 2, {"long": 2 * pi / low, "short": 2 * pi / high}
+    surface = rough((1201, 1201), size, 1, hurst=hurst, rms_height=height, **band)
     assert rms_slope(surface) == pytest.approx(slope, rel=0.03)
     assert nayak_parameter(surface) == pytest.approx(nayak, rel=0.06)
 
@@ -269,15 +235,8 @@ def test_spectral_density_adds_up_to_the_mean_square_height(points):
 
 
 def test_spectral_density_integrates_to_the_mean_square_height():
-    surface = self_affine(
-        (512, 512),
-        (1.0, 1.0),
-        1,
-        hurst_exponent=0.5,
-        long_cutoff=0.05,
-        short_cutoff=0.005,
-        rms_height=2.0,
-    )
+    band = {"long": 0.05, "short": 0.005, "rms_height": 2.0}
+    surface = rough((512, 512), (1.0, 1.0), 1, hurst=0.5, **band)
     q, density, _ = ring_density(surface, *wave_power(surface))
     integral = np.trapezoid(q * density, q) / (2 * pi)
     assert integral == pytest.approx(2.0**2, rel=0.02)
@@ -320,8 +279,7 @@ def test_taper_outside_its_range_is_refused(taper):
 @pytest.mark.parametrize("points", [(64, 64), (27, 90), (51, 24)])
 def test_resampling_a_resolved_surface_is_exact(points):
     size = (1.0e-4, 1.0e-4)
-    surface = self_affine((30, 33), size, 5, rms_height=1.0, **BAND)
-    exact = self_affine(points, size, 5, rms_height=1.0, **BAND)
+    surface, exact = (rough(grid, size, rms_height=1.0) for grid in ((30, 33), points))
     np.testing.assert_allclose(resample(surface, points).heights, exact.heights, atol=1e-12)
 
 
@@ -360,7 +318,7 @@ def test_detrended_piece_has_no_tilt():
 
 def test_composite_of_independent_surfaces_adds_their_mean_squares():
     size = (1.0e-3, 1.0e-3)
-    one, two = (self_affine((256, 256), size, seed, rms_height=1.0, **BAND) for seed in (1, 2))
+    one, two = (rough((256, 256), size, seed, rms_height=1.0) for seed in (1, 2))
     both = composite(one, two)
     np.testing.assert_array_equal(both.heights, one.heights + two.heights)
     assert rms_height(both) == pytest.approx(np.sqrt(2.0), rel=0.05)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from multiscale.laws import Coulomb
 from multiscale.macro import granulate
 from multiscale.macro.granulate import ContactLaw, Solver
 from multiscale.upscaling import fit_law, friction_observations
@@ -101,4 +100,3 @@ def test_friction_of_sheared_grains_depends_on_the_inertial_number_and_is_fitted
     mean = float(seen.values.mean())
     assert float(fitted["friction_coefficient"]) == pytest.approx(mean, rel=1e-6)
     assert 0.0 < mean < 0.2, "grains that roll slide with less than their own friction"
-    assert Coulomb(mean).coefficient(np.array(1e3), np.array(0.05)) == pytest.approx(mean)
