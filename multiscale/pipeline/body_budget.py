@@ -76,36 +76,34 @@ class JointsOfLaw:
         return f"interface {', '.join(map(str, self.joints))}"
 
     def sources(
-        self,
-        pressure: np.ndarray | None,
-        cells: np.ndarray | float = 1.0,
-        without: Mapping[str, np.ndarray] = {},
+        self, pressure: np.ndarray | None, without: Mapping[str, np.ndarray] = {}
     ) -> list[Source]:
         """Return the errors of the normal law and of the friction.
 
-        ``pressure`` of the joints, Pa, is None where they carry nothing, and nothing slips;
-        ``cells`` is as of :func:`law_sources`; by the terms of ``without`` the friction has no part
-        in answers for which they are True.
+        ``pressure`` of the joints, Pa, is None where they carry nothing, and nothing slips; by the
+        terms of ``without`` the friction has no part in answers for which they are True.
         """
 
         def change(normal: NormalLaw) -> Change:
             return Change(self.joints, normal)
 
-        found = law_sources(self.law, pressure, of=self.name, change=change, cells=cells)
+        listed = law_sources(self.law, pressure, of=self.name, change=change)
         friction = {} if pressure is None else shear_errors(self.law, pressure)
-        for parameter, half_width in friction.items():
-            if parameter in self.measured:
-                known = {
-                    term: np.where(without.get(term, False), 0.0, half)
-                    for term, half in half_width.items()
-                    if term in known_terms(self.law)
-                }
-                name, widths = parameter.replace("_", " "), _shared(known, cells)
-                larger = Change(self.joints, factors={parameter: 1.0 + STRETCH})
-                found.append(
-                    Uncertainty(name=name, of=self.name, half_width=widths, changes=[larger])
-                )
-        return found
+        known = known_terms(self.law)
+        for parameter, widths in friction.items():
+            if parameter not in self.measured:
+                continue
+            half_width = {
+                term: np.where(without.get(term, False), 0.0, half)
+                for term, half in widths.items()
+                if term in known
+            }
+            larger = Change(self.joints, factors={parameter: 1.0 + STRETCH})
+            name = parameter.replace("_", " ")
+            listed.append(
+                Uncertainty(name=name, of=self.name, half_width=half_width, changes=[larger])
+            )
+        return listed
 
 
 JointSolve = Callable[[Change], "Dataset"]
@@ -141,6 +139,7 @@ class ErrorSources:
     laws: list[JointsOfLaw]  # whose errors are independent
     stated: list[Uncertainty]  # of stated values and representative volumes
     unknown: list[str]  # laws without an error, a sentence each
+    meshes: Mapping[float, Bodies]  # coarser ones, by the ratio of the spacings
 
     @classmethod
     def of(cls, bodies: Bodies, case: Case, laws: Sequence[Dataset | None]) -> "ErrorSources":
@@ -160,11 +159,11 @@ class ErrorSources:
             replace(one, of=one.name, name="", changes=[Change(structure=changed)])
             for one, changed in bodies.uncertainties()
         ]
-        return cls(found, stated, unknown)
+        return cls(found, stated, unknown, bodies.coarser())
 
     def __bool__(self) -> bool:
         """Whether any error is known."""
-        return bool(self.laws or self.stated)
+        return bool(self.laws or self.stated or self.meshes)
 
 
 def changed_sliders(
@@ -200,7 +199,6 @@ def with_joint_budget(
     sources: ErrorSources,
     solve: JointSolve,
     asked: JointAnswers,
-    coarser: Mapping[float, Bodies],
     job: Job,
 ) -> Dataset:
     """Return the result of rough joints with error budget and intervals of their answers.
@@ -233,9 +231,9 @@ def with_joint_budget(
         listed += of_law
         result = with_cautions(result, *cautions)
     listed += sources.stated
-    if coarser:
-        changes = [Change(structure=structure) for structure in coarser.values()]
-        listed.append(Knob(name="mesh", ratios=[*coarser], changes=changes))
+    if sources.meshes:
+        changes = [Change(structure=structure) for structure in sources.meshes.values()]
+        listed.append(Knob(name="mesh", ratios=[*sources.meshes], changes=changes))
     else:
         listed.append(Bound(name="mesh", bounds={MACRO: Term(NO_MESH)}))
     value = answers(result)
@@ -246,7 +244,7 @@ def with_joint_budget(
             fewer = Change(every, slabs=SLABS // 2)
             told = f"beds of {SLABS} and {SLABS // 2} slabs"
             listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=told))
-        if coarser:
+        if sources.meshes:
             left = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
             share = np.where(moving == 0.0, 0.0, left)
             listed.append(Knob(name="load steps", answers=[value], share=share))
@@ -298,45 +296,42 @@ def _measured(
         law = law.assign_attrs({how_attribute(FEW_CELLS): told})
         cells *= scales.cell_ratio**2
     lost = names[:, None] == ("" if cycles is None else cycles.loss)
-    shared = np.where(lost, cells[0], cells[1])
+    listed: list[Source] = []
     bounds: dict[str, Term] = {}
-    further: list[Source] = []
     if cycles is not None:
-        if "shear_loss_ratio" not in law:
-            said.append(UNKNOWN_LOSS)
-        share = np.zeros(steps.size)
-        all_lost = cycles.density @ area
-        share[n_rests:] = cycles.density[:, mine] @ own / np.where(all_lost > 0.0, all_lost, 1.0)
+        said += [] if "shear_loss_ratio" in law else [UNKNOWN_LOSS]
+        share, total = np.zeros(steps.size), cycles.density @ area
+        share[n_rests:] = cycles.density[:, mine] @ own / np.where(total > 0.0, total, 1.0)
         bounds[BED] = _part_of(loss_term(law), lost * share)
         if "shear_loss_grid_error" in law:
             grid = Term("the loss ratio on two grids", law["shear_loss_grid_error"].to_numpy())
             bounds["micro discretisation"] = _part_of(grid, lost * share)
-        further.append(Bound(name="cycles of the cells", of=of.name, bounds=bounds))
-        if FEW_CELLS in known_terms(law):
-            # where one cell is stiffer than others, it carries more of the shear and slips more:
-            # its shear rises at most in proportion to its stiffness
-            few = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
-            data = np.log(law["fit_pressure"].to_numpy())
-            width = {FEW_CELLS: np.interp(np.log(mean), data, few.to_numpy()) / np.sqrt(shared)}
-            rate = np.zeros((names.size, steps.size))
-            rate[names == cycles.slip, -cycles.slope.size :] = cycles.slope
-            rate *= pressure @ own / (whole @ area)
-            further.append(Uncertainty(name="uneven slip", of=of.name, half_width=width, rate=rate))
+        listed.append(Bound(name="cycles of the cells", of=of.name, bounds=bounds))
+        slope = np.zeros((names.size, steps.size))
+        slope[names == cycles.slip, -cycles.slope.size :] = cycles.slope
+        listed.append(_uneven_slip(law, mean, slope * (pressure @ own / (whole @ area)), of.name))
     real = np.array([bool(set(asked.real.get(name, ())) & set(of.joints)) for name in names])
     if any(real):
-        contact = contact_source(law, mean, real, of.name)
-        further.append(replace(contact, half_width=_shared(contact.half_width, shared)))
+        listed.append(contact_source(law, mean, real, of.name))
     # cycles of the cells tell all that the loss has of the bed
-    found = replace(of, law=law).sources(mean, shared, dict.fromkeys(bounds, lost))
-    return [*found, *further], said
+    listed += replace(of, law=law).sources(mean, dict.fromkeys(bounds, lost))
+    shared = np.where(lost, cells[0], cells[1])
+    return [source.averaged(shared) for source in listed], said
 
 
-def _shared(
-    half_width: Mapping[str, np.ndarray | float], cells: np.ndarray | float
-) -> dict[str, np.ndarray | float]:
-    """Return half-widths of answers that average over a number of cells."""
-    few = {FEW_CELLS: half_width[FEW_CELLS] / np.sqrt(cells)} if FEW_CELLS in half_width else {}
-    return {**half_width, **few}
+def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, of: str) -> Source:
+    """Return the scatter of stiffness between the cells of one joint as a source of its slip.
+
+    Where one cell is stiffer than others, it carries more of the shear and slips more; a law that
+    is stiffer everywhere has no such effect. The shear of a point rises at most in proportion to
+    its stiffness, and its slip by the logarithmic slope of slip over shear times this change.
+    """
+    half_width = {}
+    if FEW_CELLS in known_terms(law):
+        few = law["error_half_width"].sel(quantity="stiffness", error_term=FEW_CELLS)
+        data = np.log(law["fit_pressure"].to_numpy())
+        half_width[FEW_CELLS] = np.interp(np.log(pressure), data, few.to_numpy())
+    return Uncertainty(name="uneven slip", of=of, half_width=half_width, rate=rate)
 
 
 def _part_of(term: Term, rows: np.ndarray) -> Term:

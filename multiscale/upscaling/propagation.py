@@ -9,7 +9,7 @@ half-width is :math:`w_{kt}` by the term :math:`t`, the half-width of the answer
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -85,6 +85,18 @@ class Source(ABC):
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
         """Return the terms of the budget by this source, from the answers and the changed ones."""
 
+    def sensitivity(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> np.ndarray | None:
+        """Return the relative change of the answers by the half-width of a parameter."""
+        return None
+
+    def averaged(self, cells: np.ndarray) -> "Source":
+        """Return the source of answers that average over cells, shape (answers, steps).
+
+        Their number is relative to the number by the scales of the law; see
+        :func:`effective_cells`.
+        """
+        return self
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Uncertainty(Source):
@@ -104,17 +116,28 @@ class Uncertainty(Source):
     step: float = STRETCH
     rate: np.ndarray | None = None
 
-    def sensitivity(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the relative change of the answers over the change of the parameter."""
-        return (changed[0] / value - 1.0) / self.step if self.rate is None else self.rate
-
     def terms(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> Mapping[str, Term]:
         """Return (1); an answer that does not change has no error, even by an unknown width."""
-        rate = np.abs(self.sensitivity(value, changed))
+        rate = np.abs(self._rate(value, changed))
         return {
             term: Term(self.how.get(term, ""), np.where(rate == 0.0, 0.0, rate * half))
             for term, half in self.half_width.items()
         }
+
+    def sensitivity(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the relative change of the answers by the half-width of all known terms."""
+        square = sum(np.square(np.nan_to_num(half)) for half in self.half_width.values())
+        return np.asarray(self._rate(value, changed) * np.sqrt(square) * np.ones(value.shape))
+
+    def averaged(self, cells: np.ndarray) -> Source:
+        """Return the source with a smaller scatter of few cells."""
+        if FEW_CELLS not in self.half_width:
+            return self
+        few = self.half_width[FEW_CELLS] / np.sqrt(cells)
+        return replace(self, half_width={**self.half_width, FEW_CELLS: few})
+
+    def _rate(self, value: np.ndarray, changed: Sequence[np.ndarray]) -> np.ndarray:
+        return (changed[0] / value - 1.0) / self.step if self.rate is None else self.rate
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -217,41 +240,40 @@ def propagate(
     """
     names = (names,) if isinstance(names, str) else tuple(names)
     jobs: dict[tuple[int, int], Any] = {} if value is not None else {(-1, 0): base}
-    for k, one in enumerate(sources):
-        if one.answers is None:
-            jobs |= {(k, j): change for j, change in enumerate(one.changes)}
+    for k, source in enumerate(sources):
+        if source.answers is None:
+            jobs |= {(k, j): change for j, change in enumerate(source.changes)}
+    if jobs and solve is None:
+        raise TypeError(f"{len(jobs)} answers are not known, and nothing solves them")
     solved: dict[tuple[int, int], np.ndarray] = {}
 
-    def finish(key: tuple[int, int], found: Any) -> None:
-        solved[key] = _rows(read(found), names)
+    def finish(key: tuple[int, int], result: Any) -> None:
+        solved[key] = _rows(read(result), names)
         progress(len(solved), len(jobs))
 
-    if jobs:
-        if solve is None:
-            raise TypeError(f"{len(jobs)} answers are not known, and nothing solves them")
+    if solve is not None and jobs:
         progress(0, len(jobs))
         run_jobs(solve, ((key, (change,)) for key, change in jobs.items()), executor, finish)
     value = solved[-1, 0] if value is None else _rows(value, names)
 
-    given: dict[str, list[tuple[str, Term]]] = {term: [] for term in ERROR_TERMS}
-    labels, changes = [], []
-    for k, one in enumerate(sources):
-        if one.answers is None:
-            changed = [solved[k, j] for j in range(len(one.changes))]
+    parts: dict[str, list[tuple[str, Term]]] = {term: [] for term in ERROR_TERMS}
+    labels, sensitivities = list[str](), list[np.ndarray]()
+    for k, source in enumerate(sources):
+        if source.answers is None:
+            changed = [solved[k, j] for j in range(len(source.changes))]
         else:
-            changed = [_rows(answer, names) for answer in one.answers]
-        for term, part in one.terms(value, changed).items():
-            given[term].append((one.of, part))
-        if isinstance(one, Uncertainty):
-            half = [np.nan_to_num(width) for width in one.half_width.values()]
-            wide = np.sqrt(sum(np.square(width) for width in half))
-            labels.append(": ".join(filter(None, (one.of, one.name))))
-            changes.append(one.sensitivity(value, changed) * wide * np.ones(value.shape))
-    terms = {term: _add(term, parts, value.shape) for term, parts in given.items()}
+            changed = [_rows(answer, names) for answer in source.answers]
+        for name, term in source.terms(value, changed).items():
+            parts[name].append((source.of, term))
+        sensitivity = source.sensitivity(value, changed)
+        if sensitivity is not None:
+            labels.append(": ".join(filter(None, (source.of, source.name))))
+            sensitivities.append(sensitivity)
+    terms = {name: _add(name, listed, value.shape) for name, listed in parts.items()}
     budget = assemble_budget(terms, names, None, steps=value.shape[1])
-    if not changes:
+    if not sensitivities:
         return budget
-    budget = ERROR_BUDGET.assign(budget, {"sensitivity": np.array(changes)})
+    budget = ERROR_BUDGET.assign(budget, {"sensitivity": np.array(sensitivities)})
     return budget.assign_coords(parameter=labels)
 
 
@@ -260,34 +282,34 @@ def _rows(answer: Any, names: Sequence[str]) -> np.ndarray:
     return np.reshape(np.asarray(answer, dtype=float), (len(names), -1))
 
 
-def _add(term: str, parts: Sequence[tuple[str, Term]], shape: tuple[int, ...]) -> Term:
-    """Add what sources contribute to a term, and join the texts, by the objects they belong to."""
+def _add(name: str, parts: Sequence[tuple[str, Term]], shape: tuple[int, ...]) -> Term:
+    """Add what sources contribute to a term, by the objects that they belong to."""
+    how = _join(name, parts)
+    if name in ALWAYS and not parts:
+        return Term(how, np.zeros(shape))
+    bias = sum(np.asarray(term.bias) for _, term in parts)
+    known = [term.half_width for _, term in parts if term.half_width is not None]
+    if not known or (name in ALWAYS and len(known) < len(parts)):
+        return Term(how, None, bias)
+    return Term(how, np.sqrt(sum(np.square(half) for half in known)) * np.ones(shape), bias)
+
+
+def _join(name: str, parts: Sequence[tuple[str, Term]]) -> str:
+    """Join the texts of a term; objects without the term have none beside those with it."""
     texts: dict[str, dict[str, None]] = {}
-    for of, one in parts:
-        if one.how:
-            texts.setdefault(of, {})[one.how] = None
-    present = {
-        of: "; ".join(how for how in one if not is_absent(how))
-        for of, one in texts.items()
-        if not all(map(is_absent, one))
-    }
-    if len(set(present.values())) > 1:
-        several = sum(map(bool, present)) > 1
-        told = "; ".join(f"{of}: {how}" if of and several else how for of, how in present.items())
-    elif present:
-        told = next(iter(present.values()))
-    elif texts:
-        told = next(how for one in texts.values() for how in one)
-    else:
-        told = NO_SOURCE.get(term, NO_PART.how)
-    halves = [one.half_width for _, one in parts if one.half_width is not None]
-    if term in ALWAYS and not parts:
-        return Term(told, np.zeros(shape))
-    if not halves or (term in ALWAYS and len(halves) < len(parts)):
-        return Term(told, None, sum(np.asarray(one.bias) for _, one in parts))
-    square = sum(np.square(half) for half in halves)
-    bias = sum(np.asarray(one.bias) for _, one in parts)
-    return Term(told, np.sqrt(square) * np.ones(shape), bias)
+    for of, term in parts:
+        if term.how:
+            texts.setdefault(of, {})[term.how] = None
+    if not texts:
+        return NO_SOURCE.get(name, NO_PART.how)
+    present = {of: [how for how in listed if not is_absent(how)] for of, listed in texts.items()}
+    joined = {of: "; ".join(listed) for of, listed in present.items() if listed}
+    if not joined:
+        return next(how for listed in texts.values() for how in listed)
+    if len(set(joined.values())) == 1:
+        return next(iter(joined.values()))
+    several = sum(map(bool, joined)) > 1
+    return "; ".join(f"{of}: {how}" if of and several else how for of, how in joined.items())
 
 
 def law_sources(
@@ -298,7 +320,6 @@ def law_sources(
     change: Callable[[NormalLaw], Any] = lambda law: law,
     samples: int = 0,
     drawn: Sequence[np.ndarray] | None = None,
-    cells: np.ndarray | float = 1.0,
 ) -> list[Source]:
     """Return the sources of error of an interface law, from its budget.
 
@@ -314,9 +335,6 @@ def law_sources(
         Number of bootstrap samples of the law that are solved; with fewer than 40, sampling enters
         as the other terms do.
     drawn : sequence of ndarray, shape (answers, steps), optional, answers that samples have
-    cells : float or ndarray, shape (answers, steps)
-        Number of cells over which the answers average, over the number by the scales of the law;
-        see :func:`effective_cells`.
 
     Returns
     -------
@@ -348,17 +366,15 @@ def law_sources(
 
     def half_width(quantity: str, unit: np.ndarray | float) -> dict[str, np.ndarray | float]:
         """Half-widths of a quantity of the law at the pressures, by terms that it knows."""
-        found: dict[str, np.ndarray | float] = {}
+        widths: dict[str, np.ndarray | float] = {}
         for term in known:
-            one = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * unit
-            found[term] = float(np.sqrt(np.mean(one**2)))
+            half = law["error_half_width"].sel(error_term=term, quantity=quantity).to_numpy() * unit
+            widths[term] = float(np.sqrt(np.mean(half**2)))
             if pressure is not None:
-                found[term] = np.interp(np.log(pressure), np.log(data), one)
+                widths[term] = np.interp(np.log(pressure), np.log(data), half)
         if sampled:
-            found.pop("sampling", None)
-        if FEW_CELLS in found:
-            found[FEW_CELLS] = found[FEW_CELLS] / np.sqrt(cells)
-        return found
+            widths.pop("sampling", None)
+        return widths
 
     bounds = {}
     for term in ERROR_TERMS[:-1]:  # the last one is not of a law

@@ -51,9 +51,10 @@ def ensemble(n=12, *, spread=0.03, factor=1.0, seed=1):
     return response_of(factor * TRUTH * scatter, area=area)
 
 
-def carried(name, law, solve, pressure=None, *further, **options):
+def carried(name, law, solve, pressure=None, *further, cells=None, samples=0):
     """Budget of an answer of a structure by the budget of a law and further sources."""
-    sources = [*law_sources(law, pressure, **options), *further]
+    sources = [*law_sources(law, pressure, samples=samples), *further]
+    sources = sources if cells is None else [one.averaged(cells) for one in sources]
     return propagate(name, sources, solve, solve(law_from_dataset(law)))
 
 

@@ -81,11 +81,10 @@ def _with_budget(
 ) -> Dataset:
     """Carry the budgets of all laws to stiffnesses, real pressures and the last cycle."""
     bodies, case, laws = ready.bodies, ready.case, ready.laws
-    sources, coarser = ErrorSources.of(bodies, case, laws), bodies.coarser()
-    if not coarser:
-        result = with_cautions(result, NO_COARSER)
-        if not sources:
-            return result
+    sources = ErrorSources.of(bodies, case, laws)
+    result = with_cautions(result, "" if sources.meshes else NO_COARSER)
+    if not sources:
+        return result
     if not laws:  # nothing but convergence limits what is known
         result = MACRO_RESULT.assign(result, {"known": result["converged"].to_numpy()})
     solved = int(np.count_nonzero(result["converged"].values[path.ends() >= 0]))
@@ -101,7 +100,7 @@ def _with_budget(
     rise = path.cycle_steps if path.cycles and whole and sources.laws else 0
     asked = load_answers(result, rise, few)
     solve = ready.again(partial(_follow, short), near)
-    return with_joint_budget(result, sources, solve, asked, coarser, job)
+    return with_joint_budget(result, sources, solve, asked, job)
 
 
 def _follow(

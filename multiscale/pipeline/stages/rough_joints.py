@@ -95,10 +95,9 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
     result = with_cautions_of(result, ready.bodies, case, found, ready.laws)
     bolts = list_bolts(result, result["preload"].to_numpy()) if assembly.bolts else []
     facts = [*list_facts(result), *bolts]
-    sources, coarser = ErrorSources.of(ready.bodies, case, ready.laws), ready.bodies.coarser()
-    if not coarser:
-        result = with_cautions(result, NO_LARGER)
-    if sources or coarser:
+    sources = ErrorSources.of(ready.bodies, case, ready.laws)
+    result = with_cautions(result, "" if sources.meshes else NO_LARGER)
+    if sources:
         preloads = case.statics.preloads
         solved = int(result["converged"][: len(preloads)].sum())  # the first failure is the end
         short = substructures.JointLoading(preloads[:solved])
@@ -109,7 +108,7 @@ def _solve(structure: RoughBodies, case: Case, found: Datasets, job: Job) -> Dat
         near = substructures.follow_joint(small, short, method=ready.method)
         solve = ready.again(partial(_follow, short), near)
         asked = joint_answers(result)
-        result = with_joint_budget(result, sources, solve, asked, coarser, job)
+        result = with_joint_budget(result, sources, solve, asked, job)
     return ready.finish(result, facts)
 
 

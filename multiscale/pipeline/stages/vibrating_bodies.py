@@ -176,11 +176,10 @@ def _with_budget(
     solved = np.flatnonzero(result["converged"].values)
     if not solved.size:
         return result
-    sources, coarser = ErrorSources.of(bodies, case, laws), bodies.coarser()
-    if not coarser:
-        result = with_cautions(result, NO_COARSER)
-        if not sources:
-            return result
+    sources = ErrorSources.of(bodies, case, laws)
+    result = with_cautions(result, "" if sources.meshes else NO_COARSER)
+    if not sources:
+        return result
 
     def place(told: Dataset, budget: Dataset) -> Dataset:
         """Give every amplitude its column, which follow the preload."""
@@ -209,7 +208,7 @@ def _with_budget(
         free = substructures.CondensedProblem(still.rest.free, still.rest.free)
         still = replace(still, rest=replace(still.rest, condensed=free))
     solve = partial(_solve_changed, bodies, case, laws, still)
-    return with_joint_budget(rest, sources, solve, asked, coarser, job)
+    return with_joint_budget(rest, sources, solve, asked, job)
 
 
 def _solve_changed(
