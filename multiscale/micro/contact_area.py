@@ -60,14 +60,7 @@ class EdgeLayer(NamedTuple):
 
 
 def edge_layer(compliance_ratio: np.ndarray) -> EdgeLayer:
-    r"""Evaluate (1).
-
-    Examples
-    --------
-    >>> exact = edge_layer(np.ones(65))  # by the Fourier series of the nodes
-    >>> round(exact.reach, 2), round(exact.ratio, 2)
-    (0.19, 0.41)
-    """
+    """Evaluate (1) from compliances of nodes over those of the continuous surface, 0 to pi."""
     theta = np.linspace(0.0, np.pi, len(compliance_ratio))[1:]
     f = np.log(compliance_ratio[1:] * 2.0 * np.sin(0.5 * theta) / theta)
     start = f[0] - (f[1] - f[0]) / 3.0 if len(f) > 1 else f[0]  # even in theta

@@ -91,10 +91,7 @@ def elements_of(coating: Sequence[Coating], planes: np.ndarray) -> list[int]:
 def moduli_by_layer(
     coating: Sequence[Coating], below: tuple[float, float], planes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Young's moduli, Pa, and Poisson's ratios of the layers between planes, from the base up.
-
-    ``below`` are the moduli of the body below its coatings.
-    """
+    """Young's moduli, Pa, and Poisson's ratios between planes of coatings and body below."""
     middle = 0.5 * (planes[1:] + planes[:-1])
     place = np.searchsorted(coating_faces(coating, float(planes[-1]))[::-1], middle)
     pairs = [below, *((film.youngs_modulus, film.poissons_ratio) for film in coating[::-1])]

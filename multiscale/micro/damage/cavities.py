@@ -49,13 +49,8 @@ class SectionPlane:
 
 
 def perpendicular(unit: np.ndarray) -> np.ndarray:
-    """Complete unit vectors (n, 3) to right-handed frames; the two other vectors, (n, 2, 3).
-
-    References
-    ----------
-    .. [1] T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8: no square root and no special case.
-    """
-    x, y, z = unit.T
+    """Complete unit vectors (n, 3) to right-handed frames; the two other vectors, (n, 2, 3)."""
+    x, y, z = unit.T  # T. Duff et al., J. Comput. Graph. Tech. 6 (2017) 1-8
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
     frame = np.empty((len(unit), 2, 3))
@@ -69,10 +64,7 @@ def perpendicular(unit: np.ndarray) -> np.ndarray:
 
 
 def _box_polygon(plane: SectionPlane, size: np.ndarray) -> np.ndarray:
-    """Corners of the section of a box with a plane, anticlockwise in the plane, shape (n, 2), m.
-
-    There are none if the plane misses the box.
-    """
+    """Corners of the section of a box with a plane, anticlockwise, (n, 2), m; none beside it."""
     corners = CORNERS * size
     height = (corners - plane.origin) @ plane.normal
     below = height <= 0.0

@@ -158,10 +158,7 @@ class Microcracks:
         return np.asarray(S / self.youngs_modulus)
 
     def compliance(self, radius: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """Compliance (1) of the volume with cracks of such radii, shape (6, 6), 1/Pa.
-
-        Cracks that a ``stress``, shape (6,), xx, yy, zz, yz, xz, xy, opens count.
-        """
+        """Compliance (1) with cracks of such radii, (6, 6), 1/Pa, of which a stress opens some."""
         d, nu = np.pi * radius**2 / self.edge**2, self.poissons_ratio
         unit = 16.0 * (1.0 - nu**2) / (3.0 * self.youngs_modulus * self.edge**3)
         size = unit * radius**3 / (1.0 - d) * (self.opening_traction(stress) > 0.0)
@@ -376,10 +373,7 @@ def softening_samples(growth: Dataset) -> list[Softening]:
 
 
 def half_widths(values: np.ndarray) -> tuple[float, float]:
-    """Half-widths of 95 % intervals of a mean and of one further value; NaN of one value.
-
-    They are those of the logarithm, which is normal: strengths and energies are positive.
-    """
+    """Half-widths of 95 % intervals of the logarithm of a mean and of one further value, or NaN."""
     from scipy.special import stdtrit
 
     n = values.size

@@ -57,11 +57,7 @@ def first_cracks(
     scatter: float = 0.0,
     max_cycles: float = 1e9,
 ) -> np.ndarray:
-    """Return the cycles at which the weakest inclusion of every element cracks, unless others do.
-
-    ``stress`` has the shape (corners, elements, 6), Pa. Infinite where the inclusion stays elastic
-    or does not crack by ``max_cycles``.
-    """
+    """Cycles at which the weakest inclusion of each element cracks, of stress (corners, n, 6)."""
     return Inclusions(material, limit_factors(scatter)[:1]).lives(stress, max_cycles)
 
 
@@ -180,11 +176,7 @@ def local_fatigue(
 def _difference(
     state: np.ndarray, cycles: float, first: FatigueProgress, other: FatigueProgress
 ) -> float:
-    """Half the difference of two jumps from one state after some cycles.
-
-    Changes of damage and plastic strain are relative to the larger one, lives of inclusions that
-    crack in both jumps to the longer one.
-    """
+    """Half the relative difference of two jumps: of changes, or of lives where both crack."""
     changes = [run.state[:, :2] - state[:, :2] for run in (first, other)]
     cracks = (first.broken & other.broken)[:, None]
     lives = [cycles + run.cycles[:, None] for run in (first, other)]

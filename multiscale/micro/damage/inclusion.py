@@ -176,10 +176,7 @@ def _elastic_share(xi, change, limit):  # type: ignore[no-untyped-def]
 
 @compiled
 def _add_damage(state, dp, old, middle, new, material):  # type: ignore[no-untyped-def]
-    """Add a plastic step and its damage (2), by Simpson's rule between two effective stresses.
-
-    Returns the share of the step at which damage becomes critical, or 1.
-    """
+    """Add a plastic step and its damage (2) by Simpson's rule; return the share until critical."""
     before = state[1]
     state[1] += dp
     active = min(dp, state[1] - material[THRESHOLD])

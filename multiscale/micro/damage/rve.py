@@ -193,11 +193,7 @@ def _solve(
     tolerance: float,
     callback: Callable[[int, float], None] | None,
 ) -> tuple[Solution, np.ndarray]:
-    """Preconditioned conjugate gradients for nodal forces: u and the forces left.
-
-    Any fixed positive definite preconditioner will do, so that single precision is enough for it;
-    all sums are in double precision.
-    """
+    """Preconditioned conjugate gradients for nodal forces: u and the forces left."""
     from multiscale.micro.damage.voxels import update_iterate
     from multiscale.numerics.vectors import dot, turn
 
@@ -234,11 +230,7 @@ def _solve(
 
 
 def _summarise_loads(stiffness: np.ndarray, loads: list[Solution], lost: float) -> Solution:
-    """Combine the solves of six strains in one solution, with the status of the worst solve.
-
-    Modes of strain with less stiffness than ``lost``, Pa, count as free, and the value, Pa, is
-    without.
-    """
+    """Combine the solves of six strains, with the worst status; no stiffness below ``lost``."""
     slowest = max(loads, key=lambda load: len(load.residuals))
     failed = [load for load in loads if not load.converged]
     worst = failed[0] if failed else slowest

@@ -198,11 +198,7 @@ def _period(normal: np.ndarray, size: tuple[float, float, float]) -> float:
 def _offsets(
     rve: Volume, normal: np.ndarray, sections: int, smallest: float, closed: bool
 ) -> np.ndarray:
-    """Offsets at the middle of equal parts of the range where sections are large enough, m.
-
-    With an edge of the box as normal and more sections than voxels, several planes lie in one
-    layer of voxels; all of them count.
-    """
+    """Offsets at the middle of equal parts of the range where sections are large enough, m."""
     from multiscale.numerics.box_sections import box_section
 
     if closed:
@@ -296,13 +292,7 @@ def _unit(normal: np.ndarray | Sequence[float]) -> np.ndarray:
 
 
 def sphere_directions(level: int) -> np.ndarray:
-    """Spread normals evenly over half a sphere, by halving the edges of an icosahedron.
-
-    Examples
-    --------
-    >>> [len(sphere_directions(level)) for level in range(4)]
-    [6, 21, 81, 321]
-    """
+    """Spread normals evenly over half a sphere, by halving the edges of an icosahedron."""
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     corners = [
         np.roll([0.0, a, b * golden], k) for k in range(3) for a, b in product((-1, 1), repeat=2)
@@ -329,10 +319,7 @@ def lattice_directions(size: tuple[float, float, float], largest: int = 2) -> np
 
 
 def miller_indices(normal: np.ndarray, size: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Find the Miller indices of a normal in a periodic box.
-
-    The normal may have any length but zero.
-    """
+    """Find the Miller indices of a normal, of any length, in a periodic box."""
     ratio = normal * np.asarray(size)
     ratio = ratio / np.abs(ratio).max()
     for multiple in range(1, LARGEST_INDEX + 1):

@@ -246,10 +246,7 @@ def _loaded(solid: np.ndarray) -> np.ndarray:
 def update_iterate(
     share: float, p: np.ndarray, q: np.ndarray, u: np.ndarray, r: np.ndarray, rough: np.ndarray
 ) -> None:
-    """Add share * p to u and -share * q to r in place, and copy r into ``rough``.
-
-    All fields have one shape; ``rough`` has single precision.
-    """
+    """Add share * p to u and -share * q to r in place, and copy r in single precision."""
     fields = (field.ravel() for field in (p, q, u, r, rough))
     run_ranges(_update_iterate, p.size, share, *fields, least=vectors.LEAST)
 

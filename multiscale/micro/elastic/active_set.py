@@ -291,10 +291,7 @@ class _LinearStage:
     tolerance: float
 
     def split(self, out_of_balance: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, float]:
-        """Move the forces out of balance at contact nodes to the contact forces, all others back.
-
-        Returns the contact forces, and the square of the remaining forces out of balance.
-        """
+        """Exchange nodal and contact forces; return these and the square of what is unbalanced."""
         self.body.add(out_of_balance, np.where(self.active, 0.0, force))
         carried = np.where(self.active, force, 0.0) + self.take(out_of_balance)
         return carried, dot(_flat(out_of_balance), _flat(out_of_balance))

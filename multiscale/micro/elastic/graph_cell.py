@@ -150,10 +150,7 @@ def _recover(
 
 
 def _along_normals(normal: np.ndarray | None) -> tuple[Operator, Operator]:
-    """Part of surface vectors along the obstacle's normals, or along z, and the vectors of parts.
-
-    Vectors and normals have the shape (nx, 3, ny), and parts (nx, ny).
-    """
+    """Part of surface vectors along the obstacle's normals, or z, and the vectors of parts."""
     if normal is not None:
         return (
             lambda vector: np.asarray(np.sum(vector * normal, axis=1)),

@@ -188,11 +188,7 @@ class LateralInverse:
 
     @cached_property
     def surface_compliance(self) -> np.ndarray:
-        """Symbol of the surface compliance, shape (6, nx, ny // 2 + 1), m/N.
-
-        The entries xx, xy, xz, yy, yz, zz of a real symmetric matrix per wavenumber, for the
-        in-plane components multiplied by the imaginary unit.
-        """
+        """Symbol of the surface compliance, xx, xy, xz, yy, yz, zz, (6, nx, ny // 2 + 1), m/N."""
         return self._pivots.astype(float) / self.scale
 
     @cached_property

@@ -275,10 +275,7 @@ def _mean_dilatation(grad, geometry, mean, volume, lanes):  # type: ignore[no-un
 
 @compiled(fastmath=True, forceinline=True)
 def _add_stress(x, y, grad, flux, by_z, slopes, law):  # type: ignore[no-untyped-def]
-    """Add the stress at a Gauss point to the fluxes along the edges in x and y.
-
-    Returns the fluxes along z, of derivatives by z and along the edges of rows x and y.
-    """
+    """Add the stress at a Gauss point to the fluxes in x and y; return the fluxes along z."""
     uz, vz, wz = by_z
     slope_x, slope_y = slopes
     lame, shear, bulk, mean = law

@@ -241,10 +241,7 @@ def _press(
 
 
 def _predict(state: CellState, aim: Target) -> tuple[np.ndarray, float] | None:
-    """Go on as in the last increment, if the cell is moved on in the same direction.
-
-    The length is measured by the slide, else by the load or the approach, else by the time.
-    """
+    """Go on as in the last increment, if the cell is moved on in the same direction."""
     if aim.approach is None:
         wanted, last, still = float(aim.load or 0.0) - state.load, state.change[2], state.load
     else:

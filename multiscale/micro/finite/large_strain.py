@@ -151,10 +151,7 @@ def _neo_hookean_tangent(s, weight, shear, tangent):  # type: ignore[no-untyped-
 
 @part
 def _volume(s, q, modulus, mixed):  # type: ignore[no-untyped-def]
-    """Volumetric Kirchhoff stress, and its derivative by ln J.
-
-    It is J p with the pressure of the element, or follows from U = modulus / 2 ln^2 J.
-    """
+    """Volumetric Kirchhoff stress J p, or of U = modulus / 2 ln^2 J, and its derivative by ln J."""
     det = s[DET + q * BATCH :]
     if mixed:
         for v in range(BATCH):
@@ -268,11 +265,7 @@ def _respond(  # type: ignore[no-untyped-def]
 
 @kernel
 def _update(begin, end, mesh, law, moduli, u, state, new):  # type: ignore[no-untyped-def]
-    """Write the state at the end of a step, of strips.
-
-    This is the state of J2 plasticity or, of ``NEO_HOOKEAN``, I - C^-1: rows 11, 22, 33, 12, 23,
-    13.
-    """
+    """Write the state at the end of a step, of strips: of J2 plasticity, or I - C^-1."""
     nx, layers, _, ny = u.shape
     batches = (ny + BATCH - 1) // BATCH
     for i in range(begin, end):

@@ -73,10 +73,7 @@ def walsh(rows, start, stride, scale):  # type: ignore[no-untyped-def]
 
 @kernel
 def add_matrix(points, sums, dx, dy, matrix):  # type: ignore[no-untyped-def]
-    """Write (1) from the tangents of the eight Gauss points, 54 rows each, which are replaced.
-
-    ``sums`` is scratch of the size of ``matrix``.
-    """
+    """Write (1) from the tangents of the Gauss points, 54 rows each; ``sums`` is as large as it."""
     scales = (np.float32(1.0 / dx), np.float32(1.0 / dy), np.float32(1.0))
     for row in range(POINT_ROWS):
         walsh(points, row * BATCH, POINT_ROWS * BATCH, HALF)

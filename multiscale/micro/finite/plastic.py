@@ -155,10 +155,7 @@ def _push(factors, g, turned, flux):  # type: ignore[no-untyped-def]
 
 @kernel
 def plastic(s, q, moduli, state, w, tangent, lanes):  # type: ignore[no-untyped-def]
-    """Add the flux of one Gauss point and write its tangent; return the flowing lanes.
-
-    ``w`` is scratch of SINGLE_ROWS in single precision.
-    """
+    """Add the flux of a Gauss point, write its tangent; return flowing lanes. ``w`` is scratch."""
     trial_strain(s, state)
     logarithmic_strain(s)
     flowing = _flow(s, state, moduli, lanes)

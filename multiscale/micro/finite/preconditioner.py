@@ -152,11 +152,7 @@ class FlatCells:
 
 
 def join_flat_cells(first: Reference, second: Reference, compliance: np.ndarray) -> FlatCells:
-    """Return the flat cells of two bodies.
-
-    ``compliance`` is the symbol of the surface compliance of the second body in its own frame on
-    the grid of the first, shape (6, nx, ny // 2 + 1), m/N.
-    """
+    """Return the flat cells of two bodies, with the second compliance on the first grid."""
     inverse = first.inverse
     symbol = inverse.surface_compliance + _MIRRORED * compliance
     nx, _, ny = inverse.shape
@@ -215,10 +211,7 @@ class Constraint:
         return self.along(self.cells.both.stiffness(self.push(moved)))  # as if both grids matched
 
     def surface_solve(self, right_hand_side: Field) -> Field:
-        """Find the forces along the rows, N, for given motions, m, by conjugate gradients.
-
-        Both have the shape (rows, nx, ny).
-        """
+        """Find the forces along the rows, N, for given motions, m, both (rows, nx, ny)."""
         r = right_hand_side * self.touched
         goal = _INNER * float(np.linalg.norm(r))
         return conjugate_gradients(self._respond, r, self._resist, goal=goal, limit=_LIMIT)[0]

@@ -216,10 +216,7 @@ class Meeting:
     def turn(
         self, x: np.ndarray, shift: float, pressure: np.ndarray, force: np.ndarray, out: np.ndarray
     ) -> np.ndarray | float:
-        """Compute the change of pressure forces, N, as a step turns the normals, by (2).
-
-        The change of the reactions is added to ``out``.
-        """
+        """Change of pressure forces, N, as a step turns normals, (2); add reactions to ``out``."""
         if self.point is None:
             return 0.0
         moved = self.relative(x).copy()

@@ -148,11 +148,7 @@ def solve_flat(
 def coarse_start(
     compliance: SurfaceFilter, gap: np.ndarray, closing: np.ndarray, *, load: float, cap: float
 ) -> np.ndarray | None:
-    """Guess the forces under a load from those on every other point, guessed in the same way.
-
-    Arguments and result are of :func:`solve_flat`, shape (nx, ny), with a compliance of nodal
-    forces; None on coarse or odd grids.
-    """
+    """Guess the forces under a load from those on every other point; None on odd grids."""
     if min(gap.shape) < _FINE or gap.shape[0] % 2 or gap.shape[1] % 2:
         return None
     problem, cap = (compliance.coarse, gap[::2, ::2], closing[::2, ::2]), 4.0 * cap
@@ -167,10 +163,7 @@ def coarse_start(
 
 @compiled
 def _approach(force, opening, closing, step, cap, load, delta, tolerance):  # type: ignore[no-untyped-def]
-    """Solve for the approach at which the forces of a step, in their box, carry the load.
-
-    Newton's method within a bracket, from the approach given, to a tolerance relative to the load.
-    """
+    """Solve for the approach at which the forces of a step, in their box, carry the load."""
     low, high, reach = -np.inf, np.inf, load / step
     for _ in range(200):
         carried, slope = _carry(force, opening, closing, step, cap, delta)

@@ -228,10 +228,7 @@ def _close(
     goal: float,
     fine: bool,
 ) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Bring the active points into contact at a constant load.
-
-    Returns the pressure, the gap, the largest distance of an active point, and iterations.
-    """
+    """Bring active points into contact at a constant load: pressure, gap, distance, iterations."""
 
     def centred(values: np.ndarray) -> np.ndarray:
         return np.where(active, values - values[active].mean(), 0.0)

@@ -365,10 +365,7 @@ def _solver(
 def _constrained(
     stiffness: "sparse.csr_array", solve_free: Operator, constraint: np.ndarray
 ) -> tuple[Operator, Operator]:
-    r"""Stiffness and its inverse among displacements with :math:`C u = 0`, by projection.
-
-    The multipliers are the uniform stresses on the sides.
-    """
+    """Stiffness and its inverse among displacements with C u = 0; multipliers are side stresses."""
     across = np.linalg.solve(constraint @ constraint.T, constraint)
     moved = solve_free(np.ascontiguousarray(constraint.T))
     reaction = np.linalg.solve(constraint @ moved, moved.T)

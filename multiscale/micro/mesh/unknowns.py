@@ -170,10 +170,7 @@ def strained_weight(basis: "CellBasis", unknowns: CellUnknowns, moved: np.ndarra
 
 
 def mean_strain(basis: "CellBasis") -> np.ndarray:
-    r"""Integrate :math:`u_1 n_1`, :math:`u_2 n_2` and :math:`u_1 n_2 + u_2 n_1` over the sides.
-
-    Periodic displacements have none of these means of the strain in the plane.
-    """
+    """Integrate u1 n1, u2 n2 and u1 n2 + u2 n1 over the sides, zero of periodic displacements."""
     from skfem import FacetBasis
 
     mesh, area = basis.mesh, np.zeros((2, basis.N))

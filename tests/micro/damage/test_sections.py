@@ -22,9 +22,6 @@ from multiscale.schema import DAMAGE_SECTIONS
 from tests.micro.damage.solid import CUBE, MIDDLE, channels, ellipsoids, lattice
 from tests.support import observed_rate
 
-# through the centre of a sphere of the simple cubic lattice: pi r^2 over the area per point
-CUBIC = {(1, 0, 0): 1.0, (1, 1, 0): np.sqrt(2.0), (1, 1, 1): np.sqrt(3.0)}
-
 
 def random_rotation(seed):
     q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
@@ -43,13 +40,6 @@ def test_through_channels_have_their_volume_fraction_as_damage(offset):
     assert plane_damage(rve, (1, 0, 0), 0.1) == pytest.approx(width, abs=1e-10)
     tilted = plane_damage(rve, (1, 1e-8, 1e-9), 0.1)  # no plane is special
     assert tilted == pytest.approx(width, abs=1e-7)
-
-
-@pytest.mark.parametrize(("normal", "spread"), CUBIC.items(), ids=str)
-def test_spheres_on_a_simple_cubic_lattice(normal, spread):
-    rve = lattice("simple cubic", 0.3, edge=1.0)
-    expected = np.pi * 0.3**2 / spread
-    assert plane_damage(rve, normal, closed=True) == pytest.approx(expected, abs=1e-12)
 
 
 # validation: r = .3 a gives .28274, .19993, .16324, r = .2 a of fcc .29021 > .25133 > .17772

@@ -1,11 +1,9 @@
-"""The matrix-free stiffness against the stiffness that scikit-fem assembles."""
+"""The matrix-free stiffness against the sum of the matrices of its elements."""
 
 import numpy as np
 import pytest
-from skfem import Basis, ElementHex1
 
 from multiscale.errors import CaseError
-from multiscale.fe.elasticity import assemble_elasticity
 from multiscale.micro import Surface
 from multiscale.micro.elastic.stiffness import stiffness_operator
 from multiscale.micro.layer import GraphMesh, graded_planes
@@ -17,51 +15,6 @@ def graph_mesh(points, size=(1.0, 0.7), slope=0.3):
     rng = np.random.default_rng(seed=11)
     heights = slope * min(np.divide(size, points)) * rng.uniform(-0.5, 0.5, points)
     return GraphMesh(Surface(heights, size), graded_planes(0.5, LAYERS, 0.05))
-
-
-def scikit_fem_forces(mesh, lame, shear, u):
-    """Unfold the periodic displacement, apply the assembled stiffness, fold the forces."""
-    hexahedra = mesh.hexahedra()
-    nx, ny, _ = mesh.shape
-    basis = Basis(hexahedra, ElementHex1(), intorder=3)  # 2 x 2 x 2 Gauss points
-    lateral = [
-        np.rint(hexahedra.p[k] / step).astype(int) % n
-        for k, step, n in zip(range(2), mesh.surface.spacing, (nx, ny), strict=True)
-    ]
-    flat = hexahedra.p[2] / (1.0 + mesh.surface.heights[tuple(lateral)] / mesh.planes[-1])
-    plane = np.searchsorted(mesh.planes, flat - 1e-9)
-    whole = np.concatenate([np.zeros((nx, 1, 3, ny)), u], axis=1)
-    values = whole[lateral[0], plane, :, lateral[1]]
-    layer = plane[hexahedra.t].min(axis=0)
-    stiffness = assemble_elasticity(basis, lame[layer], shear[layer])
-    forces = (stiffness @ values.ravel()).reshape(-1, 3)
-    folded = np.zeros_like(whole)
-    np.add.at(folded, (lateral[0], plane, slice(None), lateral[1]), forces)
-    return folded[:, 1:]
-
-
-@pytest.mark.parametrize(
-    "points",
-    [
-        pytest.param((8, 8), id="smaller-than-a-batch"),
-        pytest.param((4, 2), id="two-points-across"),
-        pytest.param((6, 1), id="plane-strain"),
-        pytest.param((1, 34), id="plane-strain-across"),
-        pytest.param((4, 38), id="with-a-remainder"),
-        pytest.param((6, 64), id="two-batches"),
-    ],
-)
-@pytest.mark.parametrize("layered", [False, True], ids=["uniform", "layered"])
-def test_operator_agrees_with_scikit_fem(points, layered):
-    mesh = graph_mesh(points)
-    lame = np.array([1.0, 3.0, 0.5]) if layered else np.full(LAYERS, 1.2)
-    shear = np.array([0.7, 2.0, 1.0]) if layered else np.full(LAYERS, 0.8)
-    u = np.random.default_rng(seed=3).standard_normal((points[0], LAYERS, 3, points[1]))
-
-    expected = scikit_fem_forces(mesh, lame, shear, u)
-    found = stiffness_operator(mesh, lame, shear)(u)
-
-    assert np.max(np.abs(found - expected)) < 1e-13 * np.max(np.abs(expected))
 
 
 def test_operator_is_symmetric():
@@ -122,12 +75,26 @@ def element_stiffness(corners, lame, shear, mean_dilatation):
     return stiffness
 
 
+@pytest.mark.parametrize(
+    ("points", "layered"),
+    [
+        pytest.param((4, 6), False, id="smaller-than-a-batch"),
+        pytest.param((4, 2), True, id="layers"),
+        pytest.param((6, 1), False, id="plane-strain"),
+        pytest.param((1, 34), True, id="plane-strain-across"),
+        pytest.param((2, 38), False, id="with-a-remainder"),
+        pytest.param((1, 64), False, id="two-batches"),
+    ],
+)
 @pytest.mark.parametrize("mean_dilatation", [False, True], ids=["plain", "b-bar"])
-def test_operator_sums_the_stiffness_of_its_elements(mean_dilatation):
-    mesh = graph_mesh((4, 6))
+def test_operator_sums_the_stiffness_of_its_elements(points, mean_dilatation, layered):
+    mesh = graph_mesh(points)
     (nx, ny, layers), (dx, dy) = mesh.shape, mesh.surface.spacing
     rng = np.random.default_rng(seed=12)
-    lame, shear = rng.uniform(1.0, 50.0, (2, nx, layers, ny))
+    moduli = rng.uniform(1.0, 50.0, (2, layers) if layered else (2, nx, layers, ny))
+    lame, shear = np.broadcast_to(
+        moduli[:, None, :, None] if layered else moduli, (2, nx, layers, ny)
+    )
     u = rng.standard_normal((nx, layers, 3, ny))
     whole = np.concatenate([np.zeros((nx, 1, 3, ny)), u], axis=1)
     forces = np.zeros_like(whole)
@@ -152,5 +119,5 @@ def test_operator_sums_the_stiffness_of_its_elements(mean_dilatation):
         local = matrix @ np.concatenate([whole[x, z, :, y] for x, z, y in nodes])
         for k, (x, z, y) in enumerate(nodes):
             forces[x, z, :, y] += local[3 * k : 3 * k + 3]
-    found = stiffness_operator(mesh, lame, shear, mean_dilatation=mean_dilatation)(u)
+    found = stiffness_operator(mesh, *moduli, mean_dilatation=mean_dilatation)(u)
     assert np.max(np.abs(found - forces[:, 1:])) < 1e-13 * np.max(np.abs(forces))

@@ -11,6 +11,7 @@ from multiscale.micro.finite.equations import CellEquations
 from multiscale.micro.finite.finite_cell import make_scene
 from multiscale.micro.finite.surfaces import MIRROR, DeformedSurface
 from multiscale.micro.path import Target
+from tests.micro.finite.conditions import check_contact
 from tests.support import rough_square
 
 N, LAYERS = 16, 6
@@ -210,15 +211,7 @@ def test_a_solution_satisfies_contact_coulombs_law_and_both_balances(mu, points)
         target = Target(load, None, np.array(slide))
         before = state
         state = walk_step(scene, state, target, increments=1, tolerance=1e-9).state
-    meeting = scene.meet(state.displacement, state.approach, state.slide)
-    pressure = -np.sum(state.force * meeting.normal, axis=1)
-    tangential = state.force + pressure[:, None] * meeting.normal
-    scale = pressure.max()
-    assert -state.force[:, 2].sum() == pytest.approx(load, rel=1e-8)
-    assert np.all(pressure >= -1e-7 * scale)
-    assert np.all(meeting.gap >= -1e-8)
-    assert np.all(np.abs(meeting.gap[state.active]) < 1e-8)
-    assert np.all(np.linalg.norm(tangential, axis=1) <= mu * pressure + 1e-6 * scale)
+    check_contact(scene, state, load, mu, friction_error=1e-6)
     forces = scene.begin(before.material, 0.0)(state.displacement).force
     _, second = scene.surfaces(forces)
     # action and reaction, in the frame of the first body
