@@ -145,7 +145,8 @@ def run_command(
                 keep=keep,
             )
             write_reports(out, joined, executor=executor, progress=progress)
-    points = f"; runs: {out / 'points'}" if (out / "points").exists() else ""
+    runs = next((out / "points").glob("*/"), None)
+    points = f"; runs: {out / 'points'}" if runs else ""
     _show_finished(out, sweep.title, points)
 
 

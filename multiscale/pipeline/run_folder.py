@@ -7,7 +7,6 @@ from shutil import rmtree
 from multiscale.errors import CaseError, MultiscaleError, SchemaError
 from multiscale.io import open_dataset, remove, write_bytes
 from multiscale.pipeline.case import load_case
-from multiscale.pipeline.point_store import STORE
 from multiscale.pipeline.stage import Shown, Stage
 from multiscale.pipeline.stages import stages_of
 from multiscale.pipeline.sweep_points import POINTS
@@ -30,7 +29,7 @@ def claim_folder(out: Path, case: Case, *, force: bool = False) -> None:
     """
     file = out / "case.toml"
     results = any(out.rglob("*.nc"))
-    if file.exists() and (results or (out / STORE).exists()):
+    if file.exists() and results:
         if "sweep" in read_toml(file):
             raise CaseError(f"{out} holds a sweep; choose another folder for a single run")
         if difference := _difference(file, case):

@@ -5,10 +5,10 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from io import BytesIO
 from itertools import count, product
 from math import prod
 from operator import getitem, methodcaller
@@ -21,9 +21,8 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError, FileError, MultiscaleError
 from multiscale.executors import run_jobs
-from multiscale.io import make_folder, remove, write_bytes, write_dataset
+from multiscale.io import make_folder, read_bytes, remove, write_bytes, write_dataset
 from multiscale.pipeline.case import find_case, read_case, validate_case
-from multiscale.pipeline.point_store import Point, PointStore, open_store
 from multiscale.pipeline.run_folder import gather_cautions, is_whole
 from multiscale.pipeline.runner import run
 from multiscale.pipeline.showing import answer_columns
@@ -41,6 +40,7 @@ MOST_POINTS = 100_000
 
 MOST_KEPT = 100
 """Largest number of points whose run folders are kept without request."""
+MOST_JOINED = 500  # points that are in the memory one by one
 MOST_LETTERS = 60  # of the name of a folder, beside its checksum
 
 logger = logging.getLogger(__name__)
@@ -171,7 +171,7 @@ def run_sweep(
     ----------
     sweep : Sweep
     out : path
-        Gets ``sweep.nc``, the results of the points in ``points.sqlite`` and the folder ``points``.
+        Gets ``sweep.nc``, and in the folder ``points`` the answers of each point in a small file.
         Finished points and cells found there are kept, also those of another sweep.
     executor : Executor, optional, see :func:`multiscale.executors.run_jobs`; a point is one job
     progress : callable, gets the number of finished points
@@ -207,32 +207,34 @@ def run_sweep(
     }
     content = {"title": sweep.title, "sweep": values} | sweep.content
     write_bytes(file, tomli_w.dumps(content).encode())
-    folders = sweep.folders(out)
+    folders, points = sweep.folders(out), make_folder(out / "points")
     kept = keep or len(folders) <= MOST_KEPT
+    stored = set() if force else {file.name for file in points.glob("*.nc")}
+    todo = {
+        folder.name: k
+        for k, folder in enumerate(folders)
+        if _file(folder).name not in stored or (kept and not is_whole(folder, sweep.points[k]))
+    }
+    finished, lost = count(len(folders) - len(todo)), dict[str, str]()
+    progress(next(finished))
 
-    def finish(k: int, point: Point) -> None:
-        store.keep(folders[k].name, point)
-        if point.final and not kept:
-            rmtree(folders[k], ignore_errors=True)
-        logger.info("%s: %s", sweep.name(k), point.failure or "finished")
+    def finish(k: int, outcome: tuple[str, bool]) -> None:
+        failure, final = outcome
+        if not final:
+            lost[folders[k].name] = failure
+        logger.info("%s: %s", sweep.name(k), failure or "finished")
         progress(next(finished))
 
-    with open_store(out) as store:
-        stored = set() if force else store.finished()
-        todo = {
-            folder.name: k
-            for k, folder in enumerate(folders)
-            if folder.name not in stored or (kept and not is_whole(folder, sweep.points[k]))
-        }
-        finished = count(len(folders) - len(todo))
-        progress(next(finished))
-        jobs = ((k, (sweep.points[k], folders[k], force, kept)) for k in todo.values())
-        run_jobs(_run_point, jobs, executor, finish)
-        joined = _join(sweep, [folder.name for folder in folders], store)
-    with suppress(OSError):  # of points that are kept, or failed for lack of memory
-        (out / "points").rmdir()
+    jobs = ((k, (sweep.points[k], folders[k], force, kept)) for k in todo.values())
+    run_jobs(_run_point, jobs, executor, finish)
+    joined = _join(sweep, folders, lost)
     write_dataset(joined, out / POINTS.file, SWEEP)
     return joined
+
+
+def _file(folder: Path) -> Path:
+    """File of the answers of a point, beside its run folder."""
+    return folder.with_name(f"{folder.name}.v{SWEEP.version}.nc")
 
 
 def _say(value: Any) -> str:
@@ -265,29 +267,43 @@ def _set(content: dict[str, Any], key: tuple[str, ...], value: Any, path: Path) 
     content[key[-1]] = value
 
 
-def _run_point(case: Case, folder: Path, force: bool, kept: bool) -> Point:
-    """Run a point; what is refused is a sentence, not the end."""
+def _run_point(case: Case, folder: Path, force: bool, kept: bool) -> tuple[str, bool]:
+    """Run a point and write its answers: why there are none, and whether that is final.
+
+    What is refused is a sentence, not the end; a file that is missing may be there the next time.
+    """
+    import xarray as xr
+
+    remove(_file(folder))
     try:
-        results = run(case, folder, force=force, sparing=not kept)
+        point = _answers(case, run(case, folder, force=force, sparing=not kept))
     except FileError:  # of the folder of all points
         raise
     except ConvergenceError as error:
-        return Point(failure=str(error))
-    except MultiscaleError as error:  # a file that is missing may be there the next time
-        return Point(failure=str(error), final=False)
+        point = xr.Dataset(attrs={"failure": str(error)})
+    except MultiscaleError as error:
+        return str(error), False
     except MemoryError as error:
-        return Point(failure=f"not enough memory ({error}); use fewer jobs", final=False)
+        return f"not enough memory ({error}); use fewer jobs", False
+    write_bytes(_file(folder), bytes(point.to_netcdf(engine="scipy")))
+    if not kept:
+        rmtree(folder, ignore_errors=True)
+    return point.attrs["failure"], True
+
+
+def _answers(case: Case, results: Mapping[str, Dataset]) -> Dataset:
+    """Return the answers of a run with their intervals, numbered along their steps."""
     found: dict[Shown, Dataset] = {one: results[one.name] for one in stages_of(case.tables)}
     answering = _answering(case)
     values = answering.compared(found[answering]).reset_coords()
-    answers = tuple(name for name in answering.answers if name in values)
     kinds = ("", "_mean_law", "_one_part")
-    names = [name for one in answers for kind in kinds if (name := f"{one}{kind}") in values]
+    names = [name for one in answering.answers for kind in kinds if (name := one + kind) in values]
+    point = values[names].reset_coords(drop=True)
     failed = (stage.failure(dataset) for stage, dataset in found.items())
     caution = "\n".join(filter(None, dict.fromkeys([*gather_cautions(found), *failed])))
-    kept_values = values[names].reset_coords(drop=True).to_dict()["data_vars"]
     missing = ", ".join(unknown_terms(found[answering])) if has_budget(found[answering]) else ""
-    return Point(answers, kept_values, caution, missing=missing)
+    point.attrs = {"failure": "", "caution": caution, "missing": missing}
+    return point.assign_coords({name: np.arange(size) for name, size in point.sizes.items()})
 
 
 def _answering(case: Case) -> Stage:
@@ -295,57 +311,66 @@ def _answering(case: Case) -> Stage:
     return [stage for stage in stages_of(case.tables) if stage.answers][-1]
 
 
-def _join(sweep: Sweep, names: Sequence[str], store: PointStore) -> Dataset:
-    """Put the points side by side, which are read one by one; what a point has not is NaN."""
+def _join(sweep: Sweep, folders: Sequence[Path], lost: Mapping[str, str]) -> Dataset:
+    """Put the points side by side, which are read some at a time; what a point has not is NaN."""
     import xarray as xr
 
     answers: dict[str, str] = {}
-    kinds: dict[str, tuple[list[str], dict[str, Any]]] = {}
-    shapes: dict[str, np.ndarray] = {}
-    failures, cautions, missing = [], [], []
-    for k, name in enumerate(names):
-        point = store.read(name)
-        if not answers.keys() >= set(point.answers):
+    told: dict[str, list[str]] = {name: [] for name in ("failure", "caution", "missing")}
+    ends: list[dict[Any, int]] = []
+    parts, batch = list[Dataset](), list[Dataset]()
+    for k, folder in enumerate(folders):
+        point = xr.Dataset(attrs={"failure": lost.get(folder.name, "")})
+        if folder.name not in lost:
+            content = BytesIO(read_bytes(_file(folder)))
+            point = xr.load_dataset(content, engine="scipy", decode_cf=False)
+        for name, column in told.items():
+            column.append(intern(point.attrs.get(name, "")))
+        if not answers.keys() >= point.data_vars.keys():
             answers |= _answering(sweep.points[k]).answers
-        for own, one in point.values.items():
-            kinds.setdefault(own, (one["dims"], one["attrs"]))
-            shapes[own] = np.maximum(shapes.get(own, 0), np.shape(one["data"]))
-        failures.append(intern(point.failure))
-        cautions.append(intern(point.caution))
-        missing.append(intern(point.missing))
-    if all(failures):
+        ends.append({name: one.shape[-1] - 1 for name, one in point.items() if one.ndim})
+        batch.append(point.expand_dims(point=[k]))
+        if len(batch) == MOST_JOINED or k + 1 == len(folders):
+            parts.append(_concatenated(batch))
+            batch = []
+    if all(told["failure"]):
         raise MultiscaleError(
-            f"none of the {len(names)} points of the sweep has a result; at {sweep.name(0)}: "
-            f"{failures[0]}"
+            f"none of the {len(folders)} points of the sweep has a result; at {sweep.name(0)}: "
+            f"{told['failure'][0]}"
         )
-    answers = {name: label for name, label in answers.items() if name in shapes}
-    tables = {own: np.full((len(names), *shape), np.nan) for own, shape in shapes.items()}
-    place = np.zeros((len(names), len(answers)), dtype=int)
-    for k, name in enumerate(names):
-        values = store.read(name).values
-        for own, one in values.items():
-            data = np.array(one["data"])
-            here: Any = (k, *map(slice, data.shape))
-            tables[own][here] = data
-        for column, answer in enumerate(answers):
-            if answer in values and values[answer]["dims"]:
-                place[k, column] = np.shape(values[answer]["data"])[-1] - 1
+    whole = _concatenated(parts)
+    whole = whole.drop_vars(whole.coords)
+    answers = {name: label for name, label in answers.items() if name in whole}
     joined = SWEEP.build(
-        answer_columns(answers, tables)
+        answer_columns(answers, {name: whole[name].values for name in answers})
         | {
-            "setting": np.array(sweep.settings, dtype=str).reshape(len(names), -1),
-            "folder": [f"points/{name}" for name in names],
-            "failure": np.array(failures, dtype=object),
-            "caution": np.array(cautions, dtype=object),
-            "missing_terms": np.array(missing, dtype=object),
-            "answer_place": place,
+            "setting": np.array(sweep.settings, dtype=str).reshape(len(folders), -1),
+            "folder": [f"points/{folder.name}" for folder in folders],
+            "failure": np.array(told["failure"], dtype=object),
+            "caution": np.array(told["caution"], dtype=object),
+            "missing_terms": np.array(told["missing"], dtype=object),
+            "answer_place": np.array([[one.get(name, 0) for name in answers] for one in ends]),
         },
         title=sweep.title,
     )
     labels = {"parameter": list(sweep.parameters), "answer": list(answers)}
     joined = joined.assign_coords(labels | _coordinates(sweep))
-    found = {own: (("point", *kinds[own][0]), tables[own], kinds[own][1]) for own in tables}
-    return joined.merge(xr.Dataset(found), combine_attrs="override")
+    return joined.merge(whole, combine_attrs="override")
+
+
+def _concatenated(points: Sequence[Dataset]) -> Dataset:
+    """Put datasets side by side, NaN where one has no such variable or step."""
+    import xarray as xr
+
+    return xr.concat(
+        points,
+        "point",
+        data_vars="all",
+        coords="minimal",
+        compat="override",
+        join="outer",
+        combine_attrs="drop_conflicts",
+    )
 
 
 def _coordinates(sweep: Sweep) -> dict[str, Any]:
