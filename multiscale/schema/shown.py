@@ -68,6 +68,7 @@ SHOWN = {
     "interface_slipping_load": Show("%", digits=3),
     "interface_slip": Show("%", digits=3),
     "interface_open": Show("%", digits=3),
+    "interface_energy": Show("mJ"),
     "bolt_force": Show("kN"),
     "equivalent_stress": Show("MPa", "von Mises stress"),
     "peak_load": Show(label="largest load over the loads of [statics]"),

@@ -16,7 +16,7 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders, with_joint_budget
 from multiscale.pipeline.joint_answers import CycleAnswers, JointAnswers, answer_at
-from multiscale.pipeline.showing import Table, View
+from multiscale.pipeline.showing import ROUNDING, Rows, Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.joint import budget_sections
@@ -299,6 +299,12 @@ def _answer(result: Dataset) -> Iterator[str]:
         )
 
 
+def _tabulate(result: Dataset) -> Rows:
+    """Head and rows of the amplitudes of all modes; a fall that is mere rounding is zero."""
+    falls = np.abs(result["fall"]) > ROUNDING * result["frequency"]
+    return TABLE.rows(result.assign(fall=result["fall"].where(falls, 0.0)))
+
+
 def _compared(result: Dataset) -> Dataset:
     """Return the answers at the largest amplitude of the first mode."""
     first = np.flatnonzero(result["step_mode"].values == result["step_mode"].values[0])
@@ -309,7 +315,7 @@ VIBRATING_BODIES = structure_stage(
     "vibration",
     _solve,
     _needs,
-    TABLE,
+    _tabulate,
     write_mode_fields,
     reads={"strict", "structure", "interface", "statics", "vibration"},
     takes=(FITTED_LAW, REPRESENTATIVE_VOLUME),
