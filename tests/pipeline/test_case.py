@@ -9,7 +9,14 @@ from multiscale.pipeline import load_case
 from multiscale.pipeline.case import shipped_cases
 from tests.support import steel_text, write_scene
 
-OTHERS = ("brake_reuss", "notched_concrete", "porous_bracket", "seal", "tyre_on_road")
+OTHERS = (
+    "brake_reuss",
+    "holed_strip",
+    "notched_concrete",
+    "porous_bracket",
+    "seal",
+    "tyre_on_road",
+)
 """Shipped cases without a joint of rough blocks or without cells."""
 
 JOINTS = [name for name in shipped_cases() if name not in OTHERS]

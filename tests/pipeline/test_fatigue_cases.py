@@ -270,3 +270,13 @@ pressure = "20 MPa"
 def test_what_is_no_fatigue_is_refused(cube, pairs, sentence):
     with pytest.raises(CaseError, match=sentence):
         solve(cube, *pairs)
+
+
+def test_the_shipped_strip_cracks_at_its_hole_across_the_load(tmp_path):
+    life = run(load_case("holed_strip").quick(), tmp_path)[FATIGUE_LIFE.name]
+    x, y, _ = life["crack_position"].to_numpy()
+    assert x < 1.5e-3
+    assert 5e-3 < np.hypot(x, y) < 6e-3
+    low, high = life["cycles_to_crack_one_part"].to_numpy()
+    assert 0.5 < low / float(life["cycles_to_crack"]) < 1.0 < high / float(life["cycles_to_crack"])
+    assert 0.0 < float(life["mesh_error"]) < 0.5

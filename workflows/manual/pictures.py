@@ -50,6 +50,9 @@ SHOWN = {
     "seal": lambda run, ax: plotting.plot_flow_channels(run["fields"], ax=ax),
     "porous_bracket": lambda run, ax: plotting.plot_body_stress(run["macro_result"], ax=ax),
     "notched_concrete": lambda run, ax: plotting.plot_cracked_load(run["cracked_body"], ax=ax),
+    "holed_strip": lambda run, ax: plotting.plot_element_field(
+        run["fatigue_life"], "equivalent_amplitude", near=False, ax=ax
+    ),
     "brake_reuss": lambda run, ax: draw_beam(run["vibration"], ax),
     "tyre_on_road": lambda run, ax: plotting.plot_lines(
         run["macro_result"], "braking_force", by="temperature", xscale="log", ax=ax
