@@ -226,8 +226,8 @@ def with_joint_budget(
         return rows
 
     listed: list[Source] = []
-    for one in sources.laws:
-        of_law, cautions = _measured(one, result, steps, rests.size, asked, np.array(names))
+    for joints in sources.laws:
+        of_law, cautions = _measured(joints, result, steps, rests.size, asked, np.array(names))
         listed += of_law
         result = with_cautions(result, *cautions)
     listed += sources.stated
@@ -239,11 +239,11 @@ def with_joint_budget(
     value = answers(result)
     if cycles is not None:
         moving = 1.0 * (np.arange(steps.size) >= rests.size)
-        every = tuple(joint for one in sources.laws for joint in one.joints)
+        every = tuple(joint for law in sources.laws for joint in law.joints)
         if every:
             fewer = Change(every, slabs=SLABS // 2)
-            told = f"beds of {SLABS} and {SLABS // 2} slabs"
-            listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=told))
+            how = f"beds of {SLABS} and {SLABS // 2} slabs"
+            listed.append(Knob(name="slabs", changes=[fewer], term=BED, share=moving, how=how))
         if sources.meshes:
             left = 1.0 / (cycles.finer**2 - 1.0) if cycles.finer > 1.0 else np.nan
             share = np.where(moving == 0.0, 0.0, left)
@@ -274,34 +274,34 @@ def _measured(
     The joints are measured at some steps, of which the first ones are at rest. The loss of a cycle
     averages over the cells in which it is lost, other answers over those that carry the load.
     """
-    law, cycles, said = of.law, asked.cycles, list[str]()
-    mine = np.isin(result["point_joint"].to_numpy(), of.joints)
+    law, cycles, cautions = of.law, asked.cycles, list[str]()
+    inside = np.isin(result["point_joint"].to_numpy(), of.joints)
     area = result["point_area"].to_numpy()
-    whole = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
-    pressure, own = whole[:, mine], area[mine]
-    closed = np.sum((pressure > 0.0) * own, axis=1)
-    mean = np.sum(pressure * own, axis=1) / np.where(closed > 0.0, closed, np.nan)
+    closing = np.maximum(-result["traction"].to_numpy()[steps, :, 0], 0.0)
+    pressure, joint_area = closing[:, inside], area[inside]
+    closed = np.sum((pressure > 0.0) * joint_area, axis=1)
+    mean = np.sum(pressure * joint_area, axis=1) / np.where(closed > 0.0, closed, np.nan)
     cells = np.ones((2, steps.size))
     if {"longest_wave", "cell_size"} <= set(law.attrs) and "cell_scatter" in law:
         wave, cell = float(law.attrs["longest_wave"]), float(law.attrs["cell_size"])
-        place = result["point_position"].to_numpy()[mine]
-        number = result["point_joint"].to_numpy()[mine]
-        length, extent = _lengths(place, number, own, pressure[n_rests - 1])
+        place = result["point_position"].to_numpy()[inside]
+        number = result["point_joint"].to_numpy()[inside]
+        length, extent = _lengths(place, number, joint_area, pressure[n_rests - 1])
         scales = compare_scales(wave, cell, length, extent=extent)
-        law, said = with_scales(law, scales), list(scales.cautions)
-        cells[:] = effective_cells(pressure, own, cell)
+        law, cautions = with_scales(law, scales), list(scales.cautions)
+        cells[:] = effective_cells(pressure, joint_area, cell)
         if cycles is not None:
-            cells[0, n_rests:] = effective_cells(cycles.density[:, mine], own, cell)
-        told = f"scatter of single cells, of which {cells.min():.3g} or more share the answers"
-        law = law.assign_attrs({how_attribute(FEW_CELLS): told})
+            cells[0, n_rests:] = effective_cells(cycles.density[:, inside], joint_area, cell)
+        how = f"scatter of single cells, of which {cells.min():.3g} or more share the answers"
+        law = law.assign_attrs({how_attribute(FEW_CELLS): how})
         cells *= scales.cell_ratio**2
     lost = names[:, None] == ("" if cycles is None else cycles.loss)
     listed: list[Source] = []
     bounds: dict[str, Term] = {}
     if cycles is not None:
-        said += [] if "shear_loss_ratio" in law else [UNKNOWN_LOSS]
+        cautions += [] if "shear_loss_ratio" in law else [UNKNOWN_LOSS]
         share, total = np.zeros(steps.size), cycles.density @ area
-        share[n_rests:] = cycles.density[:, mine] @ own / np.where(total > 0.0, total, 1.0)
+        share[n_rests:] = cycles.density[:, inside] @ joint_area / np.where(total > 0.0, total, 1.0)
         bounds[BED] = _part_of(loss_term(law), lost * share)
         if "shear_loss_grid_error" in law:
             grid = Term("the loss ratio on two grids", law["shear_loss_grid_error"].to_numpy())
@@ -309,14 +309,16 @@ def _measured(
         listed.append(Bound(name="cycles of the cells", of=of.name, bounds=bounds))
         slope = np.zeros((names.size, steps.size))
         slope[names == cycles.slip, -cycles.slope.size :] = cycles.slope
-        listed.append(_uneven_slip(law, mean, slope * (pressure @ own / (whole @ area)), of.name))
+        listed.append(
+            _uneven_slip(law, mean, slope * (pressure @ joint_area / (closing @ area)), of.name)
+        )
     real = np.array([bool(set(asked.real.get(name, ())) & set(of.joints)) for name in names])
     if any(real):
         listed.append(contact_source(law, mean, real, of.name))
     # cycles of the cells tell all that the loss has of the bed
     listed += replace(of, law=law).sources(mean, dict.fromkeys(bounds, lost))
     shared = np.where(lost, cells[0], cells[1])
-    return [source.averaged(shared) for source in listed], said
+    return [source.averaged(shared) for source in listed], cautions
 
 
 def _uneven_slip(law: Dataset, pressure: np.ndarray, rate: np.ndarray, of: str) -> Source:
