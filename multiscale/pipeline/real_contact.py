@@ -126,8 +126,7 @@ def unknown_cells(law: Dataset) -> list[str]:
 def with_contact(result: Dataset, law: Dataset) -> Dataset:
     """Return the result of rough joints with their real contact, and facts about the cells.
 
-    Parameters are those of :func:`with_joint_budget`. A law without contact area leaves contact
-    fraction and real pressure out.
+    A law without contact area leaves contact fraction and real pressure out.
     """
     facts, area = behaviour(law), result["point_area"].to_numpy()
     if "cell_size" in law.attrs:

@@ -8,7 +8,7 @@ from multiscale.schema import INTERFACE_LAW, MICRO_RESPONSE
 from multiscale.upscaling import (
     conductances,
     effective_permeability,
-    elastic_dependence,
+    elastic_source,
     fit_law,
     say_sealing,
     sealing_pressures,
@@ -55,9 +55,9 @@ def test_metal_that_flows_conducts_by_its_elastic_stiffness(law):
     for name in PAIR:
         assert conductances(flowing, p)[name] == pytest.approx(1.4 * conductances(plain, p)[name])
     of_heat = np.array([[True], [False]])
-    half = elastic_dependence(flowing, of_heat).half_width["sampling"]
+    half = elastic_source(flowing, of_heat).half_width["sampling"]
     assert half == pytest.approx(0.5 * 0.95 * 0.2 / 1.4)
-    assert elastic_dependence(plain, of_heat).half_width["sampling"] == 0.0
+    assert elastic_source(plain, of_heat).half_width["sampling"] == 0.0
     without = with_conductance(law, PAIR, MODULUS, flows=True)
     assert "it is too small; ask for unload" in without.attrs["cautions"]
 
