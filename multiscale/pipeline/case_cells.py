@@ -171,7 +171,7 @@ def _metal(case: Case) -> J2 | None:
 def flat_pair(
     case: Case, surface: Surface, opposite: Surface | None = None, *, depth: float | None = None
 ) -> FlatCell:
-    """Build the flat cell of both bodies, whose compliances add up exactly."""
+    """Build the flat cell of both bodies; their compliances add up exactly."""
     depth, layers = depth or case.cell.given_depth, case.cell.layers
     lower, upper = (
         SecondBody(depth, layers, Elastic(body.youngs_modulus, body.poissons_ratio), body.stack)
@@ -226,7 +226,7 @@ def composite_coating(case: Case) -> tuple[Coating, ...]:
 
 
 def coating_caution(case: Case) -> list[str]:
-    """Say how far one meshed, coated body is from both; flat cells add up both, without a mesh."""
+    """Report how far one meshed, coated body is from both; flat cells add up both."""
     from multiscale.micro.flat.flat_cell import flat_compliance
 
     if not case.coated or case.cell.geometry == "flat":
@@ -334,7 +334,7 @@ def _pairs(case: Case, sides: list[RoughSide]) -> list[tuple[Surface, Surface]]:
 
 
 def smooth_pair(cell: CellSettings) -> tuple[Surface, Surface]:
-    """Return smooth surfaces of both bodies, which tell what a cell needs."""
+    """Return smooth surfaces of both bodies, for the needs of a cell."""
     smooth = Surface(np.zeros(cell.points), cell.size)
     return smooth, smooth
 
@@ -380,7 +380,7 @@ def case_budget(
     sheared: Mapping[float, Dataset] = {},
     control: Dataset | None = None,
 ) -> Dataset:
-    """Estimate the errors of the law of a case whose cells have one size.
+    """Estimate the errors of the law of a case with cells of one size.
 
     The response is of the loading, and the control, if any, of flat cells; by the ratio of the
     spacings, ``pressed`` are responses of the first cells on several grids, and ``sheared`` laws

@@ -217,7 +217,7 @@ def _corners(
 def _too_few(
     whole: Surface, settings: InstrumentSurface, size: tuple[float, float], found: int, count: int
 ) -> str:
-    """Say which windows there are, and of which size there are enough."""
+    """Report how many windows there are, and of which size there are enough."""
     within = (
         f" with at most {100.0 * settings.filled:.3g} % of their points filled"
         if whole.filled_share
@@ -257,7 +257,7 @@ def _losses(
     window_share: float,
     chosen: str,
 ) -> dict[str, str]:
-    """Say where height or slope is lost on the way to the cell, and what would hold it."""
+    """Report where height or slope is lost on the way to the cell, and what would hold it."""
     found = {}
     faded = of_periodic.roughness()
     for order, name in ((0, "rms_height"), (2, "rms_slope")):

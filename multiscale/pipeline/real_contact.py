@@ -28,7 +28,7 @@ ELASTIC = 0.01
 """Mean real pressure over the contact modulus above which hardly a metal is elastic."""
 
 ABOVE = 1.1
-"""Mean real pressure over the hardness from which a user is told."""
+"""Mean real pressure over the hardness from which there is a caution."""
 
 
 def real_pressure(pressure: np.ndarray, contact_fraction: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ def _flow(case: Case) -> str:
 
 
 def behaviour(dataset: Dataset) -> list[str]:
-    """Say what of a response or law flows, if it is told."""
+    """Return the sentence on the flow of a response or law, if it has one."""
     return [str(dataset.attrs["behaviour"])] if "behaviour" in dataset.attrs else []
 
 
@@ -158,7 +158,7 @@ def with_interface_contact(result: Dataset, laws: Sequence[Dataset | None]) -> D
 
 
 def _carried(result: Dataset, laws: Sequence[Dataset | None]) -> np.ndarray:
-    """Load, N, and real contact area, m², shape (2, steps, joints); NaN where no law tells it."""
+    """Return load, N, and real contact area, m², shape (2, steps, joints); NaN without one."""
     area, pressure = result["point_area"].to_numpy(), -result["traction"].to_numpy()[..., 0]
     number, sound = result["point_joint"].to_numpy(), 1.0 - result["point_damage"].to_numpy()
     found = np.full((2, len(pressure), len(laws)), np.nan)

@@ -1,4 +1,4 @@
-"""A run folder: whose it is, and what of it still stands."""
+"""A run folder: its case, and which of its datasets are up to date."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -102,6 +102,6 @@ def open_stages(out: Path) -> dict[Shown, Dataset]:
 
 
 def gather_cautions(found: Mapping[Shown, Dataset]) -> list[str]:
-    """Return what a user should know before trusting a finished run, one sentence each."""
+    """Return the cautions of a finished run, one sentence each."""
     cautions = [one for stage, dataset in found.items() for one in stage.cautions(dataset)]
     return list(dict.fromkeys(cautions))  # a law repeats those of its response

@@ -239,7 +239,7 @@ class ReadyBodies:
         )
 
     def finish(self, result: Dataset, facts: Sequence[str]) -> Dataset:
-        """Add what is said of bodies, loads and solver, and the fields of the elements."""
+        """Add facts on bodies, loads and solver, and the fields of the elements."""
         solver = f"Solved by {self.method.name}: {self.chosen.why}."
         result = result.assign_attrs(facts="\n".join([*facts, solver]))
         damages = [body.worst_damage for body in self.bodies.bodies]
@@ -277,7 +277,7 @@ class SolveAgain:
 def with_cautions_of(
     result: Dataset, bodies: Bodies, case: Case, found: Datasets, laws: Sequence[Dataset | None]
 ) -> Dataset:
-    """Add what laws, once each, and representative volumes say.
+    """Add the cautions of laws, once each, and of representative volumes.
 
     The `[rve]` of the case has said its own beside.
     """

@@ -240,7 +240,7 @@ def _say_losses(measured: Mapping[str, Measured]) -> list[str]:
 
 
 def _increments(response: Dataset) -> list[str]:
-    """Say what the increments leave in cells that flow."""
+    """Report the errors that the increments leave in cells that flow."""
     names = ("mean_gap_increment_error", "contact_fraction_increment_error")
     if names[0] not in response.variables:
         return []
@@ -344,7 +344,7 @@ def _measured(response: Dataset) -> Iterator[Section]:
 
 
 def count_cells(found: Datasets) -> list[tuple[str, str]]:
-    """Return rows that say how many steps of the cells converged, and in which time."""
+    """Return rows with the number of steps of the cells that converged, and their time."""
     response = found[MICRO_RESPONSE.name]
     converged = response["converged"].values
     return [

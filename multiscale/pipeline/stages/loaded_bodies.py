@@ -51,7 +51,7 @@ SHARES = ("interface_slipping_load", "interface_slip", "interface_open")
 """What the table has of each load, and of each interface beside its pressure."""
 
 SLIPS = 1e-3
-"""Change of a stiffness by slip, relative to it, from which both are told."""
+"""Change of a stiffness by slip, relative to it, from which both are reported."""
 
 
 def _solve(bodies: Bodies, case: Case, found: Datasets, job: Job) -> Dataset:

@@ -51,7 +51,7 @@ __all__ = [
 ]
 
 COARSER = 1.2
-"""Ratio of the sizes of elements below which two meshes tell no error."""
+"""Ratio of the sizes of elements below which two meshes have no error to compare."""
 
 SOLID_DENSITIES = (10.0, 23e3)
 """Densities of solids, from foams to osmium, kg/m3."""
@@ -225,7 +225,7 @@ class MeshedBody(Material):
         return self.damage
 
     def elasticity(self) -> Elastic | AnisotropicElastic:
-        """Make its law; of a body whose volume is not known yet, any law."""
+        """Make the law of the body; any law as long as its volume is missing."""
         E = (1.0 - self.damage) * (self.youngs_modulus or ANY_MODULUS)
         return Elastic(E, self.poissons_ratio or 0.0)
 
@@ -238,7 +238,7 @@ class MeshedBody(Material):
         return self.model_copy(update={"mesh": self.coarser, "coarser": None})
 
     def check_coarser(self) -> None:
-        """Refuse a coarser mesh whose elements are hardly larger."""
+        """Refuse a coarser mesh of elements that are hardly larger."""
         coarse = None if self.coarser is None else self.coarsened()
         if coarse is None:
             return
@@ -372,7 +372,7 @@ class StatedGap(Settings):
 
 
 class BodyInterface(Settings):
-    """An interface between two named faces, whose meshes need not match."""
+    """An interface between two named faces; their meshes need not match."""
 
     sides: tuple[str, str]
     """Both faces, as `"BODY.FACE"`; the first may be `"ground"`."""
@@ -468,7 +468,7 @@ class BodyBolt(Settings):
     def build(
         self, sides: tuple[int, int], boundaries: tuple[str, str], bodies: "Sequence[macro.Body]"
     ) -> "tuple[macro.Bolt, str]":
-        """Make the bolt between faces of bodies, and say between which and of which shank."""
+        """Make the bolt between faces of bodies, with a sentence on faces and shank."""
         bolt = macro.Bolt(sides, boundaries, self.stiffness or 1.0, self.preload)
         said = " to ".join(self.sides)
         one, two = bolt.washers(bodies)
@@ -532,6 +532,6 @@ def n_tetrahedra(mesh: "Mesh") -> int:
 def _at_time(
     tractions: Mapping[int, np.ndarray], axis: int, position: np.ndarray, time: float
 ) -> np.ndarray:
-    """One component of the traction of the load case whose number is the time."""
+    """One component of the traction of the load case with the time as its number."""
     traction = tractions.get(int(time))
     return np.full(position.shape[1], 0.0 if traction is None else traction[axis])

@@ -1,4 +1,4 @@
-"""What a case may say of elastic bodies of the user: meshes, interfaces, bolts and named loads."""
+"""Tables of elastic bodies with meshes of the user, interfaces, bolts and named loads."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -165,7 +165,7 @@ class Bodies(StructureKind):
         return (PRELOAD,) * bool(self.bolts) + tuple(load.name for load in self.loads)
 
     def check(self, case: "Case") -> None:
-        """Refuse a path over loads that do not exist, and friction that nothing tells."""
+        """Refuse a path over loads that do not exist, and joints without a friction."""
         known = self.load_names
         given = [name for step in case.statics.steps for name in step]
         given += [case.cycles.load] if case.cycles else []
@@ -398,7 +398,7 @@ class Bodies(StructureKind):
         )
 
     def assumed(self, case: "Case") -> list[str]:
-        """Say what stated laws leave to theory, one sentence each."""
+        """Report what stated laws leave to theory, one sentence each."""
         return [
             f"interface {number}: the stiffness ratio of "
             f"{mindlin_ratio(self.poissons_ratio(one)):.3g} is assumed; give stiffness_ratio, or "

@@ -291,7 +291,7 @@ class MicroSettings(Settings):
         return self
 
     def _check_control(self) -> None:
-        """Refuse control cells that tell nothing."""
+        """Refuse control cells that are too few to follow."""
         stated = self.control or self.control_realisations
         if stated and self.realisations < FEWEST_PAIRS:
             raise ValueError(
@@ -312,7 +312,7 @@ class MicroSettings(Settings):
             )
 
     def _check_shear(self, shear: ShearSettings) -> None:
-        """Refuse shear that the cells pressed tell no normal law of."""
+        """Refuse shear outside the pressures of the normal law."""
         low, high = FEWEST_BELOW * self.pressures[0], self.pressures[-1]
         if shear.pressures[0] < low or shear.pressures[-1] > high:
             raise ValueError(

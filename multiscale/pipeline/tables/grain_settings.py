@@ -1,4 +1,4 @@
-"""What a case may say of grains: where they fall, what they are like, how they are followed."""
+"""Tables of grains: where they fall, their radii and contacts, and their motion."""
 
 from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self

@@ -100,7 +100,7 @@ class StatedAsperities(Settings):
         return self
 
     def build(self, friction: float, stiffness_ratio: float | None, damage: float) -> AsperityLaw:
-        """Make the law of an interface whose asperities damage has thinned out."""
+        """Make the law of an interface with fewer asperities by its damage."""
         density = (1.0 - damage) * self.density
         height, own = (
             class_densities(np.array(self.heights), np.array(self.weights), density)
@@ -234,7 +234,7 @@ class JointLaw(LawSource):
         return self.model_dump(include={"friction", "stiffness_ratio"}, exclude_none=True)
 
     def tell_missing(self, known: Collection[str], strict: bool, where: str = "[interface]") -> str:
-        """Say what joints lack whose law knows the values of some keys; nothing if nothing."""
+        """Report which values joints lack beside those known of their law; empty if none."""
         if self.friction is None and "friction" not in known:
             return (
                 f"{where} has no friction and the law of the joints has none either: shear the "
@@ -289,7 +289,7 @@ class RoughInterface(JointLaw):
 
 
 def _say_lay(law: Dataset) -> list[str]:
-    """Say what joints take of a law that is not as stiff along x as along y."""
+    """Report the mean stiffness that joints take of a law with two along x and y."""
     x, y = law["shear_stiffness_ratio"].to_numpy()
     if not np.isfinite(x + y) or np.isclose(x, y, rtol=1e-9):
         return []

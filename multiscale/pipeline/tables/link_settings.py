@@ -1,4 +1,4 @@
-"""What a case may say of structures of bars and cables: how they are built, loaded and moved."""
+"""Tables of bars and cables: their structures, loads and motion."""
 
 from abc import abstractmethod
 from collections.abc import Mapping

@@ -84,7 +84,7 @@ class Blocks(StructureKind):
         return self.width
 
     def check(self, case: "Case") -> None:
-        """Refuse a joint that the cells will tell nothing of."""
+        """Refuse preloads far outside the pressures of the cells."""
         refuse_far_cells(self, case)
         if case.accuracy is None or case.accuracy.quantity != "joint_stiffness":
             return
@@ -207,7 +207,7 @@ class RoughBodies(StructureKind, Material):
     def build(
         self, materials: Sequence[Elasticity], laws: Sequence[InterfaceLaw]
     ) -> "macro.Assembly":
-        """Build bodies and joints, whose materials and laws are given from below."""
+        """Build bodies and joints of materials and laws in their order from below."""
 
     @property
     def bodies(self) -> tuple[MeshedBody, ...]:
@@ -271,7 +271,7 @@ class RoughBodies(StructureKind, Material):
         return self
 
     def check(self, case: "Case") -> None:
-        """Refuse damages that are not one for each joint, and friction that nothing tells."""
+        """Refuse damages that are not one for each joint, and joints without a friction."""
         check_bodies(self.bodies, case)
         refuse_far_cells(self, case)
         if case.has_cells:

@@ -1,4 +1,4 @@
-"""Bodies whose stiffness comes from a representative volume, and what is unknown of it."""
+"""Bodies with the stiffness of a representative volume, and its errors."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -91,7 +91,7 @@ class PorousBody(MeshedBody):
         )
 
     def cautions(self, mesh: "Mesh") -> list[str]:
-        """Say where the body is too small for its volume."""
+        """Report a body that is too small for its volume."""
         extent, edge = float(np.ptp(mesh.p, axis=1).min()), float(self.box.max())
         if extent > FEWEST_ACROSS * edge:
             return []

@@ -1,4 +1,4 @@
-"""What a case may say of its two bodies: their surfaces, and what they are made of."""
+"""Tables of the two bodies of a case: their surfaces and materials."""
 
 from math import pi
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a case may say, and what its tables may say together."""
+"""The case, with all tables and the checks of tables against each other."""
 
 from operator import truediv
 from pathlib import Path
@@ -418,7 +418,7 @@ class Case(Settings):
                     )
 
     def _check_metal(self) -> None:
-        """Refuse metals and unloading that the cells do not know."""
+        """Refuse metals and unloading that the cells do not have."""
         flat = self.cell.geometry == "flat"
         for number, body in enumerate(self.bodies, start=1):
             if flat and body.hardening_modulus is not None:
@@ -668,7 +668,7 @@ class Case(Settings):
         return self._only(*CELLS, "law", "slide")
 
     def _only(self, *tables: str) -> Self:
-        """Return the case with some of its tables, and what it says outside of tables."""
+        """Return the case with some of its tables, and all keys outside of tables."""
         others = set(type(self).model_fields) - {"title", "elastic", "strict", *tables}
         return self.model_copy(update=dict.fromkeys(others))
 
@@ -697,7 +697,7 @@ class Case(Settings):
         return small.model_copy(update={"structure": structure})
 
     def cautions(self) -> list[str]:
-        """Return what a user should know before trusting the cells, one sentence each."""
+        """Return cautions about the cells, one sentence each."""
         if self.rubber is not None:
             return caution_road(self)
         found, spacing = [], self.cell.spacing

@@ -124,7 +124,7 @@ class StructureKind(Settings):
     stage: ClassVar[str]  # name of the stage that solves it
     asks: ClassVar[tuple[tuple[str, ...], ...]]  # tables that go with it: all of one of these sets
     models: ClassVar[Mapping[str, type[Settings]]] = {}
-    """Of those tables whose keys depend on the kind."""
+    """Models of tables with keys that depend on the kind."""
     may_be_cut: ClassVar[bool] = False  # whether ``[substructures]`` may cut it
     may_tire: ClassVar[bool] = False
     """Whether ``[fatigue]`` and ``[growth]`` may follow its elements."""
@@ -136,7 +136,7 @@ class StructureKind(Settings):
         return None
 
     def check(self, case: "Case") -> None:
-        """Refuse what the other tables of the case say and the structure cannot do."""
+        """Refuse what the other tables ask for and the structure cannot do."""
 
     def pressed(self, case: "Case") -> list[Pressed]:
         """Estimate the nominal pressures of the interfaces; nothing without interfaces."""

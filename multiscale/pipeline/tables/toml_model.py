@@ -98,7 +98,7 @@ def _convert(
 
 
 def with_unit(unit: str) -> PlainSerializer:
-    """Write a float as its file has said it, or with its SI unit; to Python if it is uncertain."""
+    """Write a float as in its file, or with its SI unit; to Python if it is uncertain."""
 
     def write(value: float, info: SerializationInfo) -> Any:
         if isinstance(value, Typed):
@@ -158,7 +158,7 @@ class Settings(BaseModel):
         include: set[str] | dict[str, Any] | None = None,
         exclude: set[str] | dict[str, Any] | None = None,
     ) -> str:
-        """Checksum of what is said, with the content of the files that are named."""
+        """Return the checksum of all values, with the content of the files that are named."""
         said = self.model_dump(include=include, exclude=exclude)
         text = json.dumps(said, default=_content)
         return sha256(text.encode()).hexdigest()
@@ -302,7 +302,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 
 TOLD = ("value_error", "union_tag_not_found", "union_tag_invalid")
-"""Faults whose message repeats the input."""
+"""Faults with a message that repeats the input."""
 
 MESSAGES: dict[str, Callable[[Any], str]] = {
     "model_type": lambda fault: "should be a table",

@@ -155,7 +155,7 @@ def check_rubber(case: "Case") -> None:
 
 
 def caution_road(case: "Case") -> list[str]:
-    """Return what a user should know before trusting the friction law, one sentence each."""
+    """Return cautions about the friction law, one sentence each."""
     found, spacing, slides = [], case.cell.spacing, case.sliding
     if case.road.short_cutoff < 0.99 * POINTS_PER_WAVE * spacing:
         found.append(
