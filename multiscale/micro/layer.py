@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ __all__ = [
     "GraphMesh",
     "LayerLaw",
     "Linear",
+    "MeshArrays",
     "PeriodicLayer",
     "SecondBody",
     "at_first_touch",
@@ -373,6 +374,16 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
     return np.asarray(planes * (depth / planes[-1]))
 
 
+class MeshArrays(NamedTuple):
+    """A graph mesh as kernels take it."""
+
+    heights: np.ndarray  # (nx, ny), of the surface, m
+    planes: np.ndarray  # (layers + 1,), heights of the node planes below a flat surface, m
+    factor: np.ndarray  # (layers + 1,), share of the surface's height in that of each plane
+    dx: float  # spacing of the nodes, m
+    dy: float
+
+
 @dataclass(frozen=True)
 class GraphMesh:
     r"""Nodes of the conforming mesh :math:`z = Z_l + \varphi_l h(x, y)`, periodic in x and y.
@@ -408,6 +419,12 @@ class GraphMesh:
     def map_factor(self) -> np.ndarray:
         """Share of the height that a node plane carries, shape (layers + 1,)."""
         return np.asarray(self.planes / self.planes[-1])
+
+    @property
+    def arrays(self) -> MeshArrays:
+        """The mesh as kernels take it."""
+        heights = np.ascontiguousarray(self.surface.heights, dtype=np.float64)
+        return MeshArrays(heights, self.planes, self.map_factor, *self.surface.spacing)
 
     def hexahedra(self, first_layer: int = 0) -> "MeshHex":
         """Return the mesh, opened at its periodic faces, for scikit-fem."""

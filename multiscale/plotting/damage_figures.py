@@ -129,12 +129,12 @@ def plot_worst_section(rve: "Volume", sections: Dataset, *, ax: Axes | None = No
     """
     from matplotlib.colors import ListedColormap
 
-    from multiscale.micro.damage.cavities import SectionPlane
+    from multiscale.micro.damage.cavities import perpendicular
 
     ax = axes_or_current(ax)
     normal = sections["worst_normal"].values
     origin = 0.5 * np.array(rve.size) + float(sections["worst_offset"]) * normal
-    along, value = _section_image(rve, origin, SectionPlane.through(origin, normal).frame)
+    along, value = _section_image(rve, origin, perpendicular(normal[None])[0])
     inside = np.isfinite(value)
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     unit = length_unit([max(rve.size)])

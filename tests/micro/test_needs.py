@@ -20,35 +20,37 @@ def plain_cell(n=N, **changes):
     return Cell(surface, 1.0, LAYERS, **given)
 
 
+PLAIN = {"stiffness", "layer factors"}
+LARGE = {"layer factors", "tangent"}
+
+
 @pytest.mark.parametrize(
-    ("changes", "built"),
+    ("changes", "built", "state"),
     [
-        pytest.param({}, {"stiffness", "layer factors"}, id="plain"),
-        pytest.param({"geometry": "flat"}, set(), id="flat"),
-        pytest.param({"geometry": "flat", "hardness": 1.0}, {"hardness cap"}, id="hardness"),
-        pytest.param({"geometry": "flat", "slope_order": 2}, {"slope expansion"}, id="expanded"),
-        pytest.param(
-            {"poissons_ratio": 0.45},
-            {"stiffness", "layer factors", "mean dilatation", "tilt"},
-            id="nearly-incompressible",
-        ),
-        pytest.param(
-            {"obstacle": Surface(np.zeros((N, N)), (1.0, 1.0))},
-            {"stiffness", "layer factors", "obstacle normals"},
-            id="rough-obstacle",
-        ),
-        pytest.param(
-            {"youngs_modulus": np.ones((N, LAYERS, N))},
-            {"stiffness", "layer factors", "element moduli"},
-            id="elements",
+        ({}, PLAIN, 0),
+        ({"geometry": "flat"}, set(), 0),
+        ({"geometry": "flat", "hardness": 1.0}, {"hardness cap"}, 0),
+        ({"geometry": "flat", "slope_order": 2}, {"slope expansion"}, 0),
+        ({"poissons_ratio": 0.45}, {*PLAIN, "mean dilatation", "tilt"}, 0),
+        ({"obstacle": Surface(np.zeros((N, N)), (1.0, 1.0))}, {*PLAIN, "obstacle normals"}, 0),
+        ({"youngs_modulus": np.ones((N, LAYERS, N))}, {*PLAIN, "element moduli"}, 0),
+        ({"friction_coefficient": 0.3}, {*PLAIN, "friction"}, 0),
+        ({"bulk": NeoHookean(1.0, 0.3)}, LARGE, 0),
+        (
+            {"bulk": J2(1.0, 0.3, 0.01), "friction_coefficient": 0.3},
+            {*LARGE, "friction", "mean dilatation"},
+            2,
         ),
     ],
+    ids=lambda given: " ".join(given) if isinstance(given, dict) else None,
 )
-def test_each_feature_is_built_only_where_it_is_used(changes, built):
+def test_each_feature_is_built_only_where_it_is_used(changes, built, state):
     needs = plain_cell(**changes).needs()
     assert set(needs.built) == built
     assert not built & set(needs.omitted)
     assert all(f"builds {name}" in needs.explain() for name in built)
+    assert len(needs.state_variables) == state
+    assert needs.unknowns_per_contact == (3 if "friction" in built else 1)
 
 
 @pytest.mark.parametrize(
@@ -63,36 +65,6 @@ def test_the_memory_said_is_the_memory_taken(geometry, order):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert cell.needs().memory == pytest.approx(peak, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("changes", "built", "state"),
-    [
-        pytest.param(
-            {"friction_coefficient": 0.3},
-            {"stiffness", "layer factors", "friction"},
-            0,
-            id="friction",
-        ),
-        pytest.param(
-            {"bulk": NeoHookean(1.0, 0.3)},
-            {"layer factors", "tangent"},
-            0,
-            id="neo-Hookean",
-        ),
-        pytest.param(
-            {"bulk": J2(1.0, 0.3, 0.01), "friction_coefficient": 0.3},
-            {"layer factors", "tangent", "friction", "mean dilatation"},
-            2,
-            id="plastic with friction",
-        ),
-    ],
-)
-def test_friction_and_large_strain_are_paid_where_they_are_used(changes, built, state):
-    needs = plain_cell(**changes).needs()
-    assert set(needs.built) == built
-    assert len(needs.state_variables) == state
-    assert needs.unknowns_per_contact == (3 if "friction" in built else 1)
 
 
 @pytest.mark.slow

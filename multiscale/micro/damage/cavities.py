@@ -6,10 +6,10 @@ Bodies are arrays with centres, shape (n, 3), m. Radii, m, are one for all bodie
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -21,9 +21,9 @@ __all__ = [
     "Cavities",
     "Cracks",
     "Ellipsoids",
-    "SectionPlane",
     "check_box",
     "penny_cracks",
+    "perpendicular",
     "spheres",
     "voxelise",
 ]
@@ -33,19 +33,13 @@ CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) 
 EDGES = np.array([(a, a | bit) for bit in (1, 2, 4) for a in range(8) if not a & bit]).T
 
 
-@dataclass(frozen=True)
-class SectionPlane:
+class SectionPlane(NamedTuple):
     """A plane with coordinates y: x = origin + y @ frame."""
 
     origin: np.ndarray  # (3,), a point of the plane, m
     normal: np.ndarray  # (3,), unit normal
     frame: np.ndarray  # (2, 3), directions in the plane, right-handed with the normal
     slab: float = 0.0  # thickness of the slab about the plane in which flat cracks count, m
-
-    @staticmethod
-    def through(origin: np.ndarray, normal: np.ndarray, slab: float = 0.0) -> "SectionPlane":
-        """Choose the directions in the plane through a point, m, with a unit normal."""
-        return SectionPlane(origin, normal, perpendicular(normal[None])[0], slab)
 
 
 def perpendicular(unit: np.ndarray) -> np.ndarray:
@@ -278,9 +272,9 @@ class Cavities:
 
         lost, area = np.zeros(len(distance)), np.zeros(len(distance))
         middle = 0.5 * np.array(self.size)
-        through = SectionPlane.through(middle, normal, slab)
+        frame = perpendicular(normal[None])[0]
         for k, d in enumerate(distance):
-            plane = replace(through, origin=middle + d * normal)
+            plane = SectionPlane(middle + d * normal, normal, frame, slab)
             polygon = _box_polygon(plane, np.array(self.size))
             if len(polygon) > 2:
                 (x, y), after = polygon.T, np.arange(1 - len(polygon), 1)

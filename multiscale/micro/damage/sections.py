@@ -15,7 +15,7 @@ import numpy as np
 
 from multiscale.errors import CaseError
 from multiscale.io.images import VoxelImage
-from multiscale.micro.damage.cavities import SectionPlane
+from multiscale.micro.damage.cavities import perpendicular
 from multiscale.schema import DAMAGE_SECTIONS, Dataset
 
 __all__ = ["Volume", "max_damage", "plane_damage", "section_normals", "sphere_directions"]
@@ -231,7 +231,7 @@ def _refine(
     peak = damage.argmax(axis=1)
     for row in np.argsort(damage.max(axis=1))[::-1][:N_STARTS]:
         normal, place = normals[row], float(offset[row, peak[row]])
-        frame = SectionPlane.through(np.zeros(3), normal).frame if turn else np.empty((0, 3))
+        frame = perpendicular(normal[None])[0] if turn else np.empty((0, 3))
 
         def plane(
             x: np.ndarray, n: np.ndarray = normal, d: float = place, frame: np.ndarray = frame

@@ -344,7 +344,7 @@ def _fluxes(grad, flux, geometry, moduli, mean, lanes):  # type: ignore[no-untyp
 
 @compiled(fastmath=True)
 def _apply(  # type: ignore[no-untyped-def]
-    first, end_chunk, chunks, last, heights, planes, factor, dx, dy, lame, shear, blend, u, out
+    first, end_chunk, chunks, last, mesh, lame, shear, blend, u, out
 ):
     """Elastic forces of the elements in some chunks of strips along x.
 
@@ -353,6 +353,7 @@ def _apply(  # type: ignore[no-untyped-def]
     element, or once along an axis on which they are the same.
     """
     nx, layers, _, ny = u.shape
+    heights, planes, factor, dx, dy = mesh
     along_x, along_y = int(lame.shape[0] > 1), int(lame.shape[2] > 1)
     area, real = dx * dy / 8.0, u.dtype
     per_x, per_y = real.type(1.0 / dx), real.type(1.0 / dy)
@@ -408,14 +409,11 @@ def stiffness_operator(
 ) -> Callable[..., np.ndarray]:
     r"""Return the map from displacements to elastic forces, :math:`u \mapsto K u`."""
     blend = float(mean_dilatation)
-    heights = np.ascontiguousarray(mesh.surface.heights, dtype=np.float64)
-    dx, dy = mesh.surface.spacing
     lame, shear = (
         np.require(value[None, :, None] if value.ndim == 1 else value, float, ["C", "W"])
         for value in (lame, shear)
     )
-
-    arguments = heights, mesh.planes, mesh.map_factor, dx, dy, lame, shear, blend
+    arguments = mesh.arrays, lame, shear, blend
 
     def apply(u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         out = np.empty_like(u) if out is None else out

@@ -46,7 +46,6 @@ from multiscale.micro.finite.strain import (
     SCRATCH,
     VOLUME,
     WEIGHT,
-    Layer,
     Moduli,
     edge_forces,
     kernel,
@@ -387,11 +386,6 @@ class LargeStrainLayer(FiniteBody):
         return nx, layers, -(-ny // BATCH), 8
 
     @cached_property
-    def _layer(self) -> Layer:
-        heights = np.ascontiguousarray(self.mesh.surface.heights, dtype=np.float64)
-        return Layer(heights, self.mesh.planes, self.mesh.map_factor, *self.mesh.surface.spacing)
-
-    @cached_property
     def _tangent(self) -> np.ndarray:
         """One buffer for the tangents of all iterations."""
         rows = ENTRIES + MOTIONS + 1 if self.mixed else ENTRIES
@@ -435,7 +429,7 @@ class LargeStrainLayer(FiniteBody):
 
         def respond(u: np.ndarray) -> BodyResponse:
             force, flags = np.zeros_like(u), np.empty((len(u), 2))
-            arguments = self._layer, kind, moduli, scale, u, state, force, self._tangent, flags
+            arguments = self.mesh.arrays, kind, moduli, scale, u, state, force, self._tangent, flags
             _run_coloured(_respond, u, *arguments)
             flowing = float(flags[:, 1].sum()) / (8.0 * np.prod(self.mesh.shape))
             least = float(flags[:, 0].min())
@@ -448,6 +442,6 @@ class LargeStrainLayer(FiniteBody):
         nx, ny, layers = self.mesh.shape
         new = np.empty((*self._points, rows, BATCH))
         kind = PLASTIC if self.law.flows else NEO_HOOKEAN
-        arguments = self._layer, kind, moduli, u, state, new
+        arguments = self.mesh.arrays, kind, moduli, u, state, new
         run_ranges(_update, nx, *arguments, least=-(-LEAST // (layers * ny)))
         return new

@@ -28,8 +28,6 @@ whose logarithm is half as large.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from multiscale.micro.elastic.stiffness import (
     BATCH,
     X,
@@ -44,7 +42,6 @@ from multiscale.micro.elastic.stiffness import (
 from multiscale.numerics.compiled import compiled
 
 __all__ = [
-    "Layer",
     "Moduli",
     "combine",
     "edge_forces",
@@ -103,16 +100,6 @@ SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 NEAR = 0.03  # largest Z : Z of the series of artanh
 TERMS = 10  # of this series
 ROOTS = 20  # enough for any b whose eigenvalues double precision tells apart
-
-
-class Layer(NamedTuple):
-    """Layered mesh."""
-
-    heights: np.ndarray  # (nx, ny), of the surface, m
-    planes: np.ndarray  # (layers + 1,), heights of the node planes below a flat surface, m
-    factor: np.ndarray  # (layers + 1,), share of the surface's height in that of each plane
-    dx: float  # spacing of the nodes, m
-    dy: float
 
 
 class Moduli(NamedTuple):
