@@ -27,9 +27,6 @@ def ratio_bonded(phase: np.ndarray, poissons_ratio: float) -> np.ndarray:
 
     .. math::
         \frac{(3-4\nu)\sinh 2x - 2x}{(3-4\nu)\cosh 2x + 2x^2 + 5 - 12\nu + 8\nu^2}.
-
-    >>> ratio_bonded(2.0 * np.pi * np.array([0.25, 0.5]), 0.3).round(4)
-    array([0.632 , 0.9441])
     """
     x, nu = np.asarray(phase, dtype=float), poissons_ratio
     kappa, decay = 3.0 - 4.0 * nu, np.exp(-2.0 * x)

@@ -73,9 +73,6 @@ def spence_stick_radius(friction: float, poissons_ratio: float) -> float:
     with the complete elliptic integral :math:`K`. The effect of the shear on the pressure is left
     out, which :func:`tests.closed_forms.spence.punch_with_friction` keeps: at :math:`\nu = 0.3` the
     radius is then smaller by 11, 2.5 and 0.8 per cent for :math:`\mu = 0.1, 0.3, 0.5`.
-
-    >>> round(spence_stick_radius(0.3, 0.3), 4)
-    0.9186
     """
     beta = (1.0 - 2.0 * poissons_ratio) / (2.0 * (1.0 - poissons_ratio))
 
@@ -89,9 +86,6 @@ def full_stick_load_ratio(poissons_ratio: float) -> float:
     r"""Force on a rigid flat punch that sticks, over that without friction at the same depth.
 
     .. math:: \frac{(1 - \nu) \ln(3 - 4\nu)}{1 - 2\nu}
-
-    >>> round(full_stick_load_ratio(0.3), 5)
-    1.02863
     """
     nu = poissons_ratio
     return float((1.0 - nu) * np.log(3.0 - 4.0 * nu) / (1.0 - 2.0 * nu))
