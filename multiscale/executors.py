@@ -52,19 +52,13 @@ def run_jobs(
 ) -> None:
     """Call a function once for each job, and process the results in the order of completion.
 
-    Jobs are taken one by one, so that any number of them needs little memory, and the next one is
-    submitted when any one is finished: a slow worker delays no other.
-
-    Parameters
-    ----------
-    function : callable
-        The function, importable by name if an executor is given. Workers call it with one thread
-        for kernels, because they share the machine, unless ``OMP_NUM_THREADS`` is set for them.
-    jobs : iterable of key and tuple, arguments of each call
-    executor : Executor, optional
-        Executor of ``concurrent.futures``, dask (``Client.get_executor()``) or mpi4py; serial, with
-        all threads, if not given. A pool must spawn its processes: threads do not survive a fork.
-    finish : callable, ``finish(key, result)`` is called in this process after each job
+    Jobs, a key and arguments each, are taken one by one, so that any number of them needs little
+    memory, and the next one is submitted when any one is finished: a slow worker delays no other.
+    ``finish(key, result)`` is called in this process. With an executor of ``concurrent.futures``,
+    dask (``Client.get_executor()``) or mpi4py the function must be importable by name; workers call
+    it with one thread for kernels, because they share the machine, unless ``OMP_NUM_THREADS`` is
+    set for them. A pool must spawn its processes: threads of kernels do not survive a fork. Without
+    an executor, jobs run one after another with all threads.
     """
     if executor is None:
         for key, arguments in jobs:

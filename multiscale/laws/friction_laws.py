@@ -137,12 +137,6 @@ class BellFriction(FrictionLaw):
     ----------
     .. [1] L. De Lorenzis and P. Wriggers, Comput. Mater. Sci. 77 (2013) 243-252,
        doi:10.1016/j.commatsci.2013.04.049.
-
-    Examples
-    --------
-    >>> law = BellFriction(1.2, 0.01, 1.0, 1.0, -0.2, 0.5, 1.0e5)
-    >>> law.coefficient(np.array(1.0e5), np.array([0.0, 0.005, 0.01, 0.02])).round(3)
-    array([0.  , 0.96, 1.2 , 0.96])
     """
 
     peak_coefficient: float

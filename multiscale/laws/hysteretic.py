@@ -64,9 +64,6 @@ class HystereticLaw(GapLaw):
     array([-1.35335283e+08, -8.20849986e+07])
     >>> law.respond(jump, state=np.full((1, 2), loaded.state[0, 0])).traction[0]  # after loading
     array([-1.35335283e+08, -2.60452874e+07])
-    >>> peak = np.array([[1.35335283e8]])
-    >>> law.shaken_down().respond(np.array([[1.9e-6]]), state=peak).traction[0] / 1e6
-    array([-163.28546609])
     """
 
     loading: NormalLaw

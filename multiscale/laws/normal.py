@@ -132,12 +132,6 @@ class Tabulated(NormalLaw):
 
     No chord may be softer than the chord before it, so that the law is convex; the last one
     continues beyond the table, as in other finite-element codes.
-
-    Examples
-    --------
-    >>> law = Tabulated(np.array([0.0, 1.0e6, 5.0e6]), np.array([0.0, -1.0e-7, -3.0e-7]))
-    >>> law.pressure(np.array([1.0e-7, -0.5e-7, -2.0e-7])).round()  # Pa
-    array([      0.,  500000., 3000000.])
     """
 
     table_pressure: np.ndarray

@@ -16,19 +16,11 @@ GAIN = 1e-12  # energy gained by rounding in a step, relative to the largest tha
 
 @dataclass(frozen=True, eq=False)
 class SideBySide(InterfaceLaw):
-    """Laws of interfaces side by side, each at its points, with the most state rows of all.
-
-    Attributes
-    ----------
-    laws : sequence of InterfaceLaw
-    points : sequence of slice, points of each law, among the points of all
-    spacing : ndarray, shape (points,)
-        Initial gap of every point in addition to the gap of its law, m.
-    """
+    """Laws of interfaces side by side, each at its points, with the most state rows of all."""
 
     laws: Sequence[InterfaceLaw]
-    points: Sequence[slice]
-    spacing: np.ndarray
+    points: Sequence[slice]  # of each law, among the points of all
+    spacing: np.ndarray  # (points,), initial gap in addition to the gap of the law, m
 
     def opened(self, jump: np.ndarray) -> np.ndarray:
         """Jump of the laws, with the initial gap, m."""

@@ -32,8 +32,6 @@ def friction_interior_point(
 ) -> np.ndarray:
     r"""Follow a central path of a friction problem that never meets the kink of ‖u_T‖.
 
-    Notes
-    -----
     With the sliding speed as an unknown :math:`s`, Coulomb's law is a complementarity of numbers
     and a complementarity of cones. For :math:`z = (\mu r_N, r_T)`, :math:`g = u_N / \mu` and
     :math:`y = (s, u_T)`,

@@ -62,8 +62,6 @@ def sweep(blocks, columns, starts, diagonal, velocity, friction, reaction, sweep
 def solve_one_contact(block, q0, q1, q2, mu):  # type: ignore[no-untyped-def]
     r"""Solve the friction problem of one contact.
 
-    Notes
-    -----
     Open if :math:`q_N \ge 0`; stuck if :math:`r = -W^{-1} q` lies in the cone. Otherwise the
     contact slides with :math:`u_T = -\alpha r_T`, :math:`\alpha > 0`, and :math:`u_N = 0` leaves
 

@@ -19,7 +19,7 @@ from multiscale.upscaling import (
     sliders_from_dataset,
     write_pressure_overclosure,
 )
-from tests.calculix import needs_calculix, run_calculix
+from tests.calculix import needs_calculix, run_calculix, write_body
 from tests.support import keep_ignoring_broken_pipes
 from tests.upscaling.responses import response_of
 
@@ -72,26 +72,16 @@ def linear_case(path):
 
 def write_bodies(assembly, lower):
     """Nodes (mm), elements and named facets of both plates, the upper one lowered."""
-    lines, facets, node, element = [], [], 1, 1
-    for body, z in zip(assembly.bodies, (0.0, -lower), strict=True):
-        mesh, number = body.mesh, len(facets)
+    lines, facets, first = [], [], (1, 1)
+    for number, (body, z) in enumerate(zip(assembly.bodies, (0.0, -lower), strict=True)):
+        mesh = body.mesh
         corners = mesh.t[np.argsort(HEX_ORDER)].T  # in the order of VTK and CalculiX
         places = 1e3 * mesh.p.T + [0.0, 0.0, z]
-        lines.append("*NODE, NSET=N" + str(number))
-        lines += [f"{i}, {x:.12g}, {y:.12g}, {z:.12g}" for i, (x, y, z) in enumerate(places, node)]
-        lines.append(f"*ELEMENT, TYPE=C3D8I, ELSET=E{number}")
-        lines += [", ".join(map(str, [i, *(row + node)])) for i, row in enumerate(corners, element)]
-        sides = np.sort(corners[:, FACES], axis=2).reshape(-1, 4)
-        facets.append({})
-        for name, boundary in mesh.boundaries.items():
-            wanted = {tuple(sorted(one)) for one in mesh.facets[:, boundary].T.tolist()}
-            at = [i for i, side in enumerate(sides.tolist()) if tuple(side) in wanted]
-            facets[number][name] = [(element + i // 6, i % 6 + 1) for i in at]
-        end = node + np.unique(mesh.facets[:, mesh.boundaries["end"]])
-        lines += [f"*SURFACE, NAME=JOINT{number}"]
-        lines += [f"{i}, S{side}" for i, side in facets[number]["joint"]]
-        lines += [f"*NSET, NSET=END{number}", *map(str, end)]
-        node, element = node + len(places), element + len(corners)
+        end = first[0] + np.unique(mesh.facets[:, mesh.boundaries["end"]])
+        part = (mesh, number, "C3D8I", places, corners, FACES, first, "joint")
+        more, named, first = write_body(*part)
+        lines += [*more, f"*NSET, NSET=END{number}", *map(str, end)]
+        facets.append(named)
     return lines, facets
 
 
@@ -104,7 +94,6 @@ def deck(assembly, case):
     return [
         *lines,
         *("*MATERIAL, NAME=STEEL", "*ELASTIC", "210000., .3"),
-        *(f"*SOLID SECTION, ELSET=E{number}, MATERIAL=STEEL" for number in (0, 1)),
         *case.interaction.splitlines(),
         "*CONTACT PAIR, INTERACTION=ROUGH, TYPE=NODE TO SURFACE, SMALL SLIDING",
         "JOINT1, JOINT0",

@@ -13,7 +13,7 @@ from multiscale.laws.bulk import Elastic
 from multiscale.macro import AssembledNewton, Assembly, Body, Interface, solve_assembly
 from multiscale.macro.continuum.body import load_vector
 from multiscale.macro.vibration import press_structure, structure_mass, tangent_modes
-from tests.calculix import needs_calculix, run_calculix
+from tests.calculix import needs_calculix, run_calculix, write_body
 from tests.contact_scenes import block
 
 SIZE = np.array([0.04, 0.01, 0.004])  # m, of the lower plate
@@ -53,7 +53,7 @@ def plates(stiffness, elements):
 
 def deck(assembly, joint):
     """Write both bodies, mm and MPa, pressed in a first step and then pushed."""
-    lines, first, count = [], [1], 1
+    lines, first, starts = [], (1, 1), []
     for k, body in enumerate(assembly.bodies):
         mesh, x = body.mesh, body.basis.doflocs.T
         corners, p = mesh.t.T.copy(), mesh.p.T
@@ -61,22 +61,12 @@ def deck(assembly, joint):
         turned = np.linalg.det(edge) < 0.0
         corners[turned] = corners[turned][:, [0, 2, 1, 3]]
         middle = np.stack([p[corners[:, list(pair)]].mean(axis=1) for pair in EDGES], axis=1)
-        nodes = cKDTree(x).query(np.concatenate([p[corners], middle], axis=1))[1] + first[k]
-        lines += [f"*NODE, NSET=N{k}"]
-        lines += [
-            f"{i}, {a:.12g}, {b:.12g}, {c:.12g}" for i, (a, b, c) in enumerate(1e3 * x, first[k])
-        ]
-        lines += [f"*ELEMENT, TYPE=C3D10, ELSET=E{k}"]
-        lines += [", ".join(map(str, (i, *row))) for i, row in enumerate(nodes, count)]
-        name = ("top", "bottom")[k]
-        wanted = {tuple(one) for one in np.sort(mesh.facets[:, mesh.boundaries[name]].T).tolist()}
-        sides = np.sort(corners[:, FACES], axis=2)
-        at = [(e, s) for e, s in np.ndindex(sides.shape[:2]) if tuple(sides[e, s]) in wanted]
-        lines += [f"*SURFACE, NAME=JOINT{k}", *(f"{count + e}, S{s + 1}" for e, s in at)]
-        lines += [f"*SOLID SECTION, ELSET=E{k}, MATERIAL=STEEL"]
-        count += len(corners)
-        first.append(first[k] + len(x))
-    held = first[0] + assembly.bodies[0].nodes("left")
+        nodes = cKDTree(x).query(np.concatenate([p[corners], middle], axis=1))[1]
+        starts.append(first[0])
+        part = (mesh, k, "C3D10", 1e3 * x, nodes, FACES, first, ("top", "bottom")[k])
+        more, _, first = write_body(*part)
+        lines += more
+    held = starts[0] + assembly.bodies[0].nodes("left")
     lines += ["*NSET, NSET=HELD", *map(str, held)]
     lines += [
         "*MATERIAL, NAME=STEEL",
@@ -88,7 +78,7 @@ def deck(assembly, joint):
     lines += [*joint, "*BOUNDARY", "HELD, 1, 3"]
     for time in (1.0, 2.0):
         lines += ["*STEP, INC=1000", "*STATIC", ".5, 1.", "*CLOAD"]
-        for body, start in zip(assembly.bodies, first, strict=False):
+        for body, start in zip(assembly.bodies, starts, strict=True):
             force = load_vector(body, time).reshape(-1, 3)
             at = np.argwhere(np.abs(force) > 1e-9 * np.abs(force).max())
             lines += [f"{start + a}, {i + 1}, {force[a, i]:.12g}" for a, i in at]
