@@ -182,12 +182,16 @@ def known_error(budget: Dataset, *without: str) -> np.ndarray:
     It is a lower bound of the error where :func:`unknown_terms` names any, relative to the value,
     shape (quantities, steps); NaN where no term is known, or those that are have no part in it.
     """
-    counted = budget["error_half_width"].notnull() & ~budget["error_term"].isin(without)
-    half, bias = (budget[name].where(counted) for name in ("error_half_width", "error_bias"))
-    spread = (half**2).sum("error_term") ** 0.5
-    error = total_error(bias.sum("error_term").values, spread.values)
-    lacking = budget["error_total"].isnull().values & (error == 0.0)
-    return np.where(counted.any("error_term").values & ~lacking, error, np.nan)
+    half, bias = (
+        budget[name].transpose("quantity", "error_term", ...).values
+        for name in ("error_half_width", "error_bias")
+    )
+    left_out = np.isin(budget["error_term"].values, without)
+    counted = ~np.isnan(half) & ~left_out.reshape(-1, *(1,) * (half.ndim - 2))
+    half, bias = (np.where(counted, values, 0.0) for values in (half, bias))
+    error = total_error(np.nansum(bias, axis=1), np.sqrt(np.sum(half**2, axis=1)))
+    lacking = np.isnan(budget["error_total"].values) & (error == 0.0)
+    return np.where(counted.any(axis=1) & ~lacking, error, np.nan)
 
 
 def mean_law_error(budget: Dataset) -> np.ndarray:

@@ -92,3 +92,25 @@ def test_an_instrument_file_is_looked_for_beside_its_case(changed):
     end = TEXT.index("\n\n[body_2]")
     path = changed((TEXT[start:end], 'file = "map.al3d"\nperiodic = "window"'))
     assert load_case(path).body_1.surface.file == path.parent / "map.al3d"
+
+
+def test_a_fault_is_shown_in_its_line_with_a_caret(tmp_path):
+    file = tmp_path / "case.toml"
+    lines = ['title = "x"', "[body_1]", "  poissons_rato = 0.3", "[cell]", "layers = -1"]
+    file.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(CaseError) as told:
+        load_case(file)
+    said = str(told.value)
+    for number, name in ((3, "poissons_rato"), (5, "layers")):
+        begin = f"  line {number}: "
+        at = len(begin) + lines[number - 1].index(name)
+        assert f"\n{begin}{lines[number - 1]}\n{' ' * at}{'^' * len(name)}" in said
+    assert said.count("^\n") + said.endswith("^") == 2  # what is missing has no line
+
+
+def test_a_fault_of_a_list_of_tables_or_of_a_sweep_is_shown_where_it_stands(tmp_path):
+    file = tmp_path / "case.toml"
+    text = '[[structure.interfaces]]\nlaw = "a.nc"\n[[structure.interfaces]]\nlow = 1\n'
+    file.write_text(f'title = "x"\n[structure]\nkind = "bodies"\n{text}', encoding="utf-8")
+    with pytest.raises(CaseError, match=r"has no key 'low'.*\n  line 7: low = 1\n +\^\^\^"):
+        load_case(file)

@@ -3,7 +3,7 @@
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
@@ -250,12 +250,39 @@ def validate(model: type[Model], content: dict[str, Any], path: Path, kinds: Kin
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        faults = _faults(error, model, kinds)
+        lines = read_text(path).splitlines() if path.is_file() else []
+        faults = _faults(error, model, kinds, _key_lines(lines))
         raise CaseError("\n".join(f"{path}: {fault}" for fault in faults)) from error
 
 
-def _faults(error: ValidationError, model: type[BaseModel], kinds: Kinds) -> Iterator[str]:
-    """Turn pydantic's report into sentences, one for each fault."""
+HEADER, ENTRY = re.compile(r"\s*\[(\[?)\s*([\w.\- ]+?)\s*\]"), re.compile(r"\s*([\w.-]+)\s*=")
+"""Lines of a TOML file that begin a table, or an entry of a list of tables, and a key."""
+
+
+def _key_lines(lines: Sequence[str]) -> dict[str, str]:
+    """Return the line of every table and key, by its full name, with a caret below its name."""
+    marked, table, entries = dict[str, str](), "", dict[str, int]()
+    for number, line in enumerate(lines, 1):
+        if found := HEADER.match(line):
+            table = name = found[2]
+            if found[1]:
+                entries[name] = entries.get(name, -1) + 1
+                table = f"{name}[{entries[name]}]"
+        elif found := ENTRY.match(line):
+            name = f"{table}.{found[1]}" if table else found[1]
+        else:
+            continue
+        begin, end = found.span(found.lastindex or 0)
+        said = f"  line {number}: "
+        caret = f"{' ' * (len(said) + begin)}{'^' * (end - begin)}"
+        marked.setdefault(name, f"\n{said}{line}\n{caret}")
+    return marked
+
+
+def _faults(
+    error: ValidationError, model: type[BaseModel], kinds: Kinds, marked: Mapping[str, str]
+) -> Iterator[str]:
+    """Turn pydantic's report into sentences, one for each fault, each with its line."""
     for fault in sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden"):
         if fault["type"] == "too_short" and len(fault["input"]) >= fault["ctx"]["min_length"]:
             continue  # an entry has a fault of its own
@@ -264,16 +291,18 @@ def _faults(error: ValidationError, model: type[BaseModel], kinds: Kinds) -> Ite
             place.append("")  # a check of the whole table
         table, key = ".".join(place[:-1]), place[-1] if place else ""
         where = f"[{table}] " if table else ""
+        full = re.sub(r"\[\d+\]$", "", ".".join(place))
+        mark = marked.get(f"sweep.{full}", marked.get(full, ""))
         if fault["type"] == "extra_forbidden":
             known = list(found_in.model_fields)
             hint = suggest(key, known, f"known keys: {', '.join(known)}")
-            yield f"{where}has no key {key!r}; {hint}"
+            yield f"{where}has no key {key!r}; {hint}{mark}"
         elif fault["type"] == "missing":
             yield f"{where}{key} is missing"
         else:
             told = fault["type"] in TOLD or isinstance(fault["input"], dict)
             found = "" if told else f", got {fault['input']!r}"
-            yield f"{where}{key + ' ' if key else ''}{_message(fault)}{found}"
+            yield f"{where}{key + ' ' if key else ''}{_message(fault)}{found}{mark}"
 
 
 def _locate(
