@@ -192,8 +192,8 @@ def slide_cell(
     values["effective_friction"] = -traction[..., 1] / traction[..., 0]  # (1)
     late = slide[:, 0] > distance - period * (1.0 - 1e-9)  # the steps of the last period
     steady = values["effective_friction"][:, late].mean(axis=1)
-    whole = distance - period >= -1e-9 * period
-    values["steady_friction"] = steady if whole else np.full(len(pressure), np.nan)
+    full_period = distance - period >= -1e-9 * period
+    values["steady_friction"] = steady if full_period else np.full(len(pressure), np.nan)
     values |= {"nominal_pressure": np.array(pressure), "sliding_distance": slide[:, 0]}
     ended = "; ".join(
         f"{p:.3g} Pa: {runs[k].attrs['ended']}"

@@ -229,14 +229,14 @@ def grow_microcracks(cracks: Microcracks, stress: np.ndarray, *, through: bool =
     table = np.array(rows, dtype=float)
     names = ("factor", "opening", "modulus_ratio", "largest_section", "dissipation", "grown")
     values = dict(zip((*names, "touching"), table.T, strict=False))
-    found = CRACK_GROWTH.build(
+    growth = CRACK_GROWTH.build(
         {**values, "mean_strain": table[:, 7:], "radius": np.array(radii), "converged": int(cut)}
     )
     if not touched:
-        return found
+        return growth
     at = int(np.argmax(table[:, 6]))
     return with_cautions(
-        found,
+        growth,
         f"the crack that grows reaches another one where it covers {100.0 * table[at, 3]:.3g} % of "
         f"a section, at {table[at, 0] / table[:, 0].max():.3g} of the largest stress: "
         + ("from there on it grows as if it were alone" if through else "there the search ends"),

@@ -110,7 +110,7 @@ def local_fatigue(
     check_limits(tolerance)
     factors = limit_factors(scatter)
     inclusions = Inclusions(material, factors, jump_tolerance, substeps)
-    whole = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved
+    most = 1.0 - 1.0 / factors.size  # largest share of a structure that is solved
 
     share, stress = np.zeros(elements), stress_of(np.zeros(elements))
     state, solves, cycles = np.zeros((elements * factors.size, STATE_SIZE)), 1, 0.0
@@ -126,8 +126,8 @@ def local_fatigue(
         jump = int(max(1, min(jump, max_cycles - cycles)))
         run = inclusions.follow(state, stress, jump)
         grown, after, error = inclusions.cracked(run), stress, 0.0
-        if np.any(grown > share) and whole > 0.0:
-            after = stress_of(np.minimum(grown, whole))
+        if np.any(grown > share) and most > 0.0:
+            after = stress_of(np.minimum(grown, most))
             solves += 1
             other = inclusions.follow(state, after, jump)
             error = _difference(state, cycles, run, other)
@@ -137,7 +137,7 @@ def local_fatigue(
             run = inclusions.follow(state, 0.5 * (stress + after), jump)
             again = inclusions.cracked(run)
             if np.any(again != grown):
-                after = stress_of(np.minimum(again, whole))
+                after = stress_of(np.minimum(again, most))
                 solves += 1
             grown = again
         if (grown == 1.0).any():

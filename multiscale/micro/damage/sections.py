@@ -160,10 +160,10 @@ def max_damage(
     worst, normal, place = float(damage[row, column]), normals[row], float(offset[row, column])
     if refine:
         smallest = 0.0 if closed else smallest_section
-        found = _refine(
+        climbs = _refine(
             rve.size, measure, normals, offset, damage, smallest=smallest, turn=not closed
         )
-        worst, normal, place = max((worst, normal, place), *found, key=lambda plane: plane[0])
+        worst, normal, place = max((worst, normal, place), *climbs, key=lambda plane: plane[0])
     values = {
         "normal": normals,
         "offset": offset,
@@ -244,8 +244,8 @@ def _refine(
                 centre, area = box_section(size, n, np.array([0.0, d]))
                 if area < smallest * centre:
                     return 0.0
-            found = float(measure(n, d))
-            return found if np.isfinite(found) else 0.0
+            lost = float(measure(n, d))
+            return lost if np.isfinite(lost) else 0.0
 
         x, top = _climb(value, np.array([0.1, 0.1, 1.0] if turn else [1.0]))
         yield top, *plane(x)
@@ -263,9 +263,9 @@ def _climb(value: Callable[[np.ndarray], float], step: np.ndarray) -> tuple[np.n
     ways = [*np.diag(step), *np.diag(-step)]
     for _ in range(MOST_STEPS):
         for way in ways:
-            found = value(place + share * way)
-            if found > top + LEAST_GAIN:
-                place, top = place + share * way, found
+            height = value(place + share * way)
+            if height > top + LEAST_GAIN:
+                place, top = place + share * way, height
                 break
         else:
             share *= 0.25

@@ -129,17 +129,17 @@ class _Factors:
             mask[:, 0] for mask in (now.active, now.sticking, now.slipping & now.active)
         )
         size = T.shape[0]
-        keep, own = np.ones(size), np.zeros(size)
+        keep, diagonal = np.ones(size), np.zeros(size)
         right = -self.body.gather(now.residual)
         scale = float(np.abs(T.diagonal()).mean())  # makes rows of motions comparable
         keep[number[active, 2]] = 0.0
-        own[number[active, 2]] = scale
+        diagonal[number[active, 2]] = scale
         right[number[active, 2]] = scale * now.meeting.gap[active, 0]
         rows, columns, values = [np.arange(size)], [np.arange(size)], [keep]
         more: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         if now.friction is not None:
             held = number[sticks, :2]
-            keep[held], own[held] = 0.0, scale
+            keep[held], diagonal[held] = 0.0, scale
             right[held] = -scale * now.friction.slip[..., 0][sticks, :2]
             along, across = now.friction.direction[..., 0][:, slips, :2]
             stretch = now.scene.weights[1] * now.friction.stretch[slips, 0]
@@ -154,7 +154,7 @@ class _Factors:
         exchange = sparse.csr_array(
             (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), T.shape
         )
-        entries = [(np.arange(size), np.arange(size), own), *more]
+        entries = [(np.arange(size), np.arange(size), diagonal), *more]
         at_row, at_column, added = (np.concatenate(part) for part in zip(*entries, strict=True))
         motions = sparse.csr_array((added, (at_row, at_column)), T.shape)
         matrix = sparse.csr_array(exchange @ T + motions)

@@ -132,12 +132,12 @@ def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
     rows = np.concatenate([at[matrix.row], np.arange(size)])
     columns = np.concatenate([at[matrix.col], np.arange(size)])
     entries = np.concatenate([matrix.data, unit])
-    whole = sparse.csr_matrix((entries, (rows, columns)), shape=(size, size))
+    padded = sparse.csr_matrix((entries, (rows, columns)), shape=(size, size))
     modes = np.zeros((size, body.modes.shape[1]))
     modes[at[free]] = body.modes[free]
     smoother = ("chebyshev", {"degree": 2})  # as many steps as Gauss and Seidel's, and cheaper
     levels = smoothed_aggregation_solver(
-        sparse.bsr_matrix(whole, blocksize=(3, 3)),
+        sparse.bsr_matrix(padded, blocksize=(3, 3)),
         B=modes,
         strength=("symmetric", {"theta": 0.02}),
         presmoother=smoother,
@@ -149,9 +149,9 @@ def _cycle(body: "MultigridInverse", free: np.ndarray) -> Operator:
     precondition = levels.aspreconditioner(cycle="V")
 
     def apply(residual: np.ndarray) -> np.ndarray:
-        whole = np.zeros(size)
-        whole[at] = residual
-        moved: np.ndarray = precondition.matvec(whole)[at]
+        spread = np.zeros(size)
+        spread[at] = residual
+        moved: np.ndarray = precondition.matvec(spread)[at]
         return moved
 
     return apply

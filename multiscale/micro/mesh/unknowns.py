@@ -101,9 +101,10 @@ def cell_unknowns(basis: "CellBasis", sides: str) -> CellUnknowns:
         unknown[both, 2] = unknown[leader, 2]
         share[both, 2] = (points[2, both] - bottom) / (points[2, leader] - bottom)
         unknown[base] = -1
-    kept = np.flatnonzero(unknown.ravel() >= 0)
+    numbered = np.flatnonzero(unknown.ravel() >= 0)
     expand = sparse.csr_array(
-        (share.ravel()[kept], (kept, unknown.ravel()[kept])), shape=(3 * basis.N, int(free.sum()))
+        (share.ravel()[numbered], (numbered, unknown.ravel()[numbered])),
+        shape=(3 * basis.N, int(free.sum())),
     )
     values = sparse.kron(face_values, sparse.eye_array(3), format="csr")
     return CellUnknowns(
