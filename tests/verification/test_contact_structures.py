@@ -58,14 +58,6 @@ def test_nested_rings_converge_to_their_closed_form(kind, within):
     assert displacement[-1] < 0.015
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
-def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(friction):
-    # .100000, .202020, .306122, .412371 in the validation plan
-    expected = (0.1 + friction) / (1.0 - 0.1 * friction)
-    found = scenes.inclined_slider(friction, deformable=True)
-    assert found == pytest.approx(expected, rel=1e-6)
-
-
 @cache
 def flat_punch(points, friction=0.0):
     """A rigid flat disc on half of a half-space: force over the closed form, and pressure."""

@@ -178,12 +178,17 @@ def test_supports_of_bodies_with_memory_carry_the_contact_at_the_end_of_the_step
         np.testing.assert_allclose(carried[2], step.contact["floor"].force[2], rtol=1e-7)
 
 
-@pytest.mark.parametrize("finite_sliding", [False, True])
-@pytest.mark.parametrize("deformable", [False, True])
-def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(deformable, finite_sliding):
+@pytest.mark.parametrize(
+    ("friction", "deformable", "finite_sliding"),
+    [
+        *((friction, True, False) for friction in (0.0, 0.1, 0.2, 0.3)),
+        *((0.3, *kind) for kind in ((False, False), (False, True), (True, True))),
+    ],
+)
+def test_a_slider_on_a_slope_needs_its_friction_and_its_climb(friction, deformable, finite_sliding):
     # NAFEMS CGS-4: (tan a + mu) / (1 - mu tan a); on a ramp that bends the slope itself turns
-    expected = (0.1 + 0.3) / (1.0 - 0.3 * 0.1)
-    found = inclined_slider(0.3, deformable=deformable, finite_sliding=finite_sliding)
+    expected = (0.1 + friction) / (1.0 - 0.1 * friction)
+    found = inclined_slider(friction, deformable=deformable, finite_sliding=finite_sliding)
     exact = not (deformable and finite_sliding)
     assert found == pytest.approx(expected, rel=1e-8 if exact else 1e-3)
 
