@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import (
     Asperities,
     AsperityLaw,
@@ -151,20 +150,3 @@ def test_unloading_follows_flattened_spheres_of_their_larger_radii():
         each = np.maximum(ROUGH.height - most * (1.0 - ratio) + approach, 0.0)
         assert p[0] == pytest.approx(np.sum(ROUGH.density * hertz * each**1.5))
         assert K[0] == pytest.approx(np.sum(ROUGH.density * 1.5 * hertz * np.sqrt(each)))
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: replace(ONE, density=np.zeros(1)), "give the density"),
-        (lambda: replace(ONE, radius=-1.0), "radius must be positive"),
-        (lambda: replace(ONE, tangent_modulus=1e12), "tangent_modulus must be from 0 to less"),
-        (lambda: replace(ONE, height=np.zeros(2)), "lists of one length"),
-        (lambda: class_densities([0.0, 1.0], [0.0, 0.0], 1.0), "nor all zero"),
-        (lambda: class_densities([1.0, 0.0], [1.0, 1.0], 1.0), "must rise"),
-        (lambda: AsperityLaw(ONE, friction=-0.1), "friction must not be negative"),
-    ],
-)
-def test_parameters_outside_their_range_are_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()

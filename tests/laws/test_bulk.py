@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws.bulk import J2, AnisotropicElastic, Elastic, NeoHookean, Prony, respond_bulk
 
 E, NU = 2.0, 0.3
@@ -197,28 +196,3 @@ def test_a_small_oscillation_gives_the_complex_modulus_of_the_series():
         mu * (0.3 + np.sum(np.array([0.4, 0.3]) * x**2 / (1 + x**2))), rel=1e-4
     )
     assert loss == pytest.approx(mu * np.sum(np.array([0.4, 0.3]) * x / (1 + x**2)), rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Prony(1.0, 0.3, (0.5,), (1.0, 2.0)), "1 weights and 2 times"),
-        (lambda: Prony(1.0, 0.3, (0.5, 0.6), (1.0, 2.0)), "add up to less than 1"),
-        (lambda: Prony(1.0, 0.3, (0.5,), (0.0,)), "relaxation times must be positive"),
-        (lambda: Prony(1.0, 0.3, (0.5,), (1.0,), -1.0), "time_step must not be negative"),
-        (lambda: Elastic(-1.0, 0.3), "youngs_modulus must be positive"),
-        (lambda: AnisotropicElastic(np.eye(3)), "6 x 6 and finite"),
-        (lambda: AnisotropicElastic(np.triu(np.ones((6, 6)))), "symmetric"),
-        (lambda: AnisotropicElastic(np.diag([1.0, 1, 0, 1, 1, 1])), "the solid is cut through"),
-        (lambda: NeoHookean(1.0, 0.5), "poissons_ratio must lie between -1 and 0.5"),
-        (lambda: J2(1.0, 0.3, 0.0), "yield_stress must be positive"),
-        (
-            lambda: J2(1.0, 0.3, 1.0, -1.0),
-            r"hardening_modulus must not be negative \(Pa\).*softens",
-        ),
-        (lambda: J2(1.0, 0.3, 1.0, saturation_stress=0.5), "at least the yield_stress"),
-    ],
-)
-def test_parameters_outside_their_range_are_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()

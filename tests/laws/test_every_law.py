@@ -214,35 +214,6 @@ def test_resolvent_refuses_a_direction_that_is_not_stiff():
         SIGNED.resolvent(np.ones((2, 3)), -1.0, np.empty((0, 3)))
 
 
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: Exponential(-1.0, 1.0), r"pressure_scale must be positive and finite \(Pa\)"),
-        (lambda: Exponential(1.0, 0.0), r"decay_length must be positive and finite \(m\), got 0"),
-        (lambda: ModifiedLaw(SIGNED, 1.0), "from 0 to below 1, got 1; remove an interface"),
-        (
-            lambda: ModifiedLaw(SIGNED, factor=0.0),
-            r"factor must be positive and finite \(1\), got 0",
-        ),
-        (lambda: PowerLaw(-1.0, 1.0, 2.0), r"pressure_scale must be positive and finite \(Pa\)"),
-        (lambda: PowerLaw(1.0, 0.0, 2.0), r"support must be positive and finite \(m\), got 0"),
-        (lambda: PowerLaw(1.0, 1.0, 0.9), "exponent must be at least 1"),
-        (lambda: ConvexDecreasing(np.ones(2), np.ones(3)), "lists of one length"),
-        (lambda: Tabulated(np.zeros(1), np.zeros(1)), "two points or more"),
-        (lambda: Tabulated(np.array([1.0, 2.0]), np.array([0.0, -1.0])), "begin at the pressure"),
-        (lambda: Tabulated(np.array([0.0, 2.0]), np.array([0.0, 1.0])), "point 0 to 1 of a table"),
-        (lambda: Tabulated(np.arange(3.0), np.array([0.0, -1.0, -3.0])), "not convex at point 1"),
-        (lambda: ConvexDecreasing(np.array([1.0, 1.0]), np.ones(2)), "must increase"),
-        (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([np.nan, 1.0])), "be finite"),
-        (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([-2.0, 1.0])), "below the first"),
-        (lambda: ConvexDecreasing(np.array([1.0, 2.0]), np.array([1.0, 0.0])), "last knot must be"),
-    ],
-)
-def test_parameters_out_of_range_are_refused_with_a_sentence(make, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        make()
-
-
 def test_a_law_that_is_not_convex_is_refused_although_it_decreases():
     """p'' = 6 (9 (1-g) - 3 (2-g) + (3-g)) is -6 at g = 1: decreasing nearby, not convex."""
     with pytest.raises(CaseError, match="not convex at the gap 1 m"):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from multiscale.errors import CaseError
-from multiscale.laws import Exponential, HystereticLaw, PowerLaw, PowerStiffness
+from multiscale.laws import Exponential, HystereticLaw, PowerLaw
 
 LAWS = [
     pytest.param(HystereticLaw(Exponential(2.0, 0.4, gap=0.1), 2.5, 1.5), id="exponential"),
@@ -109,14 +108,3 @@ def test_a_shaken_down_law_is_the_unloading_branch_on_both_sides(law):
     beyond = (peak > 0.0) & (law.respond(here, state).state[0] > peak)
     assert beyond.any()  # where the law itself would load on
     assert np.all(first.traction[0, beyond] != found.traction[0, beyond])
-
-
-def test_parameters_out_of_range_are_refused():
-    with pytest.raises(CaseError, match="stiffness_ratio must be at least 1"):
-        HystereticLaw(Exponential(1.0, 1.0), 0.9, 1.5)
-    with pytest.raises(CaseError, match="exponent must be at least 1"):
-        HystereticLaw(Exponential(1.0, 1.0), 1.5, 0.9)
-    with pytest.raises(CaseError, match=r"stiffness_scale must be positive and finite \(Pa/m\)"):
-        PowerStiffness(0.0, 1.0, 1.0)
-    with pytest.raises(CaseError, match="exponent must not be negative, but finite"):
-        PowerStiffness(1.0, -1.0, 1.0)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import AreaLaw
 
 PRESSURE = np.array([1.0e6, 3.0e6, 9.0e6, 2.7e7])
@@ -54,22 +53,6 @@ def test_area_does_not_depend_on_the_unit_of_pressure():
     np.testing.assert_allclose(
         AreaLaw(1e-9 * PRESSURE, fraction).contact_fraction(1e-9 * p), in_pascal
     )
-
-
-@pytest.mark.parametrize(
-    ("pressure", "fraction", "sentence"),
-    [
-        ([1.0], [0.1], "at least two pressures"),
-        ([0.0, 1.0], [0.0, 0.1], "must be positive and increase"),
-        ([2.0, 1.0], [0.1, 0.2], "must be positive and increase"),
-        ([1.0, 2.0], [0.2, 0.1], "never decrease"),
-        ([1.0, 2.0], [0.2, 1.1], "between 0 and 1"),
-        ([1.0, 2.0], [0.2, np.nan], "between 0 and 1"),
-    ],
-)
-def test_data_that_cannot_be_an_area_are_refused(pressure, fraction, sentence):
-    with pytest.raises(CaseError, match=sentence):
-        AreaLaw(np.array(pressure), np.array(fraction))
 
 
 def test_a_negative_pressure_is_refused():

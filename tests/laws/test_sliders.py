@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from multiscale.errors import CaseError
 from multiscale.laws import (
     ConvexDecreasing,
     Exponential,
     HystereticLaw,
     ModifiedLaw,
     PowerLaw,
-    RigidContact,
     Sliders,
 )
 
@@ -349,20 +347,3 @@ def test_a_bed_needs_no_pressures_where_its_law_has_data():
     np.testing.assert_array_equal(
         one.respond(jump, state).traction, two.respond(jump, state).traction
     )
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: bed(friction=-0.1), "friction must not be negative"),
-        (lambda: bed(friction=np.nan), "friction must not be negative"),
-        (lambda: Sliders(SPLINE, 0.3, 0.0), "stiffness_ratio must be positive"),
-        (lambda: bed(slabs=0), "one slab or more, got 0"),
-        (lambda: Sliders(NORMAL, 0.3), r"got 0 and inf; give pressures=\(low, high\)"),
-        (lambda: bed(pressures=(1e8, 1e6)), "lowest and a highest pressure"),
-        (lambda: bed(RigidContact(0.3)), "got the type RigidContact; give a NormalLaw"),
-    ],
-)
-def test_parameters_outside_their_range_are_refused(make, message):
-    with pytest.raises(CaseError, match=message):
-        make()
