@@ -15,8 +15,8 @@ from multiscale.macro.substructures import JointLoading, load_joint
 from multiscale.pipeline import load_case, run_macro
 from multiscale.pipeline.showing import list_cycles, round_by
 from multiscale.pipeline.stage import Job
-from multiscale.pipeline.stages.rough_joints import CYCLES as CYCLE_TABLE
-from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import CYCLES as CYCLE_TABLE
+from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
 from multiscale.schema import INTERFACE_LAW
 from multiscale.upscaling import error_budget, fit_law, sliders_from_dataset, with_budget
 from tests.support import TWO_BLOCKS, joints_of, write_scene

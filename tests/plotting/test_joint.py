@@ -12,7 +12,7 @@ from multiscale.macro import LatinMethod
 from multiscale.macro.bodies import stacked_blocks
 from multiscale.macro.substructures import JointLoading, add_body_fields, load_joint
 from multiscale.pipeline.showing import list_cycles
-from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
 from multiscale.plotting import joint_pictures, plot_hysteresis, plot_joint_plan
 
 

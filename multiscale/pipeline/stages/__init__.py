@@ -17,9 +17,8 @@ from multiscale.pipeline.stages.ensembles import (
 from multiscale.pipeline.stages.fitted_law import FITTED_LAW
 from multiscale.pipeline.stages.grains import GRAINS
 from multiscale.pipeline.stages.joint import JOINT
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
 from multiscale.pipeline.stages.ring_seal import RING_SEAL
-from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
 from multiscale.pipeline.stages.rubber_friction import FRICTION_LAW, ROADS
 from multiscale.pipeline.stages.sliding import SLIDING
 from multiscale.pipeline.stages.vibrating_bodies import VIBRATING_BODIES

@@ -24,8 +24,7 @@ from multiscale.needs import Choice, Needs
 from multiscale.pipeline.body_budget import Change, ErrorSources, changed_sliders
 from multiscale.pipeline.showing import Table
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES
-from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import LOADED_BODIES, ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import choose_solver
 from multiscale.pipeline.tables.assembly_settings import Bodies
 from multiscale.pipeline.tables.fatigue_settings import FatigueSettings

@@ -14,7 +14,7 @@ from multiscale.macro.substructures.substructure_needs import cut_needs
 from multiscale.needs import Needs
 from multiscale.pipeline.showing import Table, View
 from multiscale.pipeline.stage import Datasets, Job, Section, Stage
-from multiscale.pipeline.stages.rough_joints import ROUGH_JOINTS
+from multiscale.pipeline.stages.loaded_bodies import ROUGH_JOINTS
 from multiscale.pipeline.structure_stage import structure_stage, with_too_far
 from multiscale.pipeline.tables.link_settings import Dynamics, LinkStructure, Statics
 from multiscale.pipeline.tables.made_bodies import Plate
