@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -21,7 +21,9 @@ from multiscale.needs import readable_time
 from multiscale.units import to_lengths, to_si
 
 if TYPE_CHECKING:
-    from multiscale.pipeline import Case
+    from concurrent.futures import Executor
+
+    from multiscale.pipeline import Case, Sweep
     from multiscale.pipeline.stage import ShowProgress
     from multiscale.schema import Dataset
 
@@ -93,22 +95,67 @@ def run_command(
     keep: Annotated[
         bool, typer.Option("--keep", help="Keep the run folders of all points of a large sweep.")
     ] = False,
+    until: Annotated[Literal["law", ""], typer.Option(help="Stop after the interface law.")] = "",
+    start: Annotated[
+        Literal["structure", ""],
+        typer.Option("--from", help="Begin at the structure, with the law that its joints name."),
+    ] = "",
+    only: Annotated[
+        Literal["rve", ""], typer.Option(help="Compute the representative volume only.")
+    ] = "",
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Run all stages of a case, such as cells, interface law and structure; or a sweep."""
-    _refuse_both(verbose, quiet)
-    from multiscale.io import logging_to, make_folder
-    from multiscale.pipeline import load_sweep, refuse_excess, requirements, run, run_sweep
-    from multiscale.pipeline.case_needs import prepare
-    from multiscale.pipeline.stages import stages_of
-    from multiscale.report import write_reports
+    from multiscale.pipeline import load_sweep
 
     if resume and not any((out / name).exists() for name in ("log.txt", "micro", "plan", "points")):
         raise CaseError(f"{out} holds no run to resume; leave out --resume to begin one")
     if resume and force:
         raise CaseError("--resume keeps what --force computes anew; give one of them")
+    parts = [part for part in (until, start, only) if part]
+    if len(parts) > 1:
+        raise CaseError("--until, --from and --only exclude each other")
     sweep = load_sweep(case)
+    for part in parts:
+        sweep = sweep.only_part(part)
+    _carry_out(
+        sweep,
+        out,
+        quick=quick,
+        jobs=jobs,
+        explain=explain,
+        verbose=verbose,
+        quiet=quiet,
+        checked=not (force or resume or dask),
+        dask=dask,
+        force=force,
+        keep=keep,
+    )
+
+
+def _carry_out(
+    sweep: "Sweep",
+    out: Path,
+    *,
+    quick: bool,
+    jobs: int,
+    explain: bool,
+    verbose: bool,
+    quiet: bool,
+    checked: bool = False,
+    dask: str | None = None,
+    force: bool = False,
+    keep: bool = False,
+) -> None:
+    """Explain or run a sweep, or the one case that it has without parameters, into a folder."""
+    _refuse_both(verbose, quiet)
+    from multiscale.io import logging_to, make_folder
+    from multiscale.pipeline import refuse_excess, requirements, run, run_sweep
+    from multiscale.pipeline.case_needs import prepare
+    from multiscale.pipeline.stages import stages_of
+    from multiscale.report import write_reports
+
     if quick:
         if any(point.accuracy for point in sweep.points):
             typer.echo("--quick leaves out the target of [accuracy]", err=True)
@@ -122,32 +169,26 @@ def run_command(
         needs = max(map(requirements, sweep.points), key=lambda needs: needs.memory)
         typer.echo(needs.explain())
     one = None if sweep.parameters else sweep.points[0]
-    if not (force or resume or dask):
+    if checked:
         refuse_excess(sweep.points, [out] if one else sweep.folders(out), jobs=jobs)
     if explain:
         return
     make_folder(out)
-    with (
-        _resumable(out),
-        logging_to(out / "log.txt"),
-        workers(jobs, dask) as executor,
-        _shown(verbose, quiet) as progress,
-    ):
+    with logging_to(out / "log.txt"), _working(out, jobs, dask, verbose, quiet) as (pool, progress):
         if one:
-            run(one, out, executor=executor, progress=progress, force=force)
+            run(one, out, executor=pool, progress=progress, force=force)
         else:
             joined = run_sweep(
                 sweep,
                 out,
-                executor=executor,
+                executor=pool,
                 progress=lambda finished: progress(finished, len(sweep.points), "points"),
                 force=force,
                 keep=keep,
             )
-            write_reports(out, joined, executor=executor, progress=progress)
-    runs = next((out / "points").glob("*/"), None)
-    points = f"; runs: {out / 'points'}" if runs else ""
-    _show_finished(out, sweep.title, points)
+            write_reports(out, joined, executor=pool, progress=progress)
+    runs = list((out / "points").glob("*/"))
+    _show_finished(out, sweep.title, f"; runs: {out / 'points'}" if runs else "")
 
 
 @app.command("micro")
@@ -173,12 +214,8 @@ def micro_command(
         settings = settings.quick()
     if not (force or dask):
         refuse_excess([settings.without_structure()], [out.parent], jobs=jobs)
-    with (
-        _resumable(out.parent / "micro"),
-        workers(jobs, dask) as executor,
-        _shown(verbose, quiet) as progress,
-    ):
-        response = run_micro(settings, out, executor=executor, progress=progress)
+    with _working(out.parent / "micro", jobs, dask, verbose, quiet) as (pool, progress):
+        response = run_micro(settings, out, executor=pool, progress=progress)
     _warn(response.attrs["cautions"].splitlines())
     typer.echo(response.attrs["behaviour"])
 
@@ -480,10 +517,8 @@ def damage_command(
     quiet: QuietOption = False,
 ) -> None:
     """Compute damage of sections and stiffness of a volume with pores and cracks."""
-    _refuse_both(verbose, quiet)
-    from multiscale.io import make_folder
-    from multiscale.pipeline import Case, case_of_image, load_case, requirements, run
-    from multiscale.pipeline.case_needs import prepare
+    from multiscale.pipeline import case_of_image, load_case
+    from multiscale.pipeline.sweep import Sweep
 
     path = Path(volume)
     if path.is_dir() or path.suffix.lower() in (".tif", ".tiff"):
@@ -491,24 +526,9 @@ def damage_command(
             raise CaseError(f"{path}: give --youngs-modulus of the solid, such as 71 GPa")
         settings = case_of_image(path, youngs_modulus, poissons_ratio, voxel_size, void_value)
     else:
-        loaded = load_case(volume)
-        if not isinstance(loaded, Case):
-            raise CaseError(f"{volume}: has no [rve], at which the command begins")
-        settings = loaded.only_rve()
-    if quick:
-        settings = settings.quick()
-    if explain:
-        prepare(settings)
-        typer.echo(requirements(settings).explain())
-        return
-    make_folder(out)
-    with (
-        _resumable(out),
-        workers(jobs, None) as executor,
-        _shown(verbose, quiet) as progress,
-    ):
-        run(settings, out, executor=executor, progress=progress)
-    _show_finished(out, settings.title)
+        settings = load_case(volume).only_rve()
+    one = Sweep(settings.title, (), (settings,), ((),))
+    _carry_out(one, out, quick=quick, jobs=jobs, explain=explain, verbose=verbose, quiet=quiet)
 
 
 @app.command("bench")
@@ -527,7 +547,7 @@ def bench_command(
     from multiscale.io import try_to_write, write_dataset
     from multiscale.schema import WORK_PRECISION
 
-    chosen = _choose(families, FAMILIES)
+    chosen = _choose(families, tuple(FAMILIES))
     try_to_write(out / "work_precision.nc")
     measured, failed = {}, list[str]()
     for name in chosen:
@@ -618,10 +638,13 @@ def _show_finished(out: Path, title: str, more: str = "") -> None:
 
 
 @contextmanager
-def _resumable(out: Path) -> Iterator[None]:
-    """Say after Ctrl-C how to go on."""
+def _working(
+    out: Path, jobs: int, dask: str | None, verbose: bool, quiet: bool
+) -> Iterator[tuple["Executor | None", "ShowProgress"]]:
+    """Give workers and a display of progress, and say after Ctrl-C how to go on."""
     try:
-        yield
+        with workers(jobs, dask) as executor, _shown(verbose, quiet) as progress:
+            yield executor, progress
     except KeyboardInterrupt:
         typer.echo(
             f"multiscale: interrupted; finished parts are kept in {out}, and the same command "
@@ -694,10 +717,10 @@ def _bars() -> Iterator["ShowProgress"]:
 
 def _load_with(table: str, case: str) -> "Case":
     """Read a case with the table at which a command begins."""
-    from multiscale.pipeline import Case, load_case
+    from multiscale.pipeline import load_case
 
     settings = load_case(case)
-    if isinstance(settings, Case) and table in settings.tables:
+    if table in settings.tables:
         return settings
     raise CaseError(f"{case}: has no [{table}], at which the command begins; use multiscale run")
 

@@ -1,5 +1,6 @@
 """What the command line tells while it works."""
 
+import re
 import sys
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -11,9 +12,10 @@ import typer
 
 import multiscale
 from multiscale import cli
-from multiscale.executors import workers
 from multiscale.needs import readable_time
 from tests.support import PORES, run_python, write_scene
+
+SCENE = Path(__file__).parents[1] / "workflows" / "scenes" / "lap_joint.toml"
 
 
 def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeypatch, capsys):
@@ -54,7 +56,7 @@ def test_long_times_are_told_in_minutes_hours_and_days():
 
 
 def interrupt(begun):
-    with cli._resumable(Path("results")), workers(2, None) as executor:
+    with cli._working(Path("results"), 2, None, False, True) as (executor, _):
         begun.append(executor.submit(sleep, 600.0))
         while not begun[0].running():
             sleep(0.01)
@@ -126,3 +128,24 @@ def test_few_measurements_are_fitted_or_refused_in_a_sentence(
     with pytest.raises(SystemExit):
         cli.main()
     assert said in "".join(capsys.readouterr())
+
+
+@pytest.mark.parametrize(
+    ("case", "option", "stages", "left_out"),
+    [
+        ("ground_steel", "--until=law", "micro_response", "macro_result"),
+        ("porous_bracket", "--only=rve", "rve", "macro_result"),
+        (SCENE, "--from=structure", "macro_result", "micro_response"),
+    ],
+)
+def test_a_part_of_a_case_has_its_stages_only(command, case, option, stages, left_out):
+    costs = [command("run", case, *more, "--explain")[1] for more in ((), (option,))]
+    whole, part = (set(re.findall(r"cost of (\w+)", text)) for text in costs)
+    assert stages in part <= whole
+    assert left_out not in part
+
+
+def test_parts_of_a_case_exclude_each_other(command):
+    status, _, told = command("run", "ground_steel", "--until", "law", "--only", "rve")
+    assert status == 1
+    assert "--until, --from and --only exclude each other" in told

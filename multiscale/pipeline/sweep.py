@@ -89,6 +89,15 @@ class Sweep:
         content = self.content | tomllib.loads(points[0].to_toml()) | {"title": title}
         return replace(self, title=title, points=points, content=content)
 
+    def only_part(self, part: str) -> "Sweep":
+        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only."""
+        parts = {
+            "law": methodcaller("without_structure"),
+            "structure": methodcaller("from_structure", None),
+            "rve": methodcaller("only_rve"),
+        }
+        return replace(self, points=_Cases(parts[part], self.points))
+
     def name(self, k: int) -> str:
         """Name a point by its keys and values."""
         return name_point(self.parameters, self.settings[k])
