@@ -72,8 +72,8 @@ def test_energies_are_those_of_the_motion_and_their_sum_is_kept():
     )
     ax = plot_energies(motion, ax=Figure().add_subplot())
     lines = {line.get_label(): line.get_ydata() for line in ax.lines}
-    np.testing.assert_allclose(lines["kinetic"], motion["kinetic_energy"])
-    np.testing.assert_allclose(lines["elastic"], motion["elastic_energy"])
-    np.testing.assert_allclose(lines["work of the loads, negative"], -motion["work"])
+    np.testing.assert_allclose(lines["kinetic energy"], motion["kinetic_energy"])
+    np.testing.assert_allclose(lines["elastic energy"], motion["elastic_energy"])
+    np.testing.assert_allclose(lines["work, negative"], -motion["work"])
     np.testing.assert_allclose(lines["sum"], lines["sum"][0], rtol=1e-9)
     np.testing.assert_allclose(ax.lines[0].get_xdata(), motion["time"])
