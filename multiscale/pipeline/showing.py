@@ -139,7 +139,7 @@ class View:
             return round_by(unit.scale * value, unit.scale * half)
         return f"{unit.shown(value):.{show.digits}g}"
 
-    def say(self, step: Dataset, name: str, form: str = "") -> str:
+    def phrase(self, step: Dataset, name: str, form: str = "") -> str:
         """Write a variable in a sentence, with its unit, and its error or both intervals."""
         unit = self.unit(name)
         beside = "" if unit.name == "1" else f" {unit.name}"
@@ -165,11 +165,11 @@ class View:
     def sentences(self, step: Dataset, *sentences: str, **others: object) -> Iterator[str]:
         """Fill in variables of a step, attributes and others; not where a variable is unknown."""
         words = _Words(self, step, others)
-        for one in sentences:
-            names = [name for _, name, _, _ in words.parse(one) if name]
+        for sentence in sentences:
+            names = [name for _, name, _, _ in words.parse(sentence) if name]
             named = [name for name in names if name not in {**step.attrs, **others}]
             if all(name in step and np.isfinite(step[name]).all() for name in named):
-                yield words.format(one)
+                yield words.format(sentence)
 
 
 class _Words(Formatter):
@@ -185,7 +185,7 @@ class _Words(Formatter):
         given = {**self.step.attrs, **self.others}
         if value in given:
             return format(given[value], format_spec)
-        return self.view.say(self.step, value, format_spec)
+        return self.view.phrase(self.step, value, format_spec)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +210,7 @@ class Table:
         view = View(data, {name: label for name, label in self.heads.items() if ":" not in name})
         columns = [
             (name, form)
-            for name, _, form in (one.partition(":") for one in self.columns)
+            for name, _, form in (column.partition(":") for column in self.columns)
             if name in data and (name == self.answer or data[name].notnull().any())
         ]
         head = tuple(self._head(view, name, form) for name, form in columns)

@@ -59,7 +59,7 @@ class Section:
     notes: bool = False  # whether the last column of the table is text
     small: bool = False  # whether three figures stand side by side, or else two
     printed: bool = True  # whether the command line prints the table
-    told: Sequence[str] = ()  # further ones, which the command line prints, too
+    remarks: Sequence[str] = ()  # further paragraphs, which the command line prints, too
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Shown:
                 title = section.heading if printed else dataset.attrs.get("title", section.heading)
                 table = format_table(title, section.head, section.rows, notes=section.notes)
                 printed += [*table, *(self.answer(dataset) if not printed else ())]
-            printed += [line for line in section.told if line not in printed]
+            printed += [line for line in section.remarks if line not in printed]
         return printed
 
 

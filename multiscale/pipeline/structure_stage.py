@@ -153,8 +153,8 @@ def structure_stage(
     def sections(found: Datasets, out: Path) -> Iterator[Section]:
         result = found[schema.name]
         rows = table.rows(result) if isinstance(table, Table) else table(result)
-        told = [*list_facts(result), *list_cycles(result)]
-        yield Section("Structure", _failures(result), *rows, told=told)
+        remarks = [*list_facts(result), *list_cycles(result)]
+        yield Section("Structure", _failures(result), *rows, remarks=remarks)
         yield from more(result)
 
     def sentences(result: Dataset) -> Iterator[str]:

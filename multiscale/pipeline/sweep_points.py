@@ -164,7 +164,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     links = {str(k): page for k, page in enumerate(pages, start=1) if (out / page).exists()}
     beside = [*more, *_list_missing(result)]
     table = ("point", *head), numbered
-    yield Section("Points", told, *table, figures, links, small=True, told=beside)
+    yield Section("Points", told, *table, figures, links, small=True, remarks=beside)
     head, rows = _tabulate_steps(result)
     if rows:
         told = [

@@ -41,7 +41,7 @@ def plot_lines(
         Of the axes, such as ``xscale="log"``.
     """
     ax, names = axes_or_current(ax), tuple(name for name in names if name in data)
-    over = over or next((one for one in SHOWN[names[0]].over if one in data), "")
+    over = over or next((axis for axis in SHOWN[names[0]].over if axis in data), "")
     count = 0
     for name, style in zip(names, STYLES * len(names), strict=False):
         unit = unit_in(data, name)

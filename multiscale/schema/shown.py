@@ -151,5 +151,5 @@ SHOWN = {name: show.named(name) for name, show in SHOWN.items()}
 def unit_in(data: "Dataset", name: str) -> Unit:
     """Return the unit of a variable; all stiffnesses have that of the first one in ``SHOWN``."""
     unit = SHOWN[name].unit
-    alike = (one for one in SHOWN if unit == SHOWN[one].unit == "stiffness" and one in data)
+    alike = (key for key in SHOWN if unit == SHOWN[key].unit == "stiffness" and key in data)
     return SHOWN[name].in_unit(data[next(alike, name)].to_numpy().ravel())

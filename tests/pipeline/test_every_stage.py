@@ -135,7 +135,7 @@ def test_print_and_download_have_the_table_of_the_page(finished):
         assert any(rows == file[1:] for file in files), section.heading
         if section.printed:
             assert all(" ".join(filter(None, row)).split() in printed for row in rows)
-        assert all(line.split() in printed for line in section.told)
+        assert all(line.split() in printed for line in section.remarks)
 
 
 def test_the_question_has_an_answer_and_the_print_has_it(finished):

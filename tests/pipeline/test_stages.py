@@ -32,7 +32,7 @@ def press(case, found, job):
 
 def show(found, out):
     pressure = 1e-6 * found["mean_pressure"]["mean_real_pressure"].values
-    yield Section("Mean real pressure", told=[f"At most {pressure.max():.4g} MPa."])
+    yield Section("Mean real pressure", remarks=[f"At most {pressure.max():.4g} MPa."])
 
 
 ADDED = Stage(

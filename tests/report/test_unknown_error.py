@@ -69,7 +69,7 @@ def test_a_cycle_without_a_loss_says_why(converged, said):
 
 def say(result, form):
     """Joint stiffness at the only step."""
-    return View(result).say(result.isel(step=0), "joint_stiffness", form)
+    return View(result).phrase(result.isel(step=0), "joint_stiffness", form)
 
 
 def budgeted(half_widths, uncertain=1.0):

@@ -198,7 +198,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     force = on_axes(plot_lines, shown, "braking_force", by="temperature", xscale="log", size=WIDE)
     rows = TABLE.rows(shown)
     yield Section(
-        "Tread block", (), *rows, figures={"braking_force": force}, told=list_facts(result)
+        "Tread block", (), *rows, figures={"braking_force": force}, remarks=list_facts(result)
     )
     best = int(np.nanargmax(result["braking_force"].values))
     yield Section(

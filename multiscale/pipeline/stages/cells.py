@@ -340,7 +340,7 @@ def _measured(response: Dataset) -> Iterator[Section]:
         f"The cells of {body} keep the waves down to {response.attrs[f'cutoff_{body}']}."
         for body in response["body"].values
     ]
-    yield Section("Measured surfaces", (), *rows, told=lines)
+    yield Section("Measured surfaces", (), *rows, remarks=lines)
 
 
 def count_cells(found: Datasets) -> list[tuple[str, str]]:

@@ -106,7 +106,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "cracked_load": on_axes(plot_cracked_load, cracked),
         "crack_field": on_axes(plot_element_field, cracked, "stiffness_share"),
     }
-    yield Section("Crack of the body", told=[*_answer(cracked)], figures=figures)
+    yield Section("Crack of the body", remarks=[*_answer(cracked)], figures=figures)
 
 
 def _needs(case: Case) -> Needs:

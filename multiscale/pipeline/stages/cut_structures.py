@@ -158,7 +158,7 @@ def _of_motion(result: Dataset) -> Iterator[str]:
     """Report the largest answers of a motion, and where its energy is at the end."""
     swing, view = result["largest_displacement"].to_numpy(), View(result)
     low, high = (
-        view.say(result.isel(step=int(k)), "largest_displacement")
+        view.phrase(result.isel(step=int(k)), "largest_displacement")
         for k in (np.argmin(swing), np.argmax(swing))
     )
     yield from _say(

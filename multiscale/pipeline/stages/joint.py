@@ -286,9 +286,9 @@ def _answer(result: Dataset) -> Iterator[str]:
 def _sections(found: Datasets, out: Path) -> Iterator[Section]:
     result = found[JOINT.name]
     planned = str(result.attrs.get("plan", "")).splitlines()
-    told = [*list_missing(result), *list_facts(result)]
+    remarks = [*list_missing(result), *list_facts(result)]
     stiffness = {"joint_stiffness": on_axes(plot_joint_stiffness, result, size=WIDE)}
-    yield Section("Joint", planned, *JOINT_TABLE.rows(result), stiffness, told=told)
+    yield Section("Joint", planned, *JOINT_TABLE.rows(result), stiffness, remarks=remarks)
     yield from (replace(one, printed=False) for one in budget_sections(result))
 
 

@@ -448,7 +448,7 @@ def _tabulate(result: Dataset) -> Rows:
             row.append(", ".join(view.text(one, name) for name in OF_LOADS).replace("unknown", "-"))
         for one in (step.isel(interface=at) for at in range(count)):
             pressure = view.text(one, "interface_pressure")
-            row.append(", ".join([pressure, *(view.say(one, name) for name in SHARES)]))
+            row.append(", ".join([pressure, *(view.phrase(one, name) for name in SHARES)]))
         bolts = (step.isel(bolt=k) for k in range(result.sizes.get("bolt", 0)))
         forces = ", ".join(view.text(bolt, "bolt_force") for bolt in bolts)
         rows.append((*row, forces) if forces else tuple(row))

@@ -72,7 +72,7 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "sliding": on_axes(plot_lines, response, "effective_friction", by="nominal_pressure"),
         "steady_friction": on_axes(plot_lines, response, "steady_friction"),
     }
-    yield Section("Sliding", told=describe_sliding(response), figures=figures)
+    yield Section("Sliding", remarks=describe_sliding(response), figures=figures)
 
 
 def describe_sliding(response: Dataset) -> list[str]:

@@ -277,8 +277,10 @@ def _sections(found: Datasets, out: Path) -> Iterator[Section]:
         "damage_sphere": in_space(plot_rve_damage, rve),
         "size_study": partial(_draw_study, rve),
     }
-    told = _facts(rve)
-    yield Section("Representative volume", (), *_tabulate(rve), figures=figures, told=told)
+
+    yield Section(
+        "Representative volume", (), *_tabulate(rve), figures=figures, remarks=_facts(rve)
+    )
     told = ["Means over volumes, and for stiffnesses over directions, ± one standard deviation."]
     yield Section("Size study", told, *_sizes(rve))
 
