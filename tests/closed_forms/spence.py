@@ -10,8 +10,7 @@ import numpy as np
 
 from multiscale.errors import CaseError, ConvergenceError
 
-MAX_ITERATIONS = 100
-"""Limit of changes of the stick zone."""
+MAX_ITERATIONS = 100  # limit of changes of the stick zone
 
 
 def punch_with_friction(

@@ -106,8 +106,7 @@ def effectivities(scene):
     return error[error >= 1e-7], effectivity[error >= 1e-7]
 
 
-LEAST = {"stiff law, much friction": 0.15}
-"""Least effectivity, if it is not 0.3."""
+LEAST = {"stiff law, much friction": 0.15}  # least effectivity, if it is not 0.3
 
 
 @pytest.mark.parametrize(

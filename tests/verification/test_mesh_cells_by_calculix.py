@@ -12,8 +12,7 @@ from tests.voxels import write_voxels
 
 pytestmark = [pytest.mark.slow, needs_calculix]
 
-VTK = [0, 3, 6, 2, 1, 5, 7, 4]
-"""Corners of a hexahedron of scikit-fem in the order of CalculiX."""
+VTK = [0, 3, 6, 2, 1, 5, 7, 4]  # corners of a hexahedron of scikit-fem in the order of CalculiX
 
 MATRIX, INCLUSION = Elastic(1.0, 0.3), Elastic(0.1, 0.2)
 APPROACH = 0.05
