@@ -143,28 +143,8 @@ def test_a_pore_below_the_surface_makes_a_cell_softer(tmp_path):
             r"no volume named core; its named volumes are none",
             id="volume",
         ),
-        pytest.param({"depth": "1 um"}, "has a depth of its own", id="depth"),
-        pytest.param({"unit": None}, r"needs the length of its unit", id="unit"),
-        pytest.param(
-            {"geometry": "flat", "mesh": None, "unit": None, "element": "hex8"},
-            r"element means nothing to flat cells",
-            id="flat",
-        ),
-        pytest.param({"pores": PORES}, "has pores of its own", id="pores-file"),
-        pytest.param(
-            NO_FILE | {"geometry": "flat", "pores": PORES}, "pores means nothing", id="pores-flat"
-        ),
-        pytest.param(
-            NO_FILE | {"pores": PORES | {"radius": "0.1 um"}}, "than three elements", id="small"
-        ),
         pytest.param(
             NO_FILE | {"pores": PORES | {"cover": "0.9 um"}}, "no pore .* fits whole", id="cover"
-        ),
-        pytest.param({"mesh": None}, "unit says something of a file", id="no-file"),
-        pytest.param(
-            {"mesh": None, "unit": None, "element": "hex27", "points": [6, 8]},
-            r"multiples of four",
-            id="second-order",
         ),
     ],
 )

@@ -23,6 +23,8 @@ from tests.pipeline import (
 )
 from tests.support import refused_rows, write_scene
 
+SHIPPED = shipped_cases()
+OWN_TEXT = ("mesh_cell", "overhang_cell", "tyre_on_road")
 CHAIN, SHEAR = test_sheared_cells.CHAIN, test_sheared_cells.SHEAR
 CELLS, VOLUME = test_chain.CELLS, test_representative_volume.TEXT
 PORES = VOLUME + test_representative_volume.RECIPE
@@ -31,7 +33,7 @@ HALVED = CHAIN.replace("realisations = 3", "realisations = 3\ncoarser = 1").repl
 BASES = {
     "nothing": 'title = "x"\n',
     "steel": test_case.TEXT,
-    "tyre_on_road": shipped_cases()["tyre_on_road"].read_text(encoding="utf-8"),
+    **{name: SHIPPED[name].read_text(encoding="utf-8") for name in OWN_TEXT},
     "cells": CELLS,
     "unpressed": CELLS[: CELLS.index("[micro]")],
     "cells_and_blocks": CELLS + test_chain.BLOCKS,
