@@ -51,6 +51,7 @@ ExplainOption = Annotated[
     bool, typer.Option("--explain", help="Print what the case needs, and stop.")
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser grid, fewer realisations.")]
+LawOption = Annotated[Path | None, typer.Option("--law", help="Interface law of rough joints.")]
 VerboseOption = Annotated[
     bool, typer.Option("-v", "--verbose", help="Print the events of the log as they come.")
 ]
@@ -103,6 +104,7 @@ def run_command(
     only: Annotated[
         Literal["rve", ""], typer.Option(help="Compute the representative volume only.")
     ] = "",
+    law: LawOption = None,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -116,9 +118,11 @@ def run_command(
     parts = [part for part in (until, start, only) if part]
     if len(parts) > 1:
         raise CaseError("--until, --from and --only exclude each other")
+    if law and not start:
+        raise CaseError("--law is of the joints of --from structure; give both")
     sweep = load_sweep(case)
     for part in parts:
-        sweep = sweep.only_part(part)
+        sweep = sweep.only_part(part, law)
     _carry_out(
         sweep,
         out,
@@ -378,9 +382,7 @@ def macro_command(
     quick: Annotated[
         bool, typer.Option("--quick", help="At most 4 x 4 modules, or few elements and steps.")
     ] = False,
-    law: Annotated[
-        Path | None, typer.Option("--law", help="Interface law of rough joints.")
-    ] = None,
+    law: LawOption = None,
     explain: ExplainOption = False,
     force: AnywayOption = False,
 ) -> None:

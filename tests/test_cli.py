@@ -15,8 +15,6 @@ from multiscale import cli
 from multiscale.needs import readable_time
 from tests.support import PORES, run_python, write_scene
 
-SCENE = Path(__file__).parents[1] / "workflows" / "scenes" / "lap_joint.toml"
-
 
 def test_progress_tells_the_time_left_from_what_was_done_since_the_start(monkeypatch, capsys):
     clock = [0.0]
@@ -135,7 +133,6 @@ def test_few_measurements_are_fitted_or_refused_in_a_sentence(
     [
         ("ground_steel", "--until=law", "micro_response", "macro_result"),
         ("porous_bracket", "--only=rve", "rve", "macro_result"),
-        (SCENE, "--from=structure", "macro_result", "micro_response"),
     ],
 )
 def test_a_part_of_a_case_has_its_stages_only(command, case, option, stages, left_out):
@@ -145,7 +142,16 @@ def test_a_part_of_a_case_has_its_stages_only(command, case, option, stages, lef
     assert left_out not in part
 
 
-def test_parts_of_a_case_exclude_each_other(command):
-    status, _, told = command("run", "ground_steel", "--until", "law", "--only", "rve")
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--until", "law", "--only", "rve"], "--until, --from and --only exclude each other"),
+        (["--law", "law.nc"], "--law is of the joints of --from structure"),
+        (["--from", "structure"], "the structure has joints but no law"),  # its cells are left out
+        (["--only", "rve"], "the case has no [rve]"),
+    ],
+)
+def test_a_part_that_a_case_has_not_is_refused(command, options, sentence):
+    status, _, told = command("run", "ground_steel", *options)
     assert status == 1
-    assert "--until, --from and --only exclude each other" in told
+    assert sentence in told

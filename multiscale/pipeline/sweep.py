@@ -89,11 +89,14 @@ class Sweep:
         content = self.content | tomllib.loads(points[0].to_toml()) | {"title": title}
         return replace(self, title=title, points=points, content=content)
 
-    def only_part(self, part: str) -> "Sweep":
-        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only."""
+    def only_part(self, part: str, law: Path | None = None) -> "Sweep":
+        """Return the sweep until its ``law``, from its ``structure``, or of its ``rve`` only.
+
+        A law is the file for the joints of the structure, in place of the one that they name.
+        """
         parts = {
             "law": methodcaller("without_structure"),
-            "structure": methodcaller("from_structure", None),
+            "structure": methodcaller("from_structure", law),
             "rve": methodcaller("only_rve"),
         }
         return replace(self, points=_Cases(parts[part], self.points))
