@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Coating",
+    "GraphArrays",
     "GraphMesh",
     "LayerLaw",
     "Linear",
-    "MeshArrays",
     "PeriodicLayer",
     "SecondBody",
     "at_first_touch",
@@ -374,7 +374,7 @@ def graded_planes(depth: float, layers: int, top_thickness: float) -> np.ndarray
     return np.asarray(planes * (depth / planes[-1]))
 
 
-class MeshArrays(NamedTuple):
+class GraphArrays(NamedTuple):
     """A graph mesh as kernels take it."""
 
     heights: np.ndarray  # (nx, ny), of the surface, m
@@ -421,10 +421,10 @@ class GraphMesh:
         return np.asarray(self.planes / self.planes[-1])
 
     @property
-    def arrays(self) -> MeshArrays:
+    def arrays(self) -> GraphArrays:
         """The mesh as kernels take it."""
         heights = np.ascontiguousarray(self.surface.heights, dtype=np.float64)
-        return MeshArrays(heights, self.planes, self.map_factor, *self.surface.spacing)
+        return GraphArrays(heights, self.planes, self.map_factor, *self.surface.spacing)
 
     def hexahedra(self, first_layer: int = 0) -> "MeshHex":
         """Return the mesh, opened at its periodic faces, for scikit-fem."""

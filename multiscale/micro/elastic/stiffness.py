@@ -5,7 +5,8 @@ base is left out, and y runs fastest so that the kernel works on contiguous batc
 
 What the Gauss points need of a node plane, its *rows*, is computed once for the elements below and
 above it. Each component has 8 rows: the derivative along x at the Gauss points :math:`q_y`, along y
-at :math:`q_x`, and the value at the four :math:`(q_x, q_y)`.
+at :math:`q_x`, and the value at the four :math:`(q_x, q_y)`. Kernels take the mesh as
+:class:`~multiscale.micro.layer.GraphArrays`.
 
 In the reference element the gradient of a trilinear field needs differences along one edge
 direction and interpolation along the other two. With Gauss points at :math:`\pm 1/\sqrt 3` both

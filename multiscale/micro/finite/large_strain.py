@@ -2,7 +2,8 @@ r"""Layers at large strain as bodies: internal forces, matrix-free tangent, stat
 
 Displacements, m, and forces, N, are arrays of shape ``(nx, layers, 3 or 4, ny)``, with pressures as
 the fourth component where volumes are means of elements. The tangent is stored as the stiffness
-matrix of each element; one kernel applies it for all laws.
+matrix of each element; one kernel applies it for all laws. The mesh of the kernels is a
+:class:`~multiscale.micro.layer.GraphArrays`.
 """
 
 import math

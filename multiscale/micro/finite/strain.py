@@ -4,7 +4,8 @@ All numbers of a batch are in one array ``s`` of rows of :data:`BATCH` lanes, on
 element. The constants below are offsets of its rows. With one array the compiler recognises
 overlaps and vectorises every loop over lanes; with one array for each quantity, in a named tuple,
 the gradients take 1.7 times as long. Lanes without an element repeat the first element and are not
-scattered. Lengths are in m, forces in N, stresses in Pa.
+scattered. Lengths are in m, forces in N, stresses in Pa. The mesh is a
+:class:`~multiscale.micro.layer.GraphArrays`.
 
 With the parent coordinates :math:`a = (x, y, \zeta)` of the layered mesh the physical gradient is
 :math:`\partial_J = T_{aJ} \partial_a`,
