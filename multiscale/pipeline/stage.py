@@ -149,9 +149,9 @@ class Shown:
         return [draw(make_folder(folder) / f"{name}.png") for name, draw in figures]
 
     def lines(self, dataset: Dataset, sections: Iterable[Section] | None = None) -> list[str]:
-        """Return what the command line prints: tables, the answer below the first one, and more.
+        """Return what the command line prints: tables, the answer below the first one, and remarks.
 
-        The sections are those of this dataset if not given. Nothing is printed without a table.
+        The sections are those of this dataset if not given.
         """
         if sections is None:
             sections = self.sections({self.name: dataset}, Path())
