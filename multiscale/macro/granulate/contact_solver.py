@@ -47,8 +47,8 @@ def solve_velocities(solver: Solver, motion: Velocities, contacts: Contacts) -> 
     if error <= target or motion.strain is not None or count > solver.most_assembled:
         return done, error / scale
     # sweeps stall on heavy grains on light grains, and in wedges
-    solve = _solve_assembled if contacts.frictional else _solve_normal
-    solved = contacts._replace(impulse=solve(free, contacts, 0.1 * solver.tolerance))
+    impulse = _solve_assembled(free, contacts, 0.1 * solver.tolerance)
+    solved = contacts._replace(impulse=impulse)
     _apply_impulses(*_arguments(solved, free))
     new = _natural_map_error(*_arguments(solved, free))
     if new < error:
@@ -63,45 +63,34 @@ def _arguments(contacts: Contacts, motion: Velocities) -> tuple[Any, ...]:
 
 
 def _solve_assembled(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
-    """Return impulses, N s, of the assembled problem with friction, that may miss the tolerance."""
-    assert contacts.coulomb is not None
-    velocity, ends, normal = motion.velocity, contacts.ends, contacts.normal
-    across, friction = contacts.coulomb.T
-    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    # (contacts, 3, 3), right-handed: rows normal and tangents
-    frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
-    transfer, inverse = _transfer(frames, ends, motion.mobility)
-    masses = np.column_stack([contacts.mass, across, across])
+    """Return impulses, N s, of the assembled problem, that may miss the tolerance."""
+    velocity, normal, (i, j) = motion.velocity, contacts.normal, contacts.ends.T
+    frames, masses, u = normal[:, None], contacts.mass[:, None], velocity[i, :3] - velocity[j, :3]
+    if contacts.coulomb is not None:
+        across, friction = contacts.coulomb.T
+        first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal), axis=1)])
+        first /= np.linalg.norm(first, axis=1)[:, None]
+        # (contacts, 3, 3), right-handed: rows normal and tangents
+        frames = np.stack([normal, first, np.cross(normal, first)], axis=1)
+        masses = np.column_stack([contacts.mass, across, across])
+        u = u - np.cross(velocity[i, 4:7] + velocity[j, 4:7], normal)
+
+    def local(vector: np.ndarray) -> np.ndarray:
+        return vector if vector.shape[1] == 1 else np.einsum("cab,cb->ca", frames, vector)
+
+    transfer, inverse = _transfer(frames, contacts.ends, motion.mobility)
     compliance = contacts.compliance[:, None] / masses  # 1/kg
-    operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
-
-    u = velocity[ends[:, 0]] - velocity[ends[:, 1]]
-    turning = velocity[ends[:, 0], 4:7] + velocity[ends[:, 1], 4:7]
-    free = np.einsum("cab,cb->ca", frames, u[:, :3] - np.cross(turning, normal))
-    free[:, 0] += contacts.bias
-    free -= compliance * np.einsum("cab,cb->ca", frames, contacts.anchor)
-    start = np.einsum("cab,cb->ca", frames, contacts.impulse).ravel()
-    solution = solve_friction(
-        csr_array(operator), free.ravel(), friction, tolerance=tolerance, start=start
+    operator = csr_array(
+        transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance.ravel())
     )
+    free = np.einsum("cab,cb->ca", frames, u)
+    free[:, 0] += contacts.bias
+    free -= compliance * local(contacts.anchor)
+    q, start = free.ravel(), local(contacts.impulse).ravel()
+    if contacts.coulomb is None:
+        return solve_lcp(operator, q, tolerance=tolerance, start=start).value[:, None]
+    solution = solve_friction(operator, q, friction, tolerance=tolerance, start=start)
     return np.asarray(np.einsum("cab,ca->cb", frames, solution.value.reshape(-1, 3)))
-
-
-def _solve_normal(motion: Velocities, contacts: Contacts, tolerance: float) -> np.ndarray:
-    """Return impulses of contacts without friction: an unknown each, three velocities per body."""
-    normal, bodies, m = contacts.normal, len(motion.mobility), len(contacts.ends)
-    compliance = contacts.compliance / contacts.mass  # 1/kg
-    at = (3 * contacts.ends[:, :, None] + np.arange(3)).reshape(m, 6)
-    values = np.hstack([normal, -normal])[:, :, None]
-    transfer = sum_blocks(values, at, np.arange(m)[:, None], (3 * bodies, m))
-    inverse = np.repeat(motion.mobility[:, 0], 3)
-    operator = transfer.T @ diags_array(inverse) @ transfer + diags_array(compliance)
-    free = transfer.T @ motion.velocity[:, :3].ravel() + contacts.bias
-    free -= compliance * contacts.anchor[:, 0]
-    start = contacts.impulse[:, 0]
-    solution = solve_lcp(csr_array(operator), free, tolerance=tolerance, start=start)
-    return np.asarray(solution.value[:, None])
 
 
 def _transfer(
@@ -112,8 +101,10 @@ def _transfer(
     The unknowns of a body are its velocity and radius times spin. A loaded wall moves along its
     normal only, so its entries of the tangential columns are zero.
     """
-    m, bodies = len(ends), len(mobility)
-    transfer, place = csr_array((6 * bodies, 3 * m)), np.arange(3 * m).reshape(m, 3)
+    m, c, _ = frames.shape
+    transfer, place = csr_array((6 * len(mobility), c * m)), np.arange(c * m).reshape(m, c)
+    if mobility.shape[1] == 1:  # nothing turns
+        mobility = mobility * [1.0, 0.0, 0.0]
     spin = np.cross(frames[:, :1], frames)  # n x axis, by axis
     for side, sign in ((0, 1.0), (1, -1.0)):
         body = ends[:, side]
@@ -128,22 +119,16 @@ def _transfer(
 
 
 @compiled(inline="always", fastmath=True)
-def _relative_velocity(i, j, nx, ny, nz, velocity, coulomb):  # type: ignore[no-untyped-def]
-    """Return u at the contact, body i minus body j; without friction u of the centres."""
+def _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch):  # type: ignore[no-untyped-def]
+    """Return u at the contact, body i minus body j, with the strain of the cell."""
     wx, wy, wz = 0.0, 0.0, 0.0
-    if coulomb is not None:
+    if coulomb is not None:  # without friction u is of the centres
         wx = velocity[i, 4] + velocity[j, 4]
         wy = velocity[i, 5] + velocity[j, 5]
         wz = velocity[i, 6] + velocity[j, 6]
     ux = velocity[i, 0] - velocity[j, 0] - (wy * nz - wz * ny)
     uy = velocity[i, 1] - velocity[j, 1] - (wz * nx - wx * nz)
     uz = velocity[i, 2] - velocity[j, 2] - (wx * ny - wy * nx)
-    return ux, uy, uz
-
-
-@compiled(inline="always", fastmath=True)
-def _add_strain_velocity(c, ux, uy, uz, strain, branch):  # type: ignore[no-untyped-def]
-    """Return u with the velocity due to the strain of the cell."""
     if strain is not None:
         ux += strain[0, 0] * branch[c, 0]
         uy += strain[0, 1] * branch[c, 1]
@@ -231,8 +216,7 @@ def _sweep(contacts, coulomb, motion, strain):  # type: ignore[no-untyped-def]
         mass, a, friction = 0.0, compliances[c], 0.0
         if coulomb is not None:
             mass, friction = coulomb[c, 0], coulomb[c, 1]
-        ux, uy, uz = _relative_velocity(i, j, nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, strain, branch)
+        ux, uy, uz = _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = _impulse_vector(c, impulse, coulomb)
         ax, ay, az = _impulse_vector(c, anchor, coulomb)
@@ -292,8 +276,8 @@ def _closing_size(contacts, coulomb, motion, strain):  # type: ignore[no-untyped
     total = 0.0
     for c in range(ends.shape[0]):
         nx, ny, nz, b = normals[c, 0], normals[c, 1], normals[c, 2], biases[c]
-        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, strain, branch)
+        i, j = ends[c, 0], ends[c, 1]
+        ux, uy, uz = _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch)
         ux, uy, uz = ux + b * nx, uy + b * ny, uz + b * nz
         if ux * nx + uy * ny + uz * nz < 0.0:
             total += (ux * ux + uy * uy + uz * uz) * masses[c]
@@ -319,8 +303,8 @@ def _natural_map_error(contacts, coulomb, motion, strain):  # type: ignore[no-un
         if coulomb is not None:
             mu = coulomb[c, 1]
         rho = masses[c] / (1.0 + a)
-        ux, uy, uz = _relative_velocity(ends[c, 0], ends[c, 1], nx, ny, nz, velocity, coulomb)
-        ux, uy, uz = _add_strain_velocity(c, ux, uy, uz, strain, branch)
+        i, j = ends[c, 0], ends[c, 1]
+        ux, uy, uz = _relative_velocity(c, i, j, nx, ny, nz, velocity, coulomb, strain, branch)
         u = ux * nx + uy * ny + uz * nz
         rx, ry, rz = _impulse_vector(c, impulse, coulomb)
         old = _normal_component(rx, ry, rz, nx, ny, nz, coulomb)

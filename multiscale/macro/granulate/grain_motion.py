@@ -2,7 +2,7 @@ r"""Time steps of rigid grains in frictional contact, eqs (6) and (9) of the sou
 
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -154,41 +154,21 @@ def step_grains(
     law, rest = model.law, 2.0 * acted * float(np.linalg.norm(model.gravity))
     constants = (law.restitution, law.relaxation * h, rest, *shares)
     step = FreeStep(h, damped, velocity, model.mobility, model.friction, strain, *constants)
-    solved = _solve_contacts(model, state, solver, step, acted)
-    contacts = solved.contacts
-    new = _advance(model, state, (h, acted), solved)
+    solved, sweeps, residual = _solve_contacts(model, state, solver, step, acted)
+    new, contacts = _advance(model, solved), solved.contacts
     worst, _ = penetration(new.pairs, new.place(model))
     done = {
-        "residual": solved.residual,
-        "converged": int(solved.residual <= solver.tolerance),
-        "iterations": solved.sweeps,
+        "residual": residual,
+        "converged": int(residual <= solver.tolerance),
+        "iterations": sweeps,
         "penetration": worst,
         "n_contacts": int(np.count_nonzero(contacts.loaded)),
     }
-    done |= _account_grains(
-        model,
-        (h, acted),
-        (state.velocity, damped, new.velocity),
-        contacts,
-        -law.restitution * new.approach[contacts.number],
-        (state.rate, damped_rate, new.rate),
-        (inertia, thrust),
-    )
+    done |= _account_grains(model, state, (damped, damped_rate), new, (inertia, thrust))
     if model.pressure is not None:  # diagonal of the mean stress after Love and Weber
         moments = np.sum(contacts.vectors * contacts.branch, axis=0)
         done["stress"] = -moments / (acted * model.volume(state.period))
     return new, done | {"wall_time": perf_counter() - began}
-
-
-class _SolvedContacts(NamedTuple):
-    """Solved contacts of a step, with the next state, and the natural-map error as residual."""
-
-    contacts: Contacts
-    velocity: np.ndarray
-    rate: np.ndarray
-    approach: np.ndarray
-    sweeps: int
-    residual: float
 
 
 def _choose_step(
@@ -247,8 +227,8 @@ def _with_neighbours(model: Model, state: GrainState, h: float, acted: float) ->
 
 def _solve_contacts(
     model: Model, state: GrainState, solver: Solver, step: FreeStep, acted: float
-) -> _SolvedContacts:
-    """Solve (1), and again if other pairs overlap."""
+) -> tuple[GrainState, int, float]:
+    """Solve (1), and again if other pairs overlap; return also the sweeps and the error."""
     place, pairs, sweeps = state.place(model), _pairs_of_step(model, state, acted), 0
     while True:
         built, count, approach = build_contacts(pairs, place, step)
@@ -266,31 +246,32 @@ def _solve_contacts(
         if not mark_overlaps(pairs, contacts, place, motion.velocity, strain[0], step.length):
             break
     approach[~pairs.impulse.any(axis=1)] = 0.0  # no impact took place
-    return _SolvedContacts(contacts, motion.velocity, strain[0], approach, sweeps, residual)
+    solved = replace(
+        state,
+        velocity=motion.velocity,
+        approach=approach,
+        rate=strain[0],
+        step_length=step.length,
+        force_time=acted,
+        contacts=contacts,
+    )
+    return solved, sweeps, residual
 
 
-def _advance(
-    model: Model, state: GrainState, times: tuple[float, float], solved: _SolvedContacts
-) -> GrainState:
-    """Return the state after the step: grains, walls and cell moved."""
-    (h, acted), n, rate = times, model.grains.n, solved.rate
-    stretch = np.where(model.strained, 1.0 + h * rate, 1.0)
+def _advance(model: Model, state: GrainState) -> GrainState:
+    """Return the state with grains, walls and cell moved by the velocities of the step."""
+    h, n = state.step_length, model.grains.n
+    stretch = np.where(model.strained, 1.0 + h * state.rate, 1.0)
     widest = 2.0 * float(model.grains.radius.max())  # the strain brings pairs at the margin nearer
     margin = min(1.0, float(stretch.min())) * (widest + state.list_reach) - widest
     return replace(
         state,
         time=state.time + h,
-        position=stretch * state.position + h * solved.velocity[:n, :3],
-        velocity=solved.velocity,
-        point=state.point + h * solved.velocity[n:, :3],
+        position=stretch * state.position + h * state.velocity[:n, :3],
+        point=state.point + h * state.velocity[n:, :3],
         period=stretch * state.period,
         listed_position=stretch * state.listed_position,
         list_reach=margin,
-        approach=solved.approach,
-        rate=rate,
-        step_length=h,
-        force_time=acted,
-        contacts=solved.contacts,
     )
 
 
@@ -359,29 +340,21 @@ def _cell_inertia(model: Model, period: np.ndarray) -> tuple[float, float]:
 
 def _account_grains(
     model: Model,
-    times: tuple[float, float],
-    velocities: tuple[np.ndarray, np.ndarray, np.ndarray],
-    contacts: Contacts,
-    rebound: np.ndarray,
-    rates: tuple[np.ndarray, np.ndarray, np.ndarray],
+    old: GrainState,
+    damped: tuple[np.ndarray, np.ndarray],
+    new: GrainState,
     cell: tuple[float, float],
 ) -> dict[str, float]:
     r"""Return kinetic and elastic energy, work, and dissipation by contacts, scheme and damping, J.
 
-    Notes
-    -----
-    With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by
-
-        work - contact dissipation - numerical dissipation - damping,
-
-    where the contacts dissipate :math:`-r \cdot u` and the scheme
-    :math:`\Delta v^T M \Delta v / 2`.
-
-    The spring of a compliant contact relaxes its force but pushes the grains apart against their
-    overlap: its energy counts as force times overlap.
+    With :math:`\Delta v` the change of velocity after the damping, the kinetic energy grows by the
+    work less the dissipation by contacts, :math:`-r \cdot u`, scheme,
+    :math:`\Delta v^T M \Delta v / 2`, and damping. The spring of a compliant contact relaxes its
+    force but pushes the grains apart against their overlap: its energy is force times overlap.
     """
-    h, acted = times
-    mass, (old, slow, velocity) = model.masses, velocities
+    h, acted, contacts, rate = new.step_length, new.force_time, new.contacts, new.rate
+    mass, velocity = model.masses, new.velocity
+    rebound = -model.law.restitution * new.approach[contacts.number]
     inertia = cell[0] if np.isfinite(cell[0]) else 0.0
 
     def kinetic(v: np.ndarray, rate: np.ndarray) -> float:
@@ -397,7 +370,7 @@ def _account_grains(
         w = velocity[:, 4:7]
         u = u - np.cross(w[i] + w[j], n)
     moments = np.sum(impulse * branch, axis=0)  # on the cell, along its axes
-    power = float(np.sum(impulse * u)) + float(moments @ rates[2])
+    power = float(np.sum(impulse * u)) + float(moments @ rate)
 
     # prescribed velocities of walls; a loaded wall moves freely along its normal
     prescribed = np.where((np.arange(len(v)) >= model.grains.n)[:, None], v, 0.0)
@@ -405,12 +378,12 @@ def _account_grains(
         if mass[k, 0] > 0.0:
             prescribed[k] -= (prescribed[k] @ wall.unit) * wall.unit
     walls = float(np.sum(impulse * prescribed[j]))
-    prescribed_rate = np.where(model.free, 0.0, rates[2])
-    work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rates[2])
+    prescribed_rate = np.where(model.free, 0.0, rate)
+    work = float(np.sum(mass * model.free_acceleration * velocity)) + cell[1] * mean_rate(rate)
     work = acted * work + walls - float(moments @ prescribed_rate)
 
     bias = contacts.bias
-    speed = np.sum((u + rates[2] * branch) * n, axis=1)
+    speed = np.sum((u + rate * branch) * n, axis=1)
     gap = h * (np.where(bias > 0.0, bias, bias * model.law.relaxation) + speed)
     overlap = np.where(contacts.compliance > 0.0, np.maximum(-gap, 0.0), 0.0)
     springs = 2.0 * along / acted * overlap
@@ -420,10 +393,10 @@ def _account_grains(
     rise = rebound**2 - np.sum(u * n, axis=1) ** 2 + 2.0 * rebound * np.maximum(closing, 0.0)
     springs += contacts.mass * np.where(rebound > 0.0, np.maximum(rise, 0.0), 0.0)
     return {
-        "kinetic_energy": kinetic(velocity, rates[2]),
+        "kinetic_energy": kinetic(velocity, rate),
         "elastic_energy": 0.5 * float(np.sum(springs)),
         "work": work,
         "contact_dissipation": -power,
-        "numerical_dissipation": kinetic(velocity - slow, rates[2] - rates[1]),
-        "damping_dissipation": kinetic(old, rates[0]) - kinetic(slow, rates[1]),
+        "numerical_dissipation": kinetic(velocity - damped[0], rate - damped[1]),
+        "damping_dissipation": kinetic(old.velocity, old.rate) - kinetic(*damped),
     }

@@ -99,35 +99,21 @@ def simulate_grains(
 
 
 class Record:
-    """Recorder of the steps and frames of a simulation.
-
-    Parameters
-    ----------
-    model : Model, model whose motion is recorded
-
-    Attributes
-    ----------
-    failure : str, reason for which the simulation ended early; empty if none
-    rows : list of dict, each step and the state after it, by variable
-    frames : list of dict, stored positions and forces, by variable
-    """
+    """Recorder of the steps and frames of the motion of a model."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.failure = ""
-        self.rows: list[dict[str, Any]] = []
-        self.frames: list[dict[str, Any]] = []
+        self.failure = ""  # reason for which the simulation ended early
+        self.rows: list[dict[str, Any]] = []  # each step and the state after it, by variable
+        self.frames: list[dict[str, Any]] = []  # stored positions and forces, by variable
 
     def add(self, state: GrainState, step: dict[str, Any]) -> None:
         """Record the variables of a step."""
         model, repeats = self.model, self.model.strained
         row = step | {"time": state.time, "time_step": state.step_length}
         if model.walls:
-            wall, force = (
-                state.contacts.ends[:, 1] - model.grains.n,
-                np.zeros((len(model.walls), 3)),
-            )
-            on_wall = wall >= 0
+            wall = state.contacts.ends[:, 1] - model.grains.n
+            force, on_wall = np.zeros((len(model.walls), 3)), wall >= 0
             np.add.at(force, wall[on_wall], -state.contact_forces[on_wall])
             row |= {"wall_force": force, "wall_position": state.point}
         if repeats.any():
@@ -144,18 +130,17 @@ class Record:
         loaded = state.contacts.loaded
         ends, normal = state.contacts.ends[loaded], state.contacts.normal[loaded]
         radius = np.append(grains.radius, np.zeros(len(self.model.walls)))
-        self.frames.append(
-            {
-                "frame_step": len(self.rows) - 1,
-                "position": state.position,
-                "velocity": state.velocity[:n, :3],
-                "contact_ends": ends,
-                "contact_force": state.contact_forces[loaded],
-                "branch": normal * radius[ends].sum(axis=1)[:, None],
-            }
-        )
+        frame = {
+            "frame_step": len(self.rows) - 1,
+            "position": state.position,
+            "velocity": state.velocity[:n, :3],
+            "contact_ends": ends,
+            "contact_force": state.contact_forces[loaded],
+            "branch": normal * radius[ends].sum(axis=1)[:, None],
+        }
         if self.model.turns:
-            self.frames[-1]["spin"] = state.velocity[:n, 4:7] / grains.radius[:, None]
+            frame["spin"] = state.velocity[:n, 4:7] / grains.radius[:, None]
+        self.frames.append(frame)
 
     def dataset(self) -> Dataset:
         """Return the record as a dataset that follows ``GRANULATE``."""
@@ -165,18 +150,13 @@ class Record:
         values: dict[str, Any] = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         for name in ("work", *(name for name in rows[0] if name.endswith("_dissipation"))):
             values[name] = np.cumsum(values[name])
-        values |= {
-            "radius": self.model.grains.radius,
-            "mass": self.model.grains.mass,
-            "contact_frame": np.repeat(
-                np.arange(len(frames)), [len(frame["contact_ends"]) for frame in frames]
-            ),
-        }
-        spin = ("spin",) if self.model.turns else ()
-        for name in ("frame_step", "position", "velocity", *spin):
-            values[name] = np.array([frame[name] for frame in frames])
-        for name in ("contact_ends", "contact_force", "branch"):
-            values[name] = np.concatenate([frame[name] for frame in frames])
+        values |= {"radius": self.model.grains.radius, "mass": self.model.grains.mass}
+        counts = [len(frame["contact_ends"]) for frame in frames]
+        values["contact_frame"] = np.repeat(np.arange(len(frames)), counts)
+        of_contacts = ("contact_ends", "contact_force", "branch")
+        for name in frames[0]:
+            join = np.concatenate if name in of_contacts else np.array
+            values[name] = join([frame[name] for frame in frames])
         if self.model.walls:
             _, values["wall_direction"], values["wall_radius"] = self.model.shapes
         result = GRANULATE.assign(xr.Dataset(), values)
