@@ -59,28 +59,20 @@ class SurfaceState:
 
 @dataclass(frozen=True)
 class ContactStep:
-    """End of a load step.
-
-    Attributes
-    ----------
-    time : float, of the step
-    solution : Solution
-        Why the solver stopped, and its residuals; the value is the displacement of all bodies.
-    displacement : dict of str to ndarray, shape (d, nodes)
-        Per body, m. NaN if the step did not converge.
-    contact : dict of str to SurfaceState
-        Per contact. NaN if the step did not converge.
-    state : dict of str to ndarray, internal variables per body, shape (n_state, elements, points)
-    support_force : dict of str to ndarray, shape (d, nodes)
-        Nodal forces of the supports on each body, N.
-    """
+    """End of a load step; results are NaN if it did not converge."""
 
     time: float
     solution: Solution
+    """Reason for which the solver stopped, and its residuals; the value is the displacement of all
+    bodies."""
     displacement: dict[str, np.ndarray]
+    """By body, shape (d, nodes), m."""
     contact: dict[str, SurfaceState]
+    """By contact."""
     state: dict[str, np.ndarray]
+    """Internal variables by body, shape (n_state, elements, points)."""
     support_force: dict[str, np.ndarray]
+    """Nodal forces of the supports on each body, shape (d, nodes), N."""
 
     def unwrap(self) -> "ContactStep":
         """Return the step, or raise if it did not converge."""

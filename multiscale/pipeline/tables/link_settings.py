@@ -190,19 +190,9 @@ class LinkLawSettings(Settings):
 Laws = Annotated[dict[str, LinkLawSettings], Field(min_length=1)]
 
 
-def _check_self_stress(given: Any) -> Any:
-    """Refuse a self-stress of unknown size, and a size of none."""
-    if given.self_stress != (given.prestress is not None):
-        raise ValueError("give both self_stress = true and prestress, or neither")
-    return given
+class GivenLinks(LinkStructure):
+    """Links from a file, with their laws and maybe a self-stress."""
 
-
-class LinkTable(LinkStructure):
-    """Two tables in SI units (CSV with any separator); see `multiscale.macro.system_from_table`."""
-
-    kind: Literal["table"]
-    nodes: Path = Field(description="Table of nodes.")
-    links: Path = Field(description="Table of links.")
     laws: Laws
     self_stress: bool = False
     """Whether the structure gets a state of self-stress that its links can carry, not a column
@@ -210,39 +200,54 @@ class LinkTable(LinkStructure):
     prestress: Size | None = None
     """Largest force in a link at load factor zero, N; with `self_stress`."""
 
-    _check = model_validator(mode="after")(_check_self_stress)
+    @model_validator(mode="after")
+    def _check_self_stress(self) -> Self:
+        if self.self_stress != (self.prestress is not None):
+            raise ValueError("give both self_stress = true and prestress, or neither")
+        return self
+
+    @abstractmethod
+    def read(self, laws: dict[str, LinkLaw]) -> "macro.LinkSystem":
+        """Read the structure with its laws."""
 
     def build(self) -> "macro.LinkSystem":
-        """Build the structure of the tables."""
+        """Build the structure of the files."""
+        system = self.read({name: law.build() for name, law in self.laws.items()})
+        if self.prestress is None:
+            return system
+        return macro.prestress_by_itself(system, self.prestress)
+
+
+class LinkTable(GivenLinks):
+    """Two tables in SI units (CSV with any separator); see `multiscale.macro.system_from_table`."""
+
+    kind: Literal["table"]
+    nodes: Path = Field(description="Table of nodes.")
+    links: Path = Field(description="Table of links.")
+
+    def read(self, laws: dict[str, LinkLaw]) -> "macro.LinkSystem":
+        """Read the tables."""
         kinds: dict[str, Any] = {"first": int, "second": int, "group": int, "law": str}
-        nodes = read_table(self.nodes)
         links = read_table(self.links, lambda name: kinds.get(name, finite))
-        return _stressed(macro.system_from_table(nodes, links, _laws(self.laws)), self.prestress)
+        return macro.system_from_table(read_table(self.nodes), links, laws)
 
 
-class LinkMesh(LinkStructure):
+class LinkMesh(GivenLinks):
     """The lines of a mesh file; see :func:`multiscale.macro.system_from_mesh`."""
 
     kind: Literal["mesh"]
     file: Path
     """Mesh file of gmsh, Salome, Abaqus, CalculiX, or another that meshio reads."""
     unit: Length = Field(description="Length of one unit of the file, m.")
-    laws: Laws
     supports: tuple[str, ...] = Field(min_length=1, description="Sets of points that are held.")
     load: tuple[Force, Force, Force]
     """Force on every free node at load factor one, N."""
-    self_stress: bool = Field(False, description="Self-stress, as for two tables.")
-    prestress: Size | None = Field(None, description="Largest force, as for two tables, N.")
 
-    _check = model_validator(mode="after")(_check_self_stress)
-
-    def build(self) -> "macro.LinkSystem":
-        """Build the structure of the mesh."""
-        mesh, laws = open_mesh(self.file), _laws(self.laws)
-        system = macro.system_from_mesh(
-            mesh, laws, supports=self.supports, load=self.load, scale=self.unit
+    def read(self, laws: dict[str, LinkLaw]) -> "macro.LinkSystem":
+        """Read the mesh."""
+        return macro.system_from_mesh(
+            open_mesh(self.file), laws, supports=self.supports, load=self.load, scale=self.unit
         )
-        return _stressed(system, self.prestress)
 
 
 class Dynamics(TimeSteps):
@@ -267,11 +272,3 @@ class Dynamics(TimeSteps):
 
 def _few(n: int, m: int | None) -> tuple[int, int | None]:
     return min(QUICK, n), None if m is None else min(QUICK, m)
-
-
-def _laws(given: dict[str, LinkLawSettings]) -> dict[str, LinkLaw]:
-    return {name: law.build() for name, law in given.items()}
-
-
-def _stressed(system: "macro.LinkSystem", prestress: float | None) -> "macro.LinkSystem":
-    return system if prestress is None else macro.prestress_by_itself(system, prestress)
