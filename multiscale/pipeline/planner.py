@@ -130,8 +130,8 @@ def plan(
     Flat cells are on a coarse grid, and dearer ones on the grid of the case. What they lack is
     told by differences of small scatter between cells on the same surfaces, and taken out: few
     cells of the smallest size lead to finer grids, and few dear cells of the first two sizes to
-    many flat ones of any size; see :class:`~.control_variates.Control`. Cells of several sizes
-    tell the bias by the size. Gaps are those at the height of the surface at large.
+    many flat ones of any size; see :class:`~multiscale.upscaling.sampling.Control`. Cells of
+    several sizes tell the bias by the size. Gaps are those at the height of the surface at large.
 
     From the errors that are left, and from the times of cells, follows the setting of least time
     whose total is expected to be below the target; see :class:`~.forecast.Estimate`. Its cells are

@@ -1,4 +1,4 @@
-"""Datasets of studies: stiff cases, stored cells, bench results, sweeps."""
+"""Datasets of studies: stiff cases, bench results, sweeps."""
 
 from functools import partial
 
