@@ -9,6 +9,7 @@ from .branches import tangential_values as tangential_values
 from .branches import with_damage as with_damage
 from .branches import with_sliding as with_sliding
 from .branches import with_unloading as with_unloading
+from .budget import estimate_grid_error as estimate_grid_error
 from .budget import interval_errors as interval_errors
 from .budget import limits as limits
 from .budget import over_steps as over_steps
@@ -16,17 +17,17 @@ from .budget import with_budget as with_budget
 from .budget import with_intervals as with_intervals
 from .cell_size import at_rms_height as at_rms_height
 from .cell_size import without_bias as without_bias
-from .comparison import Prediction as Prediction
-from .comparison import best_family as best_family
-from .comparison import compare_laws as compare_laws
-from .comparison import predict as predict
 from .export import write_law_table as write_law_table
 from .export import write_pressure_overclosure as write_pressure_overclosure
 from .family import FAMILIES as FAMILIES
 from .family import Family as Family
 from .family import Parameter as Parameter
 from .family import unloading_family as unloading_family
+from .fit import Prediction as Prediction
+from .fit import best_family as best_family
+from .fit import compare_laws as compare_laws
 from .fit import fit_law as fit_law
+from .fit import predict as predict
 from .law_budget import error_budget as error_budget
 from .law_budget import with_scales as with_scales
 from .law_checks import admissibility as admissibility
@@ -47,7 +48,6 @@ from .reading import friction_at as friction_at
 from .reading import law_band as law_band
 from .reading import law_from_dataset as law_from_dataset
 from .reading import require_law as require_law
-from .resolution import estimate_grid_error as estimate_grid_error
 from .response_observations import area_observations as area_observations
 from .response_observations import friction_observations as friction_observations
 from .response_observations import loading_branch as loading_branch

@@ -42,6 +42,17 @@ SAME = 1e-6  # relative difference of pressures that are the same
 WORDS = {"friction": "friction coefficient", "stiffness_ratio": "tangential stiffness ratio"}
 """Names of the tangential values in sentences."""
 
+ALONG_LOADING, REFUSED = "along the loading curve", "refused"
+"""What a law says of an unloading that cells were pressed for and that has no branch."""
+
+LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is as good as exponential
+
+LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
+
+PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degrees
+
+SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
+
 
 def assume_shear(
     law: Dataset, *, friction: float | None = None, stiffness_ratio: float | None = None
@@ -234,15 +245,6 @@ def sliders_from_dataset(
         pressures=data if pressures is None else pressures,
         slabs=slabs,
     )
-
-
-ALONG_LOADING, REFUSED = "along the loading curve", "refused"
-"""What a law says of an unloading that cells were pressed for and that has no branch."""
-
-LARGEST_EXPONENT = 1000.0  # of unloading, from which its branch is as good as exponential
-LEAST_STIFFENING = 5e-3  # of unloading over loading, below which the ratio is at its lower end
-PARALLEL = 0.97  # cosine of a normal to that of the interface, within 14 degrees
-SPAN = 2.5, 97.5  # percentiles of the planes between which a plane lies
 
 
 def fit_branches(

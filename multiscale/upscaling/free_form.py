@@ -33,6 +33,13 @@ PASSES = 4  # of the fit, each smooth relative to the one before
 HEAD = 0.3  # the first knot lies beyond the largest pressure by this, in its logarithm
 TAIL = 7.0  # the last knot lies below the smallest pressure by this, in its logarithm
 
+SECOND_ORDER, FIRST_ORDER = 0.25, 0.5  # part of an error that is left where the spacing is halved
+
+Values = dict[str, np.ndarray]
+
+FEWEST_PRESSURES = 3
+"""Pressures of a normal law of free form, of which the inner ones tell its error."""
+
 
 def place_knots(
     pressure: np.ndarray, gap: np.ndarray, n_terms: int, largest_gap: float
@@ -137,15 +144,6 @@ def _third_derivative(x: np.ndarray) -> np.ndarray:
         spacing = (x[:-order] - x[order:]) / order
         difference = np.diff(difference, axis=0) / -spacing[:, None]
     return np.asarray(difference * np.sqrt(spacing)[:, None])
-
-
-SECOND_ORDER, FIRST_ORDER = 0.25, 0.5  # part of an error that is left where the spacing is halved
-
-Values = dict[str, np.ndarray]
-
-
-FEWEST_PRESSURES = 3
-"""Pressures of a normal law of free form, of which the inner ones tell its error."""
 
 
 @dataclass(frozen=True, eq=False)

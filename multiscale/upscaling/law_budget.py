@@ -14,13 +14,16 @@ from multiscale.schema import ERROR_BUDGET, INTERFACE_LAW, Dataset
 from multiscale.upscaling.budget import (
     ERROR_TERMS,
     FEW_CELLS,
+    LOWEST_ORDER,
     NO_PART,
     NO_STATED,
     NORMAL,
+    SAFETY,
     STATED,
     Term,
     add_terms,
     assemble_budget,
+    estimate_grid_error,
     how_attribute,
 )
 from multiscale.upscaling.cell_size import (
@@ -31,7 +34,6 @@ from multiscale.upscaling.cell_size import (
     values_of_cells,
 )
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
-from multiscale.upscaling.resolution import LOWEST_ORDER, SAFETY, estimate_grid_error
 from multiscale.upscaling.response_observations import normal_observations, up_to_limit
 from multiscale.upscaling.scales import ScaleSeparation
 from multiscale.upscaling.shear_budget import NORMAL_ALONE, STEEPEST, tangential_terms

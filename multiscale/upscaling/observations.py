@@ -26,6 +26,8 @@ ALLOWED = 0.1
 
 TWO_SIDED = 1.96  # standard deviations to 95 %
 
+_P = {"pressure": "Pa"}
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -37,7 +39,6 @@ class Quantity:
     variable: str  # name of the mean values in a dataset of the law
 
 
-_P = {"pressure": "Pa"}
 QUANTITIES: dict[str, Quantity] = {
     "gap": Quantity("m", _P, lambda law, p: law.gap_at(p), "fit_mean_gap"),
     "normal_stiffness": Quantity(

@@ -28,6 +28,7 @@ from multiscale.upscaling.budget import (
     STATED,
     Term,
     assemble_budget,
+    estimate_grid_error,
     has_budget,
     how_attribute,
     is_absent,
@@ -36,7 +37,6 @@ from multiscale.upscaling.budget import (
 from multiscale.upscaling.free_form import fit_each
 from multiscale.upscaling.observations import observe
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, require_law
-from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.sampling import half_range
 
 __all__ = [

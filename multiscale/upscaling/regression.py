@@ -30,6 +30,12 @@ FLAT = 1e-12  # fall of the squares by a step, over them, of a problem that is s
 LEAST_DAMPING = 1e-12  # keeps (1) regular where the data do not tell parameters apart
 MAX_ITERATIONS = 100
 
+BY_REALISATION = "bootstrap over realisations"
+
+BY_POINT = "bootstrap over the residuals of independent points"
+
+NONE = "none: too few realisations or no samples asked for, so the scatter is not known"
+
 
 @dataclass(frozen=True, eq=False)
 class Regression:
@@ -233,11 +239,6 @@ def _solve_many(
         if np.all(settled):
             break
     return x, settled
-
-
-BY_REALISATION = "bootstrap over realisations"
-BY_POINT = "bootstrap over the residuals of independent points"
-NONE = "none: too few realisations or no samples asked for, so the scatter is not known"
 
 
 def fit_family(

@@ -34,6 +34,9 @@ _OWN_ATTRIBUTES = frozenset(
     {"schema", "schema_version", "Conventions", "source", "history", "environment"}
 )
 
+ROUND_OFF = 1e-6
+"""Mean gap over the rms height that solvers leave where all of a surface touches."""
+
 
 def normal_observations(response: Dataset, control: Dataset | None = None) -> Observations:
     """Mean gaps of a response at its rising pressures; what failed is left out.
@@ -262,10 +265,6 @@ def _check_heights(response: Dataset, gap: np.ndarray, counted: np.ndarray) -> N
             f"summits keep surfaces at most about 5 of them apart; convert both to m, or take "
             f"spikes out of the map"
         )
-
-
-ROUND_OFF = 1e-6
-"""Mean gap over the rms height that solvers leave where all of a surface touches."""
 
 
 def _odd_gaps(response: Dataset, found: Observations) -> Iterator[str]:

@@ -19,6 +19,14 @@ __all__ = [
 FEWEST_REALISATIONS = 3
 """Below, the interval of a mean is too wide to be of use and there are no samples."""
 
+CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
+
+FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
+
+HIGHEST = 1.0 - 1e-12  # correlation, of which the transformation is finite
+
+SMALLEST = 1e-12  # of a sum of squares over the largest one, below which nothing scatters
+
 
 def draw_counts(
     n_realisations: int, n_samples: int, seed: int, *, n_further: int = 0
@@ -65,12 +73,6 @@ def most_confident(n_realisations: int) -> float:
 def half_range(samples: np.ndarray) -> np.ndarray:
     """Half-width of the 95 % interval between percentiles of samples, along their first axis."""
     return np.asarray(0.5 * np.ptp(np.nanpercentile(samples, [2.5, 97.5], axis=0), axis=0))
-
-
-CERTAIN = 1.6448536269514722  # standard deviations to 95 % of one side
-FEWEST_PAIRS = 4  # below, Fisher's transformation knows no deviation
-HIGHEST = 1.0 - 1e-12  # correlation, of which the transformation is finite
-SMALLEST = 1e-12  # of a sum of squares over the largest one, below which nothing scatters
 
 
 @dataclass(frozen=True, eq=False)

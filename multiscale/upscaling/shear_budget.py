@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, Dataset
-from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term
+from multiscale.upscaling.budget import FEW_CELLS, NORMAL, Term, estimate_grid_error
 from multiscale.upscaling.reading import fitted_laws, law_from_dataset, pick, require_law
-from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.sampling import half_range
 
 __all__ = [
@@ -43,7 +42,7 @@ def tangential_terms(
     - *sampling*: from the bootstrap samples of normal law, :math:`\kappa` and :math:`\mu`;
     - *friction bed*: the largest distance of the mean cell from the mean bed along its path, at the
       sheared pressures, and in between over the logarithm of the pressure;
-    - *micro discretisation*: :func:`~.resolution.estimate_grid_error` of :math:`\kappa`, with that
+    - *micro discretisation*: :func:`~.budget.estimate_grid_error` of :math:`\kappa`, with that
       of the stiffness; not known without coarser grids;
     - the others enter by what they are of the stiffness: as :math:`t \approx \mu p\,
       (1 - e^{-x})` with :math:`x = \kappa K u / (\mu p)`, they change :math:`t / (\mu p)` by

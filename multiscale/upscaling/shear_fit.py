@@ -46,6 +46,12 @@ FEWEST_BELOW = 3.0  # pressure of a shear over the lowest one of the normal data
 SAME = 1e-6  # relative difference of pressures that are the same
 RELEASED = 1e-9  # pressure of a released cell over the largest one
 
+CLOSED = 0.1  # distance from the first turn, over the amplitude, at which a cycle counts as closed
+
+WHOLE = 0.95  # of full slip, from which on the traction does not tell the slip
+
+NODES = np.polynomial.legendre.leggauss(48)  # of an integral over the amplitude
+
 
 def with_shear(
     law: Dataset, response: Dataset, shear: Dataset, *, apart: bool | None = None
@@ -296,12 +302,6 @@ def _lay(ratio: np.ndarray) -> list[str]:
         f"{ratio[:, 1].mean():.3g}, differ by more than chance: if the surface has a lay, fit them "
         f"apart"
     ]
-
-
-CLOSED = 0.1  # distance from the first turn, over the amplitude, at which a cycle counts as closed
-SIDEWAYS = 0.05  # slip over the largest one that cells make across the direction of their shear
-WHOLE = 0.95  # of full slip, from which on the traction does not tell the slip
-NODES = np.polynomial.legendre.leggauss(48)  # of an integral over the amplitude
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,6 +44,15 @@ _PINT = {"m": "m", "Pa": "Pa", "Pa m-1": "Pa/m", "m s-1": "m/s", "1": "1"}
 _EXAMPLE = {"m": "um", "Pa": "MPa", "Pa m-1": "MPa/um", "m s-1": "mm/s", "1": "1"}
 _HEAD = re.compile(r"(?P<name>[^(\[]*?)\s*(?:[(\[]\s*(?P<unit>[^)\]]*?)\s*[)\]])?")
 
+LOWEST = 1e-3
+"""Lowest pressure of the data of a table over its first one above zero: its first chord is data."""
+
+ROUNDED = 0.01
+"""Distance of a row from the convex law of the others, over its pressure, that is rounding."""
+
+COLUMNS = {"pressure": "Pa", "overclosure": "m"}
+"""Columns of a table and their units."""
+
 
 def read_observations(path: str | PathLike[str], quantity: str) -> Observations:
     """Read observations of one quantity from a CSV file.
@@ -180,16 +189,6 @@ def _occurrence(conditions: list[np.ndarray]) -> np.ndarray:
         counts.append(seen.get(row, 0))
         seen[row] = counts[-1] + 1
     return np.array(counts)
-
-
-LOWEST = 1e-3
-"""Lowest pressure of the data of a table over its first one above zero: its first chord is data."""
-
-ROUNDED = 0.01
-"""Distance of a row from the convex law of the others, over its pressure, that is rounding."""
-
-COLUMNS = {"pressure": "Pa", "overclosure": "m"}
-"""Columns of a table and their units."""
 
 
 def read_law(path: str | PathLike[str]) -> Dataset:

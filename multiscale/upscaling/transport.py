@@ -6,11 +6,11 @@ import numpy as np
 
 from multiscale.schema import INTERFACE_LAW, Dataset, with_cautions
 from multiscale.upscaling.branches import ALONG_LOADING, REFUSED
+from multiscale.upscaling.budget import estimate_grid_error
 from multiscale.upscaling.fit import told_branches
 from multiscale.upscaling.observations import Misfit
 from multiscale.upscaling.propagation import Uncertainty
 from multiscale.upscaling.reading import area_from_dataset, law_from_dataset, require_law
-from multiscale.upscaling.resolution import estimate_grid_error
 from multiscale.upscaling.response_observations import loading_branch
 from multiscale.upscaling.sampling import draw_counts, half_range, widening
 
@@ -28,6 +28,26 @@ __all__ = [
 
 CONDUCTANCES = {"thermal_conductance": "W m-2 K-1", "electrical_conductance": "S m-2"}
 """What an interface conducts, and the units."""
+
+DIRECTIONS = ("x", "y", "both")
+"""Of the flow; the last one takes the flows along x and y as two realisations."""
+
+FEWEST_WAVES = 4.0
+"""Longest waves along a cell below which it lets something through, or nothing, by chance."""
+
+SAMPLES = 400  # of the cells, for the intervals
+
+SCATTER = (
+    "The intervals count the scatter of the surfaces, and not the grid of the cells, which has no "
+    "channels between its points: coarser in [micro] asks for the error of the grid."
+)
+
+SCATTER_AND_GRID = (
+    "The intervals count the scatter of the surfaces, and the grid of the cells by one with half "
+    "of the points."
+)
+
+HALVINGS = 60  # of the decades that hold a permeability
 
 
 def with_conductance(
@@ -116,26 +136,6 @@ def elastic_source(law: Dataset, answers: np.ndarray) -> Uncertainty:
             drawn = law["unloading_stiffness_ratio_sample"].to_numpy()
             half = float(half_range(drawn) / law["unloading_stiffness_ratio"])
     return Uncertainty(name="start of unloading", half_width={"sampling": half}, rate=1.0 * answers)
-
-
-DIRECTIONS = ("x", "y", "both")
-"""Of the flow; the last one takes the flows along x and y as two realisations."""
-
-FEWEST_WAVES = 4.0
-"""Longest waves along a cell below which it lets something through, or nothing, by chance."""
-
-SAMPLES = 400  # of the cells, for the intervals
-
-SCATTER = (
-    "The intervals count the scatter of the surfaces, and not the grid of the cells, which has no "
-    "channels between its points: coarser in [micro] asks for the error of the grid."
-)
-SCATTER_AND_GRID = (
-    "The intervals count the scatter of the surfaces, and the grid of the cells by one with half "
-    "of the points."
-)
-
-HALVINGS = 60  # of the decades that hold a permeability
 
 
 def effective_permeability(permeability: np.ndarray, weight: np.ndarray) -> np.ndarray:
